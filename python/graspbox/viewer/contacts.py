@@ -27,7 +27,7 @@ _POINTS = 4000
 _RISEN = 0.001
 _GRAVITY = 9.81
 #: Steps of the projected gradient, and weight of the smallest forces.
-_STEPS, _RIDGE = 200, 1e-4
+_STEPS, _RIDGE = 80, 1e-4
 #: Reach of a tactile sensor, metres, as in the core.
 _REACH = 0.008
 
@@ -150,9 +150,9 @@ def _balance(
 
 def _in_cone(forces: Floats, normals: Floats, friction: Floats) -> Floats:
     """Project forces (n, 3) onto their friction cones."""
-    along = np.sum(forces * normals, axis=1)
+    along = np.einsum("ij,ij->i", forces, normals)
     across = forces - along[:, None] * normals
-    slide = np.linalg.norm(across, axis=1)
+    slide = np.sqrt(np.einsum("ij,ij->i", across, across))
     inside = slide <= friction * along
     behind = friction * slide <= -along
     pressed = (along + friction * slide) / (1.0 + friction**2)

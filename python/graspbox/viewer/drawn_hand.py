@@ -1,4 +1,4 @@
-"""Hands in the scene: one hand with moving joints, and many grasp poses as small wire hands, both in few nodes."""
+"""Hands in the scene: one hand with moving joints, and many grasp poses as small wire hands, many poses in few nodes."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.hands import Hand
 from graspbox.viewer.canvas import Canvas
-from graspbox.viewer.geometry import BOX, CYLINDER, Color, Floats, split_all, sticks, wire_hand
+from graspbox.viewer.geometry import Color, Floats, Solid, boxes, hinge, needles, split_all, sticks, wire_hand
 
 __all__ = ["DrawnHand", "PoseSet"]
 
@@ -19,12 +19,16 @@ _HINGE: Color = (77, 82, 92)
 _RADIUS, _LENGTH = 1.1, 1.5
 #: Radius of the sticks of a wire hand, metres.
 _STICK = 0.0008
+#: Sets of more poses are drawn with one triangle per line.
+_MANY = 1000
+#: A link whose frame changed by less is not sent again, metres and shares of 1.
+_STILL = 1e-5
 #: Most different shapes of wire hands in one set; preshapes between them take the nearest.
 _MOST_SHAPES = 6
 
 
 class DrawnHand:
-    """A hand, drawn by its collision shapes and hinges: two nodes, whatever its number of joints.
+    """A hand, drawn by its collision shapes and hinges; a node for each moving link, which alone moves with its joint.
 
     Parameters
     ----------
@@ -39,39 +43,31 @@ class DrawnHand:
     """
 
     def __init__(self, canvas: Canvas, name: str, hand: Hand, opacity: float | None = None) -> None:
-        self.hand, self._canvas = hand, canvas
+        self.hand, self._canvas, self.name = hand, canvas, name
         self.world_from_hand: Floats = np.eye(4)
         self.joints: Floats = hand.open(hand.preshape_limits[0])
+        self.root = canvas.frame(name, self.world_from_hand)
         shapes, halves, pads, carriers = hand.shapes(self.joints)
-        colors = np.where(pads[:, None], _PAD, _BARE).astype(np.uint8)
-        self.shapes = self._node(f"{name}/shapes", BOX, len(halves), halves, colors, opacity)
         frames, _, revolute = hand.joint_frames(self.joints)
-        self._hinges = [row for row in np.flatnonzero(revolute) if (carriers == row).any()]
-        self._along = np.zeros(len(self._hinges))
-        scales = np.ones((len(self._hinges), 3))
-        for index, row in enumerate(self._hinges):
-            link = int(np.where(carriers == row, halves.prod(axis=1), -1.0).argmax())
-            least, middle, _ = np.sort(halves[link])
-            self._along[index] = (shapes[link, :3, 3] - frames[row, :3, 3]) @ frames[row, :3, 0]
-            scales[index] = _LENGTH * least, _RADIUS * middle, _RADIUS * middle
-        self.hinges = None
-        if self._hinges:
-            dark = np.tile(np.array(_HINGE, dtype=np.uint8), (len(scales), 1))
-            self.hinges = self._node(f"{name}/hinges", CYLINDER, len(scales), scales, dark, opacity)
-        self.pose(self.world_from_hand, self.joints)
+        #: Frames of the links that joints move, by row of `graspbox.Hand.joint_frames`.
+        self.links = {int(row): canvas.frame(f"{name}/{row}", frames[row]) for row in np.unique(carriers[carriers >= 0])}
+        self._sent = {row: frames[row] for row in self.links}
+        for row in np.unique(carriers):
+            link_from_hand = np.linalg.inv(frames[row]) if row >= 0 else np.eye(4)
+            for pad in (False, True):
+                found = np.flatnonzero((carriers == row) & (pads == pad))
+                if len(found):
+                    solid = boxes(link_from_hand @ shapes[found], halves[found])
+                    self._node(int(row), "pads" if pad else "shapes", solid, _PAD if pad else _BARE, opacity)
+            if row >= 0 and revolute[row]:
+                link = int(np.where(carriers == row, halves.prod(axis=1), -1.0).argmax())
+                least, middle, _ = np.sort(halves[link])
+                along = float((link_from_hand @ shapes[link])[0, 3])
+                self._node(int(row), "hinge", hinge(along, _LENGTH * least, _RADIUS * middle), _HINGE, opacity)
 
-    def _node(self, name: str, solid: Any, count: int, scales: Any, colors: Any, opacity: float | None) -> Any:
-        return self._canvas.scene.add_batched_meshes_simple(
-            name,
-            *solid,
-            batched_wxyzs=np.tile(np.array([1.0, 0, 0, 0], dtype=np.float32), (count, 1)),
-            batched_positions=np.zeros((count, 3), dtype=np.float32),
-            batched_scales=np.asarray(scales, dtype=np.float32),
-            batched_colors=colors,
-            opacity=opacity,
-            flat_shading=True,
-            lod="off",
-        )
+    def _node(self, row: int, part: str, solid: Solid, color: Color, opacity: float | None) -> None:
+        name = f"{self.name}/{row}/{part}" if row >= 0 else f"{self.name}/{part}"
+        self._canvas.scene.add_mesh_simple(name, *solid, color=color, opacity=opacity, flat_shading=True)
 
     def pose(self, world_from_hand: Floats, joints: ArrayLike) -> None:
         """Move the hand.
@@ -84,30 +80,25 @@ class DrawnHand:
             Positions of the independent joints, rad or m.
         """
         self.world_from_hand, self.joints = world_from_hand, np.ascontiguousarray(joints, dtype=np.float64)
-        shapes = self.hand.shapes(self.joints)[0]
-        self.shapes.batched_wxyzs, self.shapes.batched_positions = split_all(world_from_hand @ shapes)
-        if self.hinges is not None:
-            frames = self.hand.joint_frames(self.joints)[0][self._hinges]
-            frames[:, :3, 3] += self._along[:, None] * frames[:, :3, 0]
-            self.hinges.batched_wxyzs, self.hinges.batched_positions = split_all(world_from_hand @ frames)
+        self._canvas.move(self.root, world_from_hand)
+        frames = self.hand.joint_frames(self.joints)[0]
+        for row, node in self.links.items():
+            if np.abs(frames[row] - self._sent[row]).max() > _STILL:
+                self._canvas.move(node, frames[row])
+                self._sent[row] = frames[row]
 
     @property
     def visible(self) -> bool:
         """Whether it is shown."""
-        return bool(self.shapes.visible)
+        return bool(self.root.visible)
 
     @visible.setter
     def visible(self, shown: bool) -> None:
-        for node in self._nodes():
-            node.visible = shown
-
-    def _nodes(self) -> list[Any]:
-        return [self.shapes] if self.hinges is None else [self.shapes, self.hinges]
+        self.root.visible = shown
 
     def remove(self) -> None:
         """Remove it from the scene."""
-        for node in self._nodes():
-            node.remove()
+        self.root.remove()
 
 
 class PoseSet:
@@ -144,7 +135,8 @@ class PoseSet:
         if len(shapes) > _MOST_SHAPES:
             shapes = np.linspace(shapes[0], shapes[-1], _MOST_SHAPES)
         self._shape = np.abs(preshape[:, None] - shapes).argmin(axis=1)
-        self._solids = [sticks(wire_hand(hand, float(value)), _STICK) for value in shapes]
+        draw = needles if len(poses) > _MANY else sticks
+        self._solids = [draw(wire_hand(hand, float(value)), _STICK) for value in shapes]
         #: Nodes that are shown, by shape, and the indices of the poses of each.
         self.nodes: dict[int, Any] = {}
         self.rows: dict[int, NDArray[np.int64]] = {}

@@ -10,10 +10,8 @@ from graspbox._common.rotations import quaternion_from_rotation
 from graspbox.hands import Hand
 
 __all__ = [
-    "BOX",
     "BOX_EDGES",
     "COLORS",
-    "CYLINDER",
     "FAILURE",
     "FREE",
     "OBJECT",
@@ -21,6 +19,10 @@ __all__ = [
     "UNTRIED",
     "Color",
     "Floats",
+    "Solid",
+    "boxes",
+    "hinge",
+    "needles",
     "place",
     "ramp",
     "rows",
@@ -28,6 +30,7 @@ __all__ = [
     "split",
     "split_all",
     "sticks",
+    "strips",
     "wire_hand",
 ]
 
@@ -48,7 +51,7 @@ COLORS: tuple[Color, ...] = (
 BOX_EDGES = np.array(
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)]
 )
-#: Facets of cylinders, and of sticks.
+#: Facets of cylinders.
 _FACETS = 12
 #: Size of a wire hand relative to the hand, length of its stem in metres, and the share by which its fingers close.
 _WIRE_SCALE, _STEM, _CLOSED = 0.36, 0.03, 0.3
@@ -86,26 +89,28 @@ def ramp(values: ArrayLike) -> NDArray[np.uint8]:
     return np.stack(mixed, axis=-1).astype(np.uint8)
 
 
-def _box() -> Solid:
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float32)
+def boxes(frames: ArrayLike, halves: ArrayLike) -> Solid:
+    """Return boxes with frames (n, 4, 4) and half sides (n, 3) as one mesh."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
-    return corners, np.array(faces, dtype=np.uint32)
+    faces = np.array([triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))])
+    pairs = list(zip(np.asarray(frames), np.asarray(halves), strict=True))
+    vertices = [place(signs * half, frame) for frame, half in pairs]
+    indices = [faces + 8 * index for index in range(len(pairs))]
+    return np.concatenate(vertices).astype(np.float32), np.concatenate(indices).astype(np.uint32)
 
 
-def _cylinder() -> Solid:
+def hinge(center: float, half_length: float, radius: float) -> Solid:
+    """Return a cylinder about x with its centre at x = `center`; metres."""
     turns = 2 * np.pi * np.arange(_FACETS) / _FACETS
-    ring = np.stack([np.zeros(_FACETS), np.cos(turns), np.sin(turns)], axis=1)
-    vertices = np.concatenate([ring - (1, 0, 0), ring + (1, 0, 0), [(-1, 0, 0), (1, 0, 0)]])
+    ring = np.stack([np.zeros(_FACETS), radius * np.cos(turns), radius * np.sin(turns)], axis=1)
+    ends = [(center - half_length, 0.0, 0.0), (center + half_length, 0.0, 0.0)]
+    vertices = np.concatenate([ring + ends[0], ring + ends[1], ends])
     n, faces = _FACETS, []
     for i in range(n):
         j = (i + 1) % n
         faces += [(i, j, n + j), (i, n + j, n + i), (2 * n, j, i), (2 * n + 1, n + i, n + j)]
     return vertices.astype(np.float32), np.array(faces, dtype=np.uint32)
-
-
-#: A box with half sides 1, and a cylinder of radius 1 and half length 1 about x; instances scale them.
-BOX, CYLINDER = _box(), _cylinder()
 
 
 def sphere(radius: float) -> Solid:
@@ -140,6 +145,26 @@ def sticks(segments: ArrayLike, radius: float) -> Solid:
             j = (i + 1) % 3
             faces += [(first + i, first + j, first + 3 + j), (first + i, first + 3 + j, first + 3 + i)]
     return np.concatenate(vertices).astype(np.float32), np.array(faces, dtype=np.uint32)
+
+
+def needles(segments: ArrayLike, radius: float) -> Solid:
+    """Return segments (n, 2, 3) as one thin triangle each, for sets that are drawn thousands of times."""
+    found = rows(segments)
+    along = found[:, 1] - found[:, 0]
+    side = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+    side *= 1.5 * radius / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
+    vertices = np.stack([found[:, 0] - side, found[:, 0] + side, found[:, 1]], axis=1)
+    return vertices.reshape(-1, 3).astype(np.float32), np.arange(3 * len(found), dtype=np.uint32).reshape(-1, 3)
+
+
+def strips(segments: ArrayLike, half_width: float) -> Solid:
+    """Return horizontal segments (n, 2, 3) as flat strips of two triangles."""
+    found = rows(segments)
+    side = np.cross(found[:, 1] - found[:, 0], (0.0, 0.0, 1.0))
+    side *= half_width / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
+    vertices = np.stack([found[:, 0] - side, found[:, 0] + side, found[:, 1] + side, found[:, 1] - side], axis=1)
+    faces = np.array([(0, 1, 2), (0, 2, 3)]) + 4 * np.arange(len(found))[:, None, None]
+    return vertices.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32)
 
 
 def wire_hand(hand: Hand, preshape: float) -> Floats:

@@ -10,11 +10,13 @@ from typing import Any
 
 from graspbox import object_sets
 from graspbox.errors import ConfigError, ObjectSetError
+from graspbox.hands import Hand, load_hand
 from graspbox.meshes import Mesh, as_mesh
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
 from graspbox.planning import Plan
 from graspbox.viewer.page import Options, Page
+from graspbox.viewer.pages.hands import HandPage, HandSource
 from graspbox.viewer.pages.objects import ObjectPage, PlannedObject
 
 __all__ = ["KINDS", "Kind", "find"]
@@ -61,7 +63,24 @@ def _set(what: Any, options: Options) -> ObjectSet | None:
     return None
 
 
+def _hand(what: Any, options: Options) -> HandSource | None:
+    del options
+    if isinstance(what, Hand):
+        return HandSource(what)
+    if isinstance(what, str) and what in Hand.names():
+        return HandSource(what)
+    if isinstance(what, tuple) and len(what) == 2 and all(isinstance(one, str | Path) for one in what):
+        return HandSource(what, (Path(what[0]), Path(what[1])))
+    if isinstance(what, str) and what.endswith((".urdf", ".toml")):
+        urdf, comma, toml = what.partition(",")
+        if not comma:
+            load_hand(what)  # says that a hand has two files
+        return HandSource((urdf, toml), (Path(urdf), Path(toml)))
+    return None
+
+
 KINDS: tuple[Kind, ...] = (
+    Kind("hand: a name, or hand.urdf,hand.toml", _hand, HandPage),
     Kind("object or mesh file", _object, ObjectPage),
 )
 

@@ -18,8 +18,12 @@ __all__ = ["Player"]
 
 #: Frames per second while a trace plays.
 _RATE = 30.0
+#: Contacts are estimated for every second sample.
+_EVERY = 2
 #: Length of a force arrow, metres per N, and its bounds, metres.
-_LENGTH, _SHORTEST, _LONGEST = 0.004, 0.01, 0.12
+_LENGTH, _SHORTEST, _LONGEST = 0.012, 0.03, 0.15
+#: Seconds between changes of the readings while a trace plays, and a change of place that is not sent, metres.
+_TOLD, _STILL = 0.2, 2e-4
 #: Radius of a sensor in the scene, metres, and the force that has the last colour, N.
 _SENSOR, _FULL = 0.0028, 5.0
 
@@ -46,7 +50,7 @@ class Player:
         self._links = HandLinks(hand.hand)
         self.trace: Trace | None = None
         self._contacts: dict[int, Contacts] = {}
-        self._plays = threading.Event()
+        self._plays, self._told = threading.Event(), 0.0
         gui = canvas.gui
         with gui.add_folder("Time"):
             self.slider = gui.add_slider("sample", 0, 1, 1, 0, disabled=True, hint="one sample per 10 ms")
@@ -71,7 +75,7 @@ class Player:
         if not count:
             return None
         return self._canvas.scene.add_batched_meshes_simple(
-            "/sensors",
+            f"{self._hand.name}/sensors",
             *sphere(_SENSOR),
             batched_wxyzs=np.tile(np.array([1.0, 0, 0, 0], dtype=np.float32), (count, 1)),
             batched_positions=np.zeros((count, 3), dtype=np.float32),
@@ -96,6 +100,7 @@ class Player:
                 return
             self.slider.max = max(len(trace.time) - 1, 1)
             self.seek(0)
+        self._canvas.thread(self._estimate_all, "contacts")
 
     def _hide(self) -> None:
         self.readings.content = ""
@@ -112,29 +117,39 @@ class Player:
                 self.slider.value = sample  # calls `_moved`
 
     def _moved(self) -> None:
-        if self.trace is None:
-            return
-        trace, sample = self.trace, min(int(self.slider.value), len(self.trace.time) - 1)
+        if self.trace is not None:
+            self._draw(min(int(self.slider.value), len(self.trace.time) - 1))
+
+    def _draw(self, sample: int) -> None:
+        assert self.trace is not None
+        trace = self.trace
         with self._canvas.server.atomic():
             self._hand.pose(trace.world_from_hand[sample], trace.joints[sample])
             self._canvas.move(self._node, trace.world_from_object[sample])
             self._draw_contacts(sample)
 
     def contacts(self, sample: int) -> Contacts:
-        """Return the contacts at a sample; they are estimated once."""
+        """Return the contacts at a sample, or at the one before; they are estimated once."""
         assert self.trace is not None
-        if sample not in self._contacts:
-            self._contacts[sample] = estimate(
-                self._surface, self.hand, self._links, self.trace, sample, self._mass
-            )
-        return self._contacts[sample]
+        known, trace, sample = self._contacts, self.trace, sample - sample % _EVERY
+        if sample not in known:
+            known[sample] = estimate(self._surface, self.hand, self._links, trace, sample, self._mass)
+        return known[sample]
+
+    def _estimate_all(self) -> None:
+        """Estimate the contacts of the whole trace ahead, so that it plays without a pause."""
+        trace = self.trace
+        for sample in range(0, 0 if trace is None else len(trace.time), _EVERY):
+            if trace is not self.trace or self._canvas.closed.is_set():
+                return
+            self.contacts(sample)
 
     def _draw_contacts(self, sample: int) -> None:
         assert self.trace is not None
         trace = self.trace
         if not self.with_contacts.value:
             self._hide()
-            self.readings.content = self._text(sample, None)
+            self._tell(sample, None)
             return
         found = self.contacts(sample)
         self.arrows.visible = bool(len(found.points))
@@ -147,12 +162,24 @@ class Player:
         if self.sensors is not None:
             pose = trace.world_from_hand[sample]
             points, normals = self._links.sensors(self._links.frames(trace.joints[sample]))
-            points, normals = place(points, pose), normals @ pose[:3, :3].T
-            values = tactile(found, points, normals)
+            values = tactile(found, place(points, pose), normals @ pose[:3, :3].T)
+            self._color_sensors(points, ramp(0.5 + 0.5 * np.round(values / _FULL, 1)))
+        self._tell(sample, values)
+
+    def _color_sensors(self, points: Floats, colors: Any) -> None:
+        """Move the sensors in the hand's frame, and colour them; what has not changed is not sent."""
+        if np.abs(points - self.sensors.batched_positions).max() > _STILL:
             self.sensors.batched_positions = points.astype(np.float32)
-            self.sensors.batched_colors = ramp(0.5 + 0.5 * values / _FULL)
-            self.sensors.visible = True
-        self.readings.content = self._text(sample, values)
+        if (colors != self.sensors.batched_colors).any():
+            self.sensors.batched_colors = colors
+        self.sensors.visible = True
+
+    def _tell(self, sample: int, values: Floats | None) -> None:
+        """Show the readings; while a trace plays, only now and then."""
+        now = time.monotonic()
+        if not self._plays.is_set() or now - self._told > _TOLD:
+            self._told = now
+            self.readings.content = self._text(sample, values)
 
     def _text(self, sample: int, values: Floats | None) -> str:
         assert self.trace is not None
@@ -193,8 +220,13 @@ class Player:
         while self._plays.is_set() and not self._canvas.closed.is_set() and trace is self.trace and trace is not None:
             passed = (time.monotonic() - began) * float(self.speed.value)
             sample = min(first + int(passed / 0.01), len(trace.time) - 1)
-            self.seek(sample)
-            if sample == len(trace.time) - 1:
+            last = sample == len(trace.time) - 1
+            with self._canvas.lock:
+                if time.monotonic() - self._told > _TOLD or last:
+                    self.seek(sample)
+                else:
+                    self._draw(sample)
+            if last:
                 break
             self._canvas.closed.wait(1.0 / _RATE)
         self._plays.clear()

@@ -71,7 +71,8 @@ class Viewer:
         server_type = _server_type()
         kind, found = find(what, options)
         chosen = _free_port(host, port)
-        self._server = server_type(host, chosen, f"graspbox: {kind.title}", verbose=False)
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints a table whatever `verbose` says
+            self._server = server_type(host, chosen, f"graspbox: {kind.title}", verbose=False)
         _arrange(self._server)
         self.canvas = Canvas(self._server)
         self.page: Page = kind(found, self.canvas, options)

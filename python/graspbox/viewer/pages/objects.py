@@ -67,9 +67,10 @@ class ObjectPage(Page):
         self.rest = self.scene.world_from_object
         low, high = what.mesh.bounds
         size = float(np.linalg.norm(high - low))
-        self.canvas.look(self.rest[:3, 3], max(2.2 * size, 0.55))
+        self.canvas.look(self.rest[:3, 3] + (0.0, 0.0, 0.3 * size), max(2.5 * size, 0.5))
         self.canvas.table()
-        self.node = self.canvas.mesh("/object", what.mesh, self.rest)
+        self.node = self.canvas.frame("/object", self.rest)
+        self.mesh_node = self.canvas.mesh("/object/mesh", what.mesh)
         self.plan = what.plan or plan(what.mesh, hand=hand, seed=self.options.seed, world_from_object=self.rest)
         count = len(self.plan)
         #: Failure of each pose; empty for a success, ``?`` where it was not tried.
@@ -94,7 +95,7 @@ class ObjectPage(Page):
         leaves: list[Box] = list(self.plan.tree)
         colors = [COLORS[index % len(COLORS)] for index in range(len(leaves))]
         corners = np.array([box.corners() for box in leaves])
-        self.box_node = self.canvas.boxes("/boxes", corners, colors, self.rest)
+        self.box_node = self.canvas.boxes("/object/boxes", corners, colors)
 
     def _controls(self) -> None:
         gui, scores = self.canvas.gui, self._scores()
@@ -112,6 +113,8 @@ class ObjectPage(Page):
             low, high = (float(scores.min()), float(scores.max())) if len(scores) else (0.0, 1.0)
             high = max(high, low + 1e-3)
             step = round((high - low) / 200, 6) or 1e-3
+            most = max(len(self.plan), 1)
+            self.best = gui.add_slider("best", 1, most, 1, min(self.options.poses, most), hint="poses by rank")
             self.score = gui.add_multi_slider("score", low, high + step, step, (low, high + step))
             self.shown = gui.add_markdown("")
         with gui.add_folder("Trial"):
@@ -121,7 +124,7 @@ class ObjectPage(Page):
             self.verdict = gui.add_markdown("")
             self.rest_button = gui.add_button("simulate all feasible poses")
         self.canvas.on(self.show_object, self.show_boxes, call=self._toggle)
-        filters = (self.show_poses, self.show_infeasible, self.box, self.outcome, self.score)
+        filters = (self.show_poses, self.show_infeasible, self.box, self.outcome, self.best, self.score)
         self.canvas.on(*filters, call=self.refresh)
         self.canvas.on(self.try_it, call=lambda: self.select(int(self.rank.value) - 1))
         self.canvas.on(self.next, call=self._next)
@@ -132,7 +135,7 @@ class ObjectPage(Page):
         return scores if len(scores) else self.plan.score
 
     def _toggle(self) -> None:
-        self.node.visible, self.box_node.visible = self.show_object.value, self.show_boxes.value
+        self.mesh_node.visible, self.box_node.visible = self.show_object.value, self.show_boxes.value
 
     def mask(self) -> NDArray[np.bool_]:
         """Return which poses the filters keep, (n,)."""
@@ -155,6 +158,7 @@ class ObjectPage(Page):
         low, high = self.score.value
         ranked = (self.plan.score >= low - 1e-9) & (self.plan.score <= high + 1e-9)
         found &= ranked | ~self.plan.feasible
+        found[int(self.best.value) :] = False
         extra = np.flatnonzero(found & ~self.plan.feasible)[_MOST_INFEASIBLE:]
         found[extra] = False
         return found & bool(self.show_poses.value)
