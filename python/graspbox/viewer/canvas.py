@@ -72,14 +72,19 @@ class Canvas:
     def on(self, *controls: Any, call: Callable[[], object]) -> None:
         """Call a function when one of the controls changes or is pressed."""
 
+        for control in controls:
+            (control.on_click if hasattr(control, "on_click") else control.on_update)(self.under_lock(call))
+
+    def under_lock(self, call: Callable[[], object]) -> Callable[[Any], None]:
+        """Make a callback of a function: one at a time, with its errors in the page."""
+
         def changed(_: Any) -> None:
             with self.lock:
                 if not self.closed.is_set():
                     self.complain("")
                     self.guarded(call)()
 
-        for control in controls:
-            (control.on_click if hasattr(control, "on_click") else control.on_update)(changed)
+        return changed
 
     def background(self, work: Callable[[], object]) -> "Future[Any]":
         """Run work in the background, after earlier work; errors are shown in the page."""

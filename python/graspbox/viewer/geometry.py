@@ -21,6 +21,7 @@ __all__ = [
     "Floats",
     "Solid",
     "boxes",
+    "depth_picture",
     "hinge",
     "needles",
     "place",
@@ -31,6 +32,7 @@ __all__ = [
     "split_all",
     "sticks",
     "strips",
+    "voxels",
     "wire_hand",
 ]
 
@@ -87,6 +89,22 @@ def ramp(values: ArrayLike) -> NDArray[np.uint8]:
     stops = np.array([(0, 114, 178), (150, 150, 150), (230, 159, 0)], dtype=np.float64)
     mixed = [np.interp(shares, (0.0, 0.5, 1.0), stops[:, channel]) for channel in range(3)]
     return np.stack(mixed, axis=-1).astype(np.uint8)
+
+
+def depth_picture(depth: ArrayLike) -> NDArray[np.uint8]:
+    """Colour a depth image (H, W), metres, as (H, W, 3): yellow near, violet far, white where nothing was measured."""
+    given = np.asarray(depth, dtype=np.float64)
+    seen = given > 0
+    if not seen.any():
+        return np.full((*given.shape, 3), 255, dtype=np.uint8)
+    low, high = np.log(given[seen].min()), np.log(given[seen].max())
+    shares = (np.log(np.where(seen, given, 1.0)) - low) / max(high - low, 1e-3)
+    # Five stops of matplotlib's plasma, reversed.
+    stops = np.array([(240, 249, 33), (248, 149, 64), (204, 71, 120), (126, 3, 168), (13, 8, 135)], dtype=np.float64)
+    places = np.linspace(0.0, 1.0, len(stops))
+    picture = np.stack([np.interp(shares, places, stops[:, channel]) for channel in range(3)], axis=-1)
+    picture[~seen] = 255.0
+    return picture.astype(np.uint8)
 
 
 def boxes(frames: ArrayLike, halves: ArrayLike) -> Solid:
@@ -165,6 +183,23 @@ def strips(segments: ArrayLike, half_width: float) -> Solid:
     vertices = np.stack([found[:, 0] - side, found[:, 0] + side, found[:, 1] + side, found[:, 1] - side], axis=1)
     faces = np.array([(0, 1, 2), (0, 2, 3)]) + 4 * np.arange(len(found))[:, None, None]
     return vertices.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32)
+
+
+def voxels(filled: NDArray[np.bool_], origin: ArrayLike, side: float) -> Solid:
+    """Return the surface of voxels (X, Y, Z) with a side in metres, whose first one begins at `origin` (3,)."""
+    padded = np.pad(filled, 1)
+    quads = []
+    for axis in range(3):
+        u, v = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+        for way in (1, -1):
+            cells = np.argwhere(padded & ~np.roll(padded, -way, axis=axis)) - 1
+            base = cells + (np.eye(3)[axis] if way > 0 else np.zeros(3))
+            ring = [np.zeros(3), u, u + v, v] if way > 0 else [np.zeros(3), v, u + v, u]
+            quads.append(base[:, None] + np.array(ring))
+    corners = np.concatenate(quads).reshape(-1, 3)
+    first = 4 * np.arange(len(corners) // 4)[:, None, None]
+    faces = (first + np.array([(0, 1, 2), (0, 2, 3)])).reshape(-1, 3)
+    return (np.asarray(origin) + side * corners).astype(np.float32), faces.astype(np.uint32)
 
 
 def wire_hand(hand: Hand, preshape: float) -> Floats:

@@ -8,14 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from graspbox import object_sets
+from graspbox.envs import IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, load_hand
 from graspbox.meshes import Mesh, as_mesh
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
+from graspbox.perception.depth_images import metric_depth, read_depth
 from graspbox.planning import Plan
+from graspbox.policies.grasp_image import ImageGrasps
 from graspbox.viewer.page import Options, Page
+from graspbox.viewer.pages.depth_images import DepthImage, DepthImagePage
+from graspbox.viewer.pages.environments import EnvironmentPage
 from graspbox.viewer.pages.hands import HandPage, HandSource
 from graspbox.viewer.pages.objects import ObjectPage, PlannedObject
 
@@ -79,7 +86,29 @@ def _hand(what: Any, options: Options) -> HandSource | None:
     return None
 
 
+def _environment(what: Any, options: Options) -> str | None:
+    del options
+    name = what.removeprefix("graspbox:") if isinstance(what, str) else ""
+    if name in IDS:
+        return name
+    if name.startswith("graspbox/"):
+        raise ConfigError(f"there is no environment {name!r}; choose from {', '.join(IDS)}")
+    return None
+
+
+def _depth_image(what: Any, options: Options) -> DepthImage | None:
+    if isinstance(what, ImageGrasps):
+        return DepthImage(found=what)
+    if isinstance(what, np.ndarray):
+        return DepthImage(metric_depth(what, options.depth_scale))
+    if isinstance(what, str | Path) and Path(what).suffix.lower() in (".npy", ".png"):
+        return DepthImage(read_depth(what, options.depth_scale))
+    return None
+
+
 KINDS: tuple[Kind, ...] = (
+    Kind("depth image: .npy or 16-bit .png", _depth_image, DepthImagePage),
+    Kind(f"environment: {' or '.join(IDS)}", _environment, EnvironmentPage),
     Kind("hand: a name, or hand.urdf,hand.toml", _hand, HandPage),
     Kind("object or mesh file", _object, ObjectPage),
 )

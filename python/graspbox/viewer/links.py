@@ -17,6 +17,9 @@ from graspbox.viewer.geometry import Floats
 
 __all__ = ["HandLinks", "Tendon"]
 
+#: Length of a tendon beyond the last joint, metres.
+_END = 0.015
+
 
 @dataclass(frozen=True)
 class _Link:
@@ -113,19 +116,35 @@ class HandLinks:
         return points, np.einsum("sij,sj->si", at[:, :3, :3], self._normals)
 
     def route(self, tendon: Tendon, frames: Floats) -> Floats:
-        """Return a path for a tendon, (k, 3), hand frame, metres: at its moment arm from each joint that it passes.
+        """Return a path for a tendon, segments (k, 2, 3), hand frame, metres: at its moment arm from each joint.
 
-        The files of a hand give moment arms and no routes: the side is that on which a pull closes the joint.
+        The files of a hand give moment arms and no routes: the side is that on which a pull closes the joint. The path
+        branches where the tendon pulls several fingers.
         """
-        points = []
+        points: dict[int, Floats] = {}
+        segments = []
         for link, arm in zip(tendon.links, tendon.arms, strict=True):
             axis = frames[link][:3, :3] @ self._links[link].axis
-            out = self._outward(link, frames)
-            side = np.cross(out, axis) if self._links[link].kind == "revolute" else np.zeros(3)
-            points.append(frames[link][:3, 3] + arm * side / max(float(np.linalg.norm(side)), 1e-9))
-        last = tendon.links[-1]
-        points.append(points[-1] + 2 * _reach(self._outward(last, frames)))
-        return np.array(points)
+            way = self._outward(link, frames)
+            side = np.cross(axis, way) if self._links[link].kind != "prismatic" else np.zeros(3)
+            points[link] = frames[link][:3, 3] + arm * side / max(float(np.linalg.norm(side)), 1e-9)
+            before = self._links[link].parent
+            while before >= 0 and before not in points:
+                before = self._links[before].parent
+            if before >= 0:
+                segments.append((points[before], points[link]))
+        for link in tendon.links:
+            if not any(self._below(other, link) for other in tendon.links):
+                way = self._outward(link, frames)
+                segments.append((points[link], points[link] + _END * way / max(float(np.linalg.norm(way)), 1e-9)))
+        return np.array(segments)
+
+    def _below(self, link: int, above: int) -> bool:
+        """Tell whether a link hangs on another one."""
+        link = self._links[link].parent
+        while link >= 0 and link != above:
+            link = self._links[link].parent
+        return link == above
 
     def _outward(self, link: int, frames: Floats) -> Floats:
         """Return the way from a link's joint to its child's joint, or along x at the tip, hand frame, metres."""
@@ -136,10 +155,6 @@ class HandLinks:
                 found: Floats = way
                 return found
         return 0.02 * np.asarray(frames[link][:3, 0])
-
-
-def _reach(way: Floats) -> Floats:
-    return way / max(float(np.linalg.norm(way)), 1e-9) * 0.01
 
 
 def _moved(link: _Link, position: float) -> Floats:

@@ -94,7 +94,7 @@ class HandPage(Page):
             self._controls(before)
             self._draw_parts()
             self.refresh()
-            self.canvas.look((0.0, 0.0, 0.03), 0.45, (1.0, -0.9, 0.5))
+            self.canvas.look((0.0, 0.0, 0.03), 0.34, (1.0, -0.9, 0.5))
 
     def _remove(self) -> None:
         if self.hand is not None:
@@ -191,8 +191,7 @@ class HandPage(Page):
             self.drawn.pose(np.eye(4), joints)
             frames = self.links.frames(joints)
             for tendon, node in zip(self.links.tendons, self.tendons, strict=True):
-                route = self.links.route(tendon, frames)
-                node.points = np.stack([route[:-1], route[1:]], axis=1).astype(np.float32)
+                node.points = self.links.route(tendon, frames).astype(np.float32)
                 node.visible = bool(self.show_tendons.value)
             if self.sensors is not None and self.normals is not None:
                 points, normals = self.links.sensors(frames)
@@ -224,7 +223,7 @@ class HandPage(Page):
                 f"/swept/{index}",
                 (grid.origin + (cells + 0.5) * grid.cell).astype(np.float32),
                 ramp((255.0 - when) / (255.0 - 64.0)),
-                point_size=0.45 * grid.cell,
+                point_size=0.25 * grid.cell,
                 point_shape="circle",
                 precision="float32",
             )
