@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from graspbox.errors import GraspboxError
+from graspbox.errors import ConfigError, GraspboxError
 from graspbox.meshes import Mesh
 from graspbox.viewer.geometry import BOX_EDGES, FREE, OBJECT, Color, Floats, rows, split, strips
 
@@ -39,9 +39,14 @@ class Canvas:
         self.server, self.scene, self.gui = server, server.scene, server.gui
         self.lock = threading.RLock()
         self.closed = threading.Event()
+        #: Shows another thing instead of this page; set by the viewer.
+        self.open: Callable[[Any], object] = self._cannot_open
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="graspbox-viewer")
         self.status = self.gui.add_markdown("")
         self.problem = self.gui.add_markdown("", visible=False)
+
+    def _cannot_open(self, what: Any) -> None:
+        raise ConfigError(f"this canvas has no viewer that could show {what!r}; open another view")
 
     def say(self, text: str) -> None:
         """Show a line of text (Markdown) at the top of the panel."""
@@ -71,7 +76,6 @@ class Canvas:
 
     def on(self, *controls: Any, call: Callable[[], object]) -> None:
         """Call a function when one of the controls changes or is pressed."""
-
         for control in controls:
             (control.on_click if hasattr(control, "on_click") else control.on_update)(self.under_lock(call))
 

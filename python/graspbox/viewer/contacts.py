@@ -1,9 +1,9 @@
 """Contacts of hand and object in a recorded trial: points by geometry, forces by balance, tactile values from both.
 
-A trace records poses, joints and the sum of the normal forces, not single contacts. Each collision shape of the hand that
-is nearer than `MARGIN` to the object has one contact, in the middle of the part of the surface that is so near. The
-forces are those within the friction cones that best balance the weight of the object, once the table does not carry it,
-and whose normal parts add up to the recorded sum. They are estimates: the page says so.
+A trace records poses, joints and the sum of the normal forces, not single contacts. Each collision shape of the hand
+that is nearer than `MARGIN` to the object has one contact, in the middle of the part of the surface that is so near.
+The forces are those within the friction cones that best balance the weight of the object, once the table does not carry
+it, and whose normal parts add up to the recorded sum. They are estimates: the page says so.
 """
 
 from dataclasses import dataclass

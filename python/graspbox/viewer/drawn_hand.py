@@ -1,4 +1,4 @@
-"""Hands in the scene: one hand with moving joints, and many grasp poses as small wire hands, many poses in few nodes."""
+"""Hands in the scene: one with moving joints, and many grasp poses as small wire hands in few nodes."""
 
 from collections.abc import Callable
 from typing import Any
@@ -50,7 +50,9 @@ class DrawnHand:
         shapes, halves, pads, carriers = hand.shapes(self.joints)
         frames, _, revolute = hand.joint_frames(self.joints)
         #: Frames of the links that joints move, by row of `graspbox.Hand.joint_frames`.
-        self.links = {int(row): canvas.frame(f"{name}/{row}", frames[row]) for row in np.unique(carriers[carriers >= 0])}
+        self.links = {
+            int(row): canvas.frame(f"{name}/{row}", frames[row]) for row in np.unique(carriers[carriers >= 0])
+        }
         self._sent = {row: frames[row] for row in self.links}
         for row in np.unique(carriers):
             link_from_hand = np.linalg.inv(frames[row]) if row >= 0 else np.eye(4)

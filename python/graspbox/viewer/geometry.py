@@ -47,12 +47,11 @@ FAILURE: Color = (213, 94, 0)
 UNTRIED: Color = (120, 120, 120)
 FREE: Color = (68, 68, 68)
 COLORS: tuple[Color, ...] = (
-    (0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0), (0, 0, 0), (140, 108, 31),
+    (0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0), (0, 0, 0),
+    (140, 108, 31),
 )  # fmt: skip
 #: Indices of the corners of a box (`Box.corners`) at its edges.
-BOX_EDGES = np.array(
-    [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)]
-)
+BOX_EDGES = np.array([(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)])
 #: Facets of cylinders.
 _FACETS = 12
 #: Size of a wire hand relative to the hand, length of its stem in metres, and the share by which its fingers close.

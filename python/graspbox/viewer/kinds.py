@@ -3,6 +3,7 @@
 The first row whose recogniser returns something has the thing; a recogniser returns None for things of other kinds.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from graspbox import object_sets
+from graspbox._common.files import read_bounded
+from graspbox.dataset import manifest
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, load_hand
@@ -21,12 +24,20 @@ from graspbox.perception.depth_images import metric_depth, read_depth
 from graspbox.planning import Plan
 from graspbox.policies.grasp_image import ImageGrasps
 from graspbox.viewer.page import Options, Page
+from graspbox.viewer.pages.datasets import DatasetPage
 from graspbox.viewer.pages.depth_images import DepthImage, DepthImagePage
 from graspbox.viewer.pages.environments import EnvironmentPage
+from graspbox.viewer.pages.galleries import GalleryPage
+from graspbox.viewer.pages.grasp_tables import GraspTablePage, read_table
 from graspbox.viewer.pages.hands import HandPage, HandSource
 from graspbox.viewer.pages.objects import ObjectPage, PlannedObject
+from graspbox.viewer.pages.runs import RunPage, is_run
+from graspbox.viewer.wanted import find_object
 
 __all__ = ["KINDS", "Kind", "find"]
+
+#: Largest JSON document that is read to recognise it.
+_MAX_BYTES = 256 << 20
 
 
 @dataclass(frozen=True)
@@ -106,11 +117,67 @@ def _depth_image(what: Any, options: Options) -> DepthImage | None:
     return None
 
 
+def _plan(what: Any, options: Options) -> PlannedObject | None:
+    if isinstance(what, Plan):
+        plan = what
+    elif _is_json(what) and (table := _document(Path(what))) is not None and table.get("format") == "graspbox.plan":
+        plan = Plan.load(what)
+    else:
+        return None
+    return PlannedObject(find_object(plan.name, plan.mesh_sha256, options), plan)
+
+
+def _grasps(what: Any, options: Options) -> dict[str, Any] | None:
+    del options
+    if not _is_json(what):
+        return None
+    found = read_table(Path(what))
+    if found is None:
+        raise ConfigError(
+            f"{str(what)!r} is neither a plan (graspbox plan --out) nor a table of grasps (graspbox grasp --out)"
+        )
+    return found
+
+
+def _is_json(what: Any) -> bool:
+    return isinstance(what, str | Path) and Path(what).suffix.lower() == ".json"
+
+
+def _document(path: Path) -> dict[str, Any] | None:
+    """Read a JSON document; None if it is none."""
+    try:
+        found = json.loads(read_bounded(path, _MAX_BYTES))
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _data_set(what: Any, options: Options) -> Path | None:
+    del options
+    folder = Path(what) if isinstance(what, str | Path) else None
+    return folder if folder is not None and (folder / manifest.FILE).is_file() else None
+
+
+def _run(what: Any, options: Options) -> Path | None:
+    del options
+    folder = Path(what) if isinstance(what, str | Path) else None
+    return folder if folder is not None and folder.is_dir() and is_run(folder) else None
+
+
+def _gallery(what: Any, options: Options) -> ObjectSet | None:
+    return _set(what, options)
+
+
 KINDS: tuple[Kind, ...] = (
-    Kind("depth image: .npy or 16-bit .png", _depth_image, DepthImagePage),
     Kind(f"environment: {' or '.join(IDS)}", _environment, EnvironmentPage),
     Kind("hand: a name, or hand.urdf,hand.toml", _hand, HandPage),
+    Kind("depth image: .npy or 16-bit .png", _depth_image, DepthImagePage),
+    Kind("plan: .json of graspbox plan --out", _plan, ObjectPage),
+    Kind("table of grasps: .json of graspbox grasp --out", _grasps, GraspTablePage),
+    Kind("folder of a data set", _data_set, DatasetPage),
+    Kind("folder of a run", _run, RunPage),
     Kind("object or mesh file", _object, ObjectPage),
+    Kind("object set", _gallery, GalleryPage),
 )
 
 

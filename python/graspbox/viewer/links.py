@@ -36,7 +36,7 @@ class _Link:
 
 @dataclass(frozen=True)
 class Tendon:
-    """A tendon: the indices of the links whose joints it passes, from base to tip, and its moment arms there, metres."""
+    """A tendon: indices of the links whose joints it passes, from base to tip, and its moment arms there, metres."""
 
     name: str
     links: tuple[int, ...]

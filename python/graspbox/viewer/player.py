@@ -52,7 +52,8 @@ class Player:
         self._contacts: dict[int, Contacts] = {}
         self._plays, self._told = threading.Event(), 0.0
         gui = canvas.gui
-        with gui.add_folder("Time"):
+        self._folder = gui.add_folder("Time")
+        with self._folder:
             self.slider = gui.add_slider("sample", 0, 1, 1, 0, disabled=True, hint="one sample per 10 ms")
             self.play = gui.add_button("play", icon="player-play", disabled=True)
             self.speed = gui.add_dropdown("speed", ("1", "0.5", "0.25", "0.1"), initial_value="1")
@@ -213,6 +214,13 @@ class Player:
     def stop(self) -> None:
         """Stop playing."""
         self._plays.clear()
+
+    def remove(self) -> None:
+        """Remove its controls and nodes; those in the hand go with the hand."""
+        self.stop()
+        self.trace = None
+        self._folder.remove()
+        self.arrows.remove()
 
     def _run(self) -> None:
         trace, first = self.trace, int(self.slider.value)

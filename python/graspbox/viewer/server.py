@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from graspbox._common.arguments import natural
-from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.errors import ConfigError, GraspboxError, MissingExtraError
 from graspbox.viewer.canvas import Canvas
 from graspbox.viewer.kinds import find
 from graspbox.viewer.page import Options, Page
@@ -74,15 +74,57 @@ class Viewer:
         with contextlib.redirect_stdout(io.StringIO()):  # viser prints a table whatever `verbose` says
             self._server = server_type(host, chosen, f"graspbox: {kind.title}", verbose=False)
         _arrange(self._server)
-        self.canvas = Canvas(self._server)
-        self.page: Page = kind(found, self.canvas, options)
-        self._closed = threading.Event()
+        self._closed, self._options = threading.Event(), options
+        self._back: list[Any] = []
+        self._what = what
         try:
-            self.page.build()
+            self._build(kind, found)
         except BaseException:
             self.close()
             raise
         self.url = f"http://{f'[{host}]' if ':' in host else host}:{self._server.get_port()}"
+
+    def _build(self, kind: type[Page], found: Any) -> None:
+        self.canvas = Canvas(self._server)
+        self.canvas.open = self._open_later
+        self.page: Page = kind(found, self.canvas, self._options)
+        if self._back:
+            self.canvas.on(self.canvas.gui.add_button("back", icon="arrow-left"), call=self._go_back)
+        self.page.build()
+
+    def open(self, what: Any) -> None:
+        """Show another thing at the same address; the page gets a button that leads back.
+
+        Raises
+        ------
+        GraspboxError
+            If it is not recognised or cannot be read; the present page stays. Later errors are shown in the page.
+        """
+        kind, found = find(what, self._options)
+        self._back.append(self._what)
+        self._replace(what, kind, found)
+
+    def _replace(self, what: Any, kind: type[Page], found: Any) -> None:
+        self._what = what
+        self.canvas.closed.set()
+        self.page.close()
+        self.canvas.close()
+        self._server.gui.reset()
+        self._server.scene.reset()
+        _arrange(self._server)
+        try:
+            self._build(kind, found)
+        except GraspboxError as error:
+            self.canvas.complain(str(error))
+
+    def _open_later(self, what: Any) -> None:
+        """Open from a callback, whose page ends thereby."""
+        threading.Thread(target=self.canvas.guarded(lambda: self.open(what)), daemon=True).start()
+
+    def _go_back(self) -> None:
+        what = self._back.pop()
+        kind, found = find(what, self._options)
+        threading.Thread(target=self.canvas.guarded(lambda: self._replace(what, kind, found)), daemon=True).start()
 
     def __repr__(self) -> str:
         return f"Viewer({self.page.title!r}, {self.url!r})"

@@ -23,7 +23,7 @@ _OCCUPIED = 64
 #: Points farther from the crop's middle are left out, metres.
 _FAR = 1.0
 _CROP = (120, 120, 120)
-_POINT = 0.0016
+_POINT, _OPACITY = 0.0016, 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class DepthImagePage(Page):
         options, depth = self.options, self.what.depth
         if options.intrinsics is None:
             raise ConfigError(
-                "intrinsics is missing; a depth image needs intrinsics=(fx, fy, cx, cy), pixels (--intrinsics FX FY CX CY)"
+                "intrinsics is missing; give intrinsics=(fx, fy, cx, cy) of the image, pixels (--intrinsics FX FY CX CY)"
             )
         fx, fy, cx, cy = options.intrinsics
         lens = check_intrinsics(np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), depth.shape)
@@ -104,7 +104,7 @@ class DepthImagePage(Page):
         self._show_object(found)
         hand = load_hand(found.policy.hand)
         self.poses = PoseSet(self.canvas, "/grasps", hand, found.table_from_hand, found.preshape, self.select)
-        self.hand = DrawnHand(self.canvas, "/hand", hand)
+        self.hand = DrawnHand(self.canvas, "/hand", hand, _OPACITY)
         self.hand.visible = False
         gui = self.canvas.gui
         with gui.add_folder("Show"):

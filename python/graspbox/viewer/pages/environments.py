@@ -1,8 +1,6 @@
 """An environment, stepped live by a policy, by sliders, or by keys and buttons; its images beside the scene."""
 
 import functools
-
-
 from typing import Any, ClassVar
 
 import gymnasium
@@ -25,8 +23,8 @@ __all__ = ["EnvironmentPage"]
 _IMAGE = 128
 #: Steps per press of a key.
 _HELD = 4
-#: Keys that move the hand: entry of the action within ``linear`` and ``angular``, and sign. viser itself moves its camera
-#: by W, A, S, D, Q and E.
+#: Keys that move the hand: entry of the action within ``linear`` and ``angular``, and sign. viser itself moves its
+#: camera by W, A, S, D, Q and E.
 _KEYS = {
     "U": ("linear", 0, 1.0), "O": ("linear", 0, -1.0), "J": ("linear", 1, 1.0), "L": ("linear", 1, -1.0),
     "I": ("linear", 2, -1.0), "K": ("linear", 2, 1.0), "R": ("angular", 0, 1.0), "F": ("angular", 0, -1.0),
@@ -103,8 +101,7 @@ class EnvironmentPage(Page):
             ]
             start = self._idle()
             self.sliders = [
-                gui.add_slider(name, -1.0, 1.0, 0.01, float(value))
-                for name, value in zip(names, start, strict=True)
+                gui.add_slider(name, -1.0, 1.0, 0.01, float(value)) for name, value in zip(names, start, strict=True)
             ]
         self._keys()
         self.canvas.on(self.go, call=self.toggle)
@@ -229,7 +226,7 @@ class EnvironmentPage(Page):
         )
 
     def _joints(self, state: NDArray[np.float32]) -> Floats:
-        """Read joint positions off a state; those that it lacks follow from the first actuator's share of its travel."""
+        """Read joint positions off a state; those that it lacks follow from the first actuator's travel."""
         values, first, share = {}, 0, 0.0
         for row in self._state:
             found = np.asarray(state[first : first + row["size"]], dtype=np.float64)
@@ -257,7 +254,7 @@ class EnvironmentPage(Page):
             first += row["size"]
         turn = rotation_from_columns(values["rotation"][:3], values["rotation"][3:])
         if turn is None:
-            raise ConfigError("the rotation of the action is degenerate: its first two columns must not be parallel or 0")
+            raise ConfigError("the rotation is degenerate: two columns are parallel or 0; move the sliders of rotation")
         pose = np.eye(4)
         pose[:3, :3] = turn
         pose[:3, 3] = [float(values[axis][0]) for axis in "xyz"]

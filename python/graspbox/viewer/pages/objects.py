@@ -223,7 +223,8 @@ class ObjectPage(Page):
             self.canvas.move(self.node, self.rest)
             self.player.load(trace)
             self.show_poses.value = False
-            told = ("success, " + ("secure" if outcome.secure else "not secure")) if outcome.success else outcome.failure
+            won = "success, secure" if outcome.secure else "success, not secure"
+            told = won if outcome.success else outcome.failure
             box = int(self.plan.box[index])
             self.verdict.content = (
                 f"pose {index + 1}: **{told}**  \nlift {100 * outcome.lift:.1f} cm, "
