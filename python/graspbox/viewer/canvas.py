@@ -12,6 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.meshes import Mesh
@@ -105,13 +106,16 @@ class Canvas:
         self.closed.set()
         self._worker.shutdown(wait=True, cancel_futures=True)
 
-    def look(self, target: Sequence[float], distance: float, direction: Sequence[float] = (0.75, -1.0, 0.6)) -> None:
-        """Place the camera of pages that open later."""
+    def look(self, target: ArrayLike, distance: float, direction: Sequence[float] = (0.75, -1.0, 0.6)) -> None:
+        """Place the camera, of browsers that show the page now and later; metres."""
         way = np.asarray(direction, dtype=np.float64)
-        camera = self.server.initial_camera
-        camera.look_at = tuple(float(x) for x in target)
-        camera.position = tuple(float(x) for x in target + distance * way / np.linalg.norm(way))
-        camera.near = 0.005
+        at = np.asarray(target, dtype=np.float64)
+        eye = at + distance * way / np.linalg.norm(way)
+        first = self.server.initial_camera
+        first.near = 0.005
+        for camera in (first, *(client.camera for client in self.server.get_clients().values())):
+            camera.position = tuple(float(x) for x in eye)
+            camera.look_at = tuple(float(x) for x in at)
 
     def table(self, height: float = 0.0) -> None:
         """Draw the table as a grid at a height, metres: a mesh, which software renderers draw faster than viser's."""

@@ -19,7 +19,7 @@ _HINGE: Color = (77, 82, 92)
 _RADIUS, _LENGTH = 1.1, 1.5
 #: Radius of the sticks of a wire hand, metres.
 _STICK = 0.0008
-#: Sets of more poses are drawn with one triangle per line.
+#: More poses than this are drawn with one triangle per line.
 _MANY = 1000
 #: A link whose frame changed by less is not sent again, metres and shares of 1.
 _STILL = 1e-5
@@ -137,8 +137,8 @@ class PoseSet:
         if len(shapes) > _MOST_SHAPES:
             shapes = np.linspace(shapes[0], shapes[-1], _MOST_SHAPES)
         self._shape = np.abs(preshape[:, None] - shapes).argmin(axis=1)
-        draw = needles if len(poses) > _MANY else sticks
-        self._solids = [draw(wire_hand(hand, float(value)), _STICK) for value in shapes]
+        wires = [wire_hand(hand, float(value)) for value in shapes]
+        self._fine, self._coarse = ([draw(wire, _STICK) for wire in wires] for draw in (sticks, needles))
         #: Nodes that are shown, by shape, and the indices of the poses of each.
         self.nodes: dict[int, Any] = {}
         self.rows: dict[int, NDArray[np.int64]] = {}
@@ -153,8 +153,9 @@ class PoseSet:
 
     def show(self, mask: NDArray[np.bool_], colors: NDArray[np.uint8]) -> None:
         """Show the poses of a mask (n,) in colours (n, 3), instead of those shown before."""
+        solids = self._coarse if int(mask.sum()) > _MANY else self._fine
         with self._canvas.server.atomic():
-            for shape, solid in enumerate(self._solids):
+            for shape, solid in enumerate(solids):
                 found = np.flatnonzero(mask & (self._shape == shape))
                 self.rows[shape] = found
                 if not len(found):

@@ -147,7 +147,8 @@ def sphere(radius: float) -> Solid:
 
 def sticks(segments: ArrayLike, radius: float) -> Solid:
     """Return segments (n, 2, 3) as thin prisms with three sides."""
-    vertices, faces = [], []
+    vertices: list[Floats] = []
+    faces: list[tuple[int, int, int]] = []
     for start, end in rows(segments):
         along = end - start
         side = np.cross(along, np.eye(3)[np.abs(along).argmin()])

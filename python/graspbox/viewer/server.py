@@ -68,11 +68,10 @@ class Viewer:
         insecure: bool = False,
     ) -> None:
         _check_host(host, insecure)
-        server_type = _server_type()
+        _viser()
         kind, found = find(what, options)
         chosen = _free_port(host, port)
-        with contextlib.redirect_stdout(io.StringIO()):  # viser prints a table whatever `verbose` says
-            self._server = server_type(host, chosen, f"graspbox: {kind.title}", verbose=False)
+        self._server = _start(host, chosen, f"graspbox: {kind.title}")
         _arrange(self._server)
         self._closed, self._options = threading.Event(), options
         self._back: list[Any] = []
@@ -159,7 +158,8 @@ class Viewer:
         self.canvas.closed.set()
         self.page.close()
         self.canvas.close()
-        self._server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
 
 
 def _check_host(host: str, insecure: bool) -> None:
@@ -192,8 +192,8 @@ def _free_port(host: str, port: int | None) -> int:
     raise ConfigError(f"port {tried} of {host} cannot be used ({reason}); give another one, or 0 for any that is free")
 
 
-def _server_type() -> Any:
-    """Return viser's server without its tunnel to the internet."""
+def _viser() -> Any:
+    """Import viser."""
     try:
         import viser
     except ModuleNotFoundError as error:
@@ -202,22 +202,20 @@ def _server_type() -> Any:
         raise MissingExtraError(
             "graspbox.viewer needs the package viser, from the extra 'view': pip install 'graspbox[view]'"
         ) from None
+    return viser
 
-    class Server(viser.ViserServer):
-        def request_share_url(self, verbose: bool = True) -> None:
-            """Refuse: any page that reaches the server may ask for it."""
 
-        def stop(self) -> None:
-            with contextlib.redirect_stdout(io.StringIO()):
-                super().stop()
-
-    return Server
+def _start(host: str, port: int, label: str) -> Any:
+    """Start viser's server, without its tunnel to the internet, which any page that reaches the server may ask for."""
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints a table whatever `verbose` says
+        server = _viser().ViserServer(host, port, label, verbose=False)
+    server.request_share_url = lambda verbose=True: None
+    return server
 
 
 def _arrange(server: Any) -> None:
     """Choose the look that all pages share."""
-    server.gui.configure_theme(
-        control_layout="collapsible", control_width="medium", show_logo=False, show_share_button=False
-    )
+    server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+    server.gui.main_panel.dock_right()
     server.scene.set_up_direction("+z")
     server.scene.configure_default_lights(cast_shadow=False)

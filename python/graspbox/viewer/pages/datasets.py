@@ -65,6 +65,7 @@ class DatasetPage(Page):
         self.canvas.on(self.number, self.replay, call=lambda: self.select(int(self.number.value)))
         self.canvas.table()
         self.player: Player | None = None
+        self._hand: DrawnHand | None = None
         self._folders: list[Any] = []
         self.refresh()
         self.select(int(self.kept()[0]) if len(self.kept()) else 0)
@@ -118,6 +119,7 @@ class DatasetPage(Page):
         outcomes, trace = scene.trace(pose, values["preshape"], config=trial)
         self._show_scene(scene, hand)
         assert self.player is not None
+        assert self._hand is not None
         self._hand.pose(scene.world_from_object @ pose, hand.open(values["preshape"]))
         self.player.load(trace)
         again = outcomes.failure[0] or "success"
@@ -142,10 +144,12 @@ class DatasetPage(Page):
         with self.canvas.server.atomic():
             self.node = self.canvas.frame("/object", scene.world_from_object)
             self.canvas.mesh("/object/mesh", scene.mesh)
-            size = float(np.linalg.norm(np.ptp(scene.mesh.bounds, axis=0)))
-            self.canvas.look(scene.world_from_object[:3, 3], max(2.5 * size, 0.5))
-            if self.player is not None:
+            if self.player is None:
+                size = float(np.linalg.norm(np.ptp(scene.mesh.bounds, axis=0)))
+                self.canvas.look(scene.world_from_object[:3, 3], max(2.5 * size, 0.5))
+            else:
                 self.player.remove()
+            if self._hand is not None:
                 self._hand.remove()
             self._hand = DrawnHand(self.canvas, "/hand", hand)
             self.player = Player(self.canvas, self._hand, self.node, Surface(scene.mesh), scene.body.mass)

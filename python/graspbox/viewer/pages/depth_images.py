@@ -64,7 +64,7 @@ class DepthImagePage(Page):
         options, depth = self.options, self.what.depth
         if options.intrinsics is None:
             raise ConfigError(
-                "intrinsics is missing; give intrinsics=(fx, fy, cx, cy) of the image, pixels (--intrinsics FX FY CX CY)"
+                "intrinsics is missing; give (fx, fy, cx, cy) of the image, pixels (--intrinsics FX FY CX CY)"
             )
         fx, fy, cx, cy = options.intrinsics
         lens = check_intrinsics(np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), depth.shape)

@@ -56,7 +56,7 @@ class EnvironmentPage(Page):
         self._state = observed["state"]
         if self.policy is not None:
             self.policy.bind(Task.of(self.env))
-        self._object, self._mesh, self.running, self.done = "", None, False, True
+        self._object, self.running, self.done = "", False, True
         self.canvas.look((0.0, 0.0, 0.12), 0.95)
         self.canvas.table()
         self.node = self.canvas.frame("/object", np.eye(4))
@@ -146,8 +146,8 @@ class EnvironmentPage(Page):
         self.steps, self.reward, self.done, self.info, self._seed = 0, 0.0, False, info, seed
         if info["object"] != self._object:
             self._object = info["object"]
-            self._mesh = self.native.objects[self.native.objects.names.index(self._object)].load()
-            self.canvas.mesh("/object/mesh", self._mesh)
+            mesh = self.native.objects[self.native.objects.names.index(self._object)].load()
+            self.canvas.mesh("/object/mesh", mesh)
         if not self.closed_loop:
             self.drawn.visible = False
         self.refresh()

@@ -63,7 +63,7 @@ class GalleryPage(Page):
         side, columns = _GAP * max(sizes), int(np.ceil(np.sqrt(len(shown))))
         rows = -(-len(shown) // columns)
         middle = side * np.array([columns - 1, -(rows - 1), 0]) / 2
-        self.canvas.look(middle, 1.3 * side * max(columns, rows) + 0.2, (0.0, -1.0, 0.9))
+        self.canvas.look(middle, 0.95 * side * max(columns, rows) + 0.2, (0.0, -1.0, 0.9))
         for index, (spec, mesh) in enumerate(zip(shown, meshes, strict=True)):
             if self.canvas.closed.is_set():
                 return

@@ -114,7 +114,7 @@ class ObjectPage(Page):
             high = max(high, low + 1e-3)
             step = round((high - low) / 200, 6) or 1e-3
             most = max(len(self.plan), 1)
-            self.best = gui.add_slider("best", 1, most, 1, min(self.options.poses, most), hint="poses by rank")
+            self.best = gui.add_slider("best", 1, most, 1, min(max(self.options.poses, 1), most), hint="poses by rank")
             self.score = gui.add_multi_slider("score", low, high + step, step, (low, high + step))
             self.shown = gui.add_markdown("")
         with gui.add_folder("Trial"):
