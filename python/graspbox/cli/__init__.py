@@ -22,6 +22,7 @@ from graspbox.cli import (
     record,
     report,
     train,
+    view,
     voxelize,
 )
 from graspbox.cli.exports.grasps import export_grasps
@@ -33,6 +34,7 @@ typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_excep
 typer_app.command("objects")(objects.objects)
 typer_app.command("prepare")(prepare.prepare)
 typer_app.command("plan")(plan.plan)
+typer_app.command("view")(view.view)
 typer_app.command("voxelize")(voxelize.voxelize)
 typer_app.command("grasp")(grasp.grasp)
 typer_app.command("grasp-image")(grasp_image.grasp_image_command)

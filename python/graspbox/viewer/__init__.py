@@ -1,0 +1,98 @@
+"""Look at things in a browser, turned with the mouse (extra ``view``).
+
+    graspbox view procedural:mug:0
+
+`show` opens a view from Python and notebooks; ``graspbox view`` from the command line. What can be viewed:
+
+| what | page |
+|---|---|
+| an object, a mesh file, (mesh, plan) | boxes, poses by outcome, filters, and the trace of any trial |
+
+| module | contents |
+|---|---|
+| `server` | `Viewer`: a running view |
+| `kinds` | the table of kinds: recogniser and page of each |
+| `page`, `pages` | `Page`, the interface, and `Options`; one module per kind |
+| `canvas` | a viser server as pages use it |
+| `drawn_hand`, `player` | hands and poses in the scene; the trace of a trial on a time slider |
+| `links`, `contacts`, `geometry` | frames of links, contacts of a trace, meshes and colours; without viser |
+"""
+
+import os
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+from graspbox.hands import HandLike
+from graspbox.viewer.page import Options, Page
+from graspbox.viewer.server import Viewer
+
+__all__ = ["Options", "Page", "Viewer", "show"]
+
+
+def show(
+    what: Any,
+    *,
+    hand: HandLike = "reflex",
+    objects: str | None = None,
+    scale: float = 1.0,
+    seed: int = 0,
+    poses: int = 200,
+    policy: str | os.PathLike[str] | None = None,
+    intrinsics: tuple[float, float, float, float] | None = None,
+    depth_scale: float | None = None,
+    camera_pose: str | Path | None = None,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    insecure: bool = False,
+    open_browser: bool = False,
+) -> Viewer:
+    """Show something in a browser.
+
+    In a notebook, the returned `Viewer` as the last value of a cell shows the page there. Elsewhere open its ``url``,
+    and keep the program running with `Viewer.wait`.
+
+    Parameters
+    ----------
+    what : object
+        A name, a path or a value of one of the kinds in the table of `graspbox.viewer`.
+    hand, objects, scale, seed, poses, policy, intrinsics, depth_scale, camera_pose
+        See `Options`.
+    host : str
+        Address to listen at.
+    port : int, optional
+        Port; 0 for any that is free; by default 8080 or the next free one.
+    insecure : bool
+        Allow an address beyond this machine: anybody who reaches it may use the page.
+    open_browser : bool
+        Open the page in the user's browser.
+
+    Returns
+    -------
+    Viewer
+        The running view; ``close`` ends it.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError
+        If there is nothing of that name, an option is wrong, or the address cannot be used.
+    MissingExtraError
+        Without viser (extra ``view``).
+    GraspboxError
+        If the thing cannot be read or simulated.
+    """
+    options = Options(
+        hand=hand,
+        objects=objects,
+        scale=scale,
+        seed=seed,
+        poses=poses,
+        policy=None if policy is None else os.fspath(policy),
+        intrinsics=intrinsics,
+        depth_scale=depth_scale,
+        camera_pose=camera_pose,
+    )
+    viewer = Viewer(what, options, host=host, port=port, insecure=insecure)
+    if open_browser:
+        webbrowser.open(viewer.url)
+    return viewer

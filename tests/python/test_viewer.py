@@ -1,0 +1,384 @@
+"""The viewer: each kind of page against a real server without a browser; filters, traces, changed and broken files."""
+
+import json
+import shutil
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import graspbox
+from datasets_for_tests import config
+from graspbox import cli, dataset, errors, object_sets
+from graspbox.evaluation.planner_trials import try_set
+from graspbox.viewer import Viewer, contacts, show
+from graspbox.viewer.drawn_hand import PoseSet
+from graspbox.viewer.kinds import KINDS
+from graspbox.viewer.links import HandLinks
+
+ROOT = Path(__file__).parents[2]
+CAN = "procedural:can:0"
+
+
+@contextmanager
+def shown(what: Any, **options: Any) -> Iterator[Any]:
+    """Show something on a free port; gives the viewer, typed loosely since pages differ."""
+    with show(what, port=0, **options) as viewer:
+        yield viewer
+
+
+def wait_for(true: Callable[[], bool]) -> None:
+    """Wait for work in the background."""
+    end = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def can() -> Iterator[Any]:
+    """The page of a can, with its best 8 poses tried."""
+    with shown(CAN, poses=8) as viewer:
+        wait_for(lambda: int((viewer.page.failure[viewer.page.plan.feasible] != "?").sum()) == 8)
+        yield viewer
+
+
+def test_an_object_is_shown_with_its_poses_by_outcome(can: Viewer) -> None:
+    page: Any = can.page
+    scene = can.canvas.scene
+    assert len(scene.get_handle_by_name("/object/boxes").points) == 12 * len(page.plan.tree)
+    assert page.poses.shown == 8
+    tried = page.plan.poses[:8]
+    wanted = page.scene.simulate(tried, page.plan.preshape[:8])
+    assert (page.failure[:8] == np.where(wanted.success, "", wanted.failure)).all()
+    colors = {tuple(color) for node in page.poses.nodes.values() for color in node.batched_colors.tolist()}
+    assert ((0, 158, 115) in colors) == bool(wanted.success.any())
+    assert f"{int(wanted.success.sum())} succeed" in can.canvas.status.content
+
+
+def test_filters_change_what_is_shown(can: Viewer) -> None:
+    page: Any = can.page
+    page.best.value = len(page.plan)
+    every = page.poses.shown
+    assert every == int(page.plan.feasible.sum())
+    page.box.value = "whole"
+    assert page.poses.shown == int((page.plan.feasible & (page.plan.box == len(page.plan.tree))).sum())
+    page.box.value = "all"
+    page.outcome.value = "success"
+    assert page.poses.shown == int((page.failure == "").sum())
+    page.outcome.value = "not tried"
+    assert page.poses.shown == int((page.failure == "?").sum())
+    page.outcome.value = "all"
+    low, high = page.score.value
+    page.score.value = ((low + high) / 2, high)
+    assert 0 < page.poses.shown < every
+    page.score.value = (low, high)
+    page.show_infeasible.value = True
+    assert page.poses.shown == len(page.plan)
+    page.show_infeasible.value = False
+    page.best.value = 8
+
+
+def test_the_trace_of_a_trial_moves_hand_and_object(can: Viewer) -> None:
+    page: Any = can.page
+    won = int(np.flatnonzero(page.failure == "")[0])
+    page.select(won)
+    player, trace = page.player, page.player.trace
+    assert len(trace.time) > 100
+    assert page.verdict.content.startswith(f"pose {won + 1}: **success")
+    finger = next(iter(page.hand.links.values()))
+    before, height = finger.wxyz.copy(), page.node.position[2]
+    player.seek(len(trace.time) - 1)
+    assert page.node.position[2] > height + 0.1
+    assert np.abs(finger.wxyz - before).max() > 0.01
+    np.testing.assert_allclose(page.hand.root.position, trace.world_from_hand[-1, :3, 3])
+    assert can.canvas.scene.get_handle_by_name("/contacts").visible
+    assert "tactile" in player.readings.content
+    player.with_contacts.value = False
+    assert not can.canvas.scene.get_handle_by_name("/contacts").visible
+    player.with_contacts.value = True
+    player.toggle()  # at the end: from the beginning
+    wait_for(lambda: 0 < player.slider.value < len(trace.time) - 1 or player.play.label == "play")
+    player.stop()
+    page.show_poses.value = True
+
+
+def test_estimated_forces_balance_the_weight_and_add_up(can: Viewer) -> None:
+    page: Any = can.page
+    page.select(int(np.flatnonzero(page.failure == "")[0]))
+    trace, sample = page.player.trace, len(page.player.trace.time) - 1
+    hand = page.hand.hand
+    surface, mass = contacts.Surface(page.scene.mesh), page.scene.body.mass
+    links = HandLinks(hand)
+    found = contacts.estimate(surface, hand, links, trace, sample, mass)
+    along = np.sum(found.forces * found.normals, axis=1)
+    assert len(along) >= 2
+    assert along.sum() == pytest.approx(trace.hand_force[sample], rel=1e-6)
+    across = np.linalg.norm(found.forces - along[:, None] * found.normals, axis=1)
+    assert (across <= links.friction[found.shapes] * along + 1e-6).all()
+    weight = mass * 9.81
+    assert np.linalg.norm(found.forces.sum(axis=0) - [0.0, 0.0, weight]) < 0.1 * trace.hand_force[sample]
+    # Each contact lies on the surface of the object.
+    object_from_world = np.linalg.inv(trace.world_from_object[sample])
+    local = found.points @ object_from_world[:3, :3].T + object_from_world[:3, 3]
+    distances = np.linalg.norm(surface.points[:, None] - local, axis=2).min(axis=0)
+    assert distances.max() < 0.01
+
+
+def test_a_pose_that_does_not_exist_is_an_error_in_the_page(can: Viewer) -> None:
+    page: Any = can.page
+    page.outcome.value = "secure"
+    page.score.value = (page.score.value[1], page.score.value[1])
+    can.canvas.under_lock(page._next)(None)
+    assert "the filters keep no pose; widen them" in can.canvas.problem.content
+    page.outcome.value = "all"  # a change removes the message
+    assert not can.canvas.problem.visible
+    page.score.value = (float(page.plan.score.min()), page.score.max)
+
+
+def test_ten_thousand_poses_are_few_nodes(can: Viewer) -> None:
+    page: Any = can.page
+    rows = np.arange(10_000) % len(page.plan)
+    poses = PoseSet(can.canvas, "/many", page.hand.hand, page.rest @ page.plan.poses[rows], page.plan.preshape[rows])
+    colors = np.zeros((10_000, 3), dtype=np.uint8)
+    poses.show(np.ones(10_000, dtype=np.bool_), colors)
+    assert (len(poses), poses.shown) == (10_000, 10_000)
+    assert len(poses.nodes) <= 6
+    poses.show(rows < 10, colors)
+    assert poses.shown == int((rows < 10).sum())
+    poses.remove()
+    assert can.canvas.scene.get_handle_by_name("/many/0") is None
+
+
+@pytest.mark.parametrize("name", graspbox.Hand.names())
+def test_links_agree_with_the_core(name: str) -> None:
+    hand = graspbox.load_hand(name)
+    links = HandLinks(hand)
+    positions = hand.closed(hand.preshape_limits[1], 0.4)
+    origins = links.frames(positions)[:, :3, 3]
+    for joint in hand.joint_frames(positions)[0]:
+        assert np.abs(origins - joint[:3, 3]).max(axis=1).min() < 1e-12
+    for tendon in links.tendons:
+        assert links.route(tendon, links.frames(positions)).shape[1:] == (2, 3)
+
+
+def test_a_hand_moves_with_its_sliders() -> None:
+    with shown("reflex") as viewer:
+        page = viewer.page
+        before = {row: node.wxyz.copy() for row, node in page.drawn.links.items()}
+        page.closed.value = 0.5
+        np.testing.assert_allclose(page.joints, page.hand.closed(0.0, 0.5), atol=1e-6)
+        moved = [row for row, node in page.drawn.links.items() if np.abs(node.wxyz - before[row]).max() > 1e-3]
+        assert len(moved) >= 6
+        assert len(page.sensors.batched_positions) == 27
+        assert len(page.tendons) == 3
+        page.show_tendons.value = False
+        assert not any(node.visible for node in page.tendons)
+        page.show_swept.value = True
+        assert len(page._swept[0].points) > 50
+
+
+def test_changed_files_of_a_hand_are_read_again(tmp_path: Path) -> None:
+    for name in ("reflex.urdf", "hand.toml"):
+        shutil.copy(ROOT / "env/hand/assets/reflex" / name, tmp_path)
+    urdf, toml = tmp_path / "reflex.urdf", tmp_path / "hand.toml"
+    good = toml.read_text()
+    with shown(f"{urdf},{toml}") as viewer:
+        page = viewer.page
+        assert "**reflex**" in viewer.canvas.status.content
+        toml.write_text(good.replace('name = "reflex"', 'name = "mine"', 1))
+        wait_for(lambda: "**mine**" in viewer.canvas.status.content)
+        toml.write_text(good.replace("max_tension", "max_tensoin", 1))
+        wait_for(lambda: viewer.canvas.problem.visible)
+        assert "max_tensoin" in viewer.canvas.problem.content
+        assert "The last good version stays." in viewer.canvas.problem.content
+        assert page.hand.name == "mine"
+        toml.write_text(good)
+        wait_for(lambda: not viewer.canvas.problem.visible)
+        assert page.hand.name == "reflex"
+
+
+def test_a_hand_that_is_broken_from_the_beginning_waits_for_its_correction(tmp_path: Path) -> None:
+    for name in ("reflex.urdf", "hand.toml"):
+        shutil.copy(ROOT / "env/hand/assets/reflex" / name, tmp_path)
+    toml = tmp_path / "hand.toml"
+    good = toml.read_text()
+    toml.write_text("name =")
+    with shown((tmp_path / "reflex.urdf", toml)) as viewer:
+        assert viewer.canvas.problem.visible
+        toml.write_text(good)
+        wait_for(lambda: viewer.page.hand is not None and not viewer.canvas.problem.visible)
+
+
+def test_an_environment_is_stepped_by_a_policy_and_by_keys() -> None:
+    with shown("graspbox/Grasp-v0", policy="planner", objects=CAN) as viewer:
+        page = viewer.page
+        start = page.drawn.root.position.copy()
+        for _ in range(5):
+            page.step()
+        assert page.steps == 5
+        assert np.abs(page.drawn.root.position - start).max() > 1e-3
+        assert page.images["rgb"].image.std() > 5
+        assert page.images["depth"].image.shape == (128, 128, 3)
+        page.mode.value = "keys"
+        page.press("C")
+        assert page.steps == 9
+        joints = page.drawn.joints.copy()
+        page.press("C")
+        assert np.abs(page.drawn.joints - joints).max() > 0.05
+        page.toggle()
+        wait_for(lambda: page.steps > 13)
+        page.toggle()
+        page.reset()
+        assert page.steps == 0
+
+
+def test_a_decision_is_shown_with_its_outcome() -> None:
+    with shown("graspbox/GraspPose-v0", policy="planner", objects=CAN) as viewer:
+        assert not viewer.page.drawn.visible
+        viewer.page.step()
+        assert viewer.page.drawn.visible
+        assert "**success**" in viewer.canvas.status.content
+
+
+@pytest.fixture(scope="module")
+def depth_image(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[float, float, float, float]]:
+    """A rendered depth image of a mug, and its intrinsics."""
+    mesh = object_sets.load("procedural:mug:3")[0].load()
+    seen = graspbox.views(
+        mesh, count=1, image_size=(240, 320), world_from_object=graspbox.Scene(mesh).world_from_object
+    )
+    path = tmp_path_factory.mktemp("image") / "depth.npy"
+    np.save(path, seen.depth[0])
+    lens = seen.intrinsics
+    return path, (lens[0, 0], lens[1, 1], lens[0, 2], lens[1, 2])
+
+
+def test_a_depth_image_is_shown_with_the_grasps_of_a_policy(
+    depth_image: tuple[Path, tuple[float, float, float, float]],
+) -> None:
+    path, lens = depth_image
+    with pytest.raises(errors.ConfigError, match=r"intrinsics is missing; give .*--intrinsics FX FY CX CY"):
+        show(path, port=0)
+    with shown(path, intrinsics=lens, policy=str(ROOT / "policies/depth")) as viewer:
+        page = viewer.page
+        wait_for(lambda: "looks down" in viewer.canvas.status.content or viewer.canvas.problem.visible)
+        assert not viewer.canvas.problem.visible
+        assert page.poses.shown == len(page.found) > 3
+        np.testing.assert_allclose(page.hand.root.position, page.found.table_from_hand[0, :3, 3])
+        assert len(viewer.canvas.scene.get_handle_by_name("/crop/object").vertices) > 100
+        page.least.value = round(float(np.median(page.found.success)), 2)
+        assert page.poses.shown == int((page.found.success >= page.least.value).sum())
+    with shown(page.found) as viewer:
+        assert viewer.page.poses.shown == len(page.found)
+
+
+def test_a_gallery_shows_names_and_opens_objects() -> None:
+    with shown("procedural:mug:0-3") as viewer:
+        page = viewer.page
+        wait_for(lambda: len(page.nodes) == 4)
+        assert viewer.canvas.scene.get_handle_by_name("/names/mug-000002").text == "mug-000002"
+        page.choose("mug-000002")
+        assert "**mug-000002**" in page.reading.content
+        assert page.nodes["mug-000002"].color != page.nodes["mug-000001"].color
+        page._plan()
+        wait_for(lambda: viewer.page.title == "object" and "mug-000002" in viewer.canvas.status.content)
+        viewer._go_back()
+        wait_for(lambda: viewer.page.title == "object set" and len(viewer.page.nodes) == 4)
+
+
+def test_a_saved_plan_is_shown(tmp_path: Path) -> None:
+    mesh = object_sets.load(CAN)[0].load()
+    plan = graspbox.plan(mesh).best(30)
+    plan.save(tmp_path / "plan.json")
+    with shown(tmp_path / "plan.json", poses=0) as viewer:
+        assert viewer.page.plan == plan
+    with shown((mesh, plan), poses=0) as viewer:
+        assert viewer.page.plan == plan
+    with pytest.raises(errors.ObjectSetError, match="the mesh of 'procedural:can:1' differs"):
+        show(tmp_path / "plan.json", port=0, objects="procedural:can:1")
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(errors.ConfigError, match=r"neither a plan .* nor a table of grasps"):
+        show(tmp_path / "other.json", port=0)
+
+
+def test_a_table_of_grasps_opens_objects_with_their_outcomes(tmp_path: Path) -> None:
+    result = try_set(object_sets.load("procedural:can:0-1"), poses=4)
+    (tmp_path / "grasps.json").write_text(json.dumps(result.table(details=True)))
+    with shown(tmp_path / "grasps.json") as viewer:
+        assert "can-000001" in viewer.page.table.content
+        known = viewer.page.planned("can-000001")
+        assert known.outcomes == result.objects[1].outcomes
+        viewer.page.open("can-000001")
+        wait_for(lambda: viewer.page.title == "object" and "4 tried" in viewer.canvas.status.content)
+
+
+def test_a_data_set_is_filtered_and_replayed(tmp_path: Path) -> None:
+    dataset.generate(CAN, tmp_path, config=config(rests=1))
+    with shown(tmp_path) as viewer:
+        page = viewer.page
+        count = len(page.table)
+        assert len(page.kept()) == count
+        page.outcome.value = "success"
+        assert len(page.kept()) == int(page.columns["success"].sum())
+        assert "<td" in page.rows.content
+        page.outcome.value = "all"
+        for index in range(min(count, 4)):
+            page.select(index)
+            told = page.columns["failure"][index] or "success"
+            assert f"row {index}: **{told}**, replayed: {told}" in page.verdict.content
+        assert page.images[0].image.std() > 5
+
+
+def test_the_curves_of_a_run_grow(tmp_path: Path) -> None:
+    (tmp_path / "settings.json").write_text('{"net": {"width": 64}}')
+    (tmp_path / "log.txt").write_text("begun\n")
+    rows = tmp_path / "losses.jsonl"
+    rows.write_text("".join(json.dumps({"step": 10 * i, "loss": 1.0 / (i + 1)}) + "\n" for i in range(5)))
+    with shown(tmp_path) as viewer:
+        page = viewer.page
+        np.testing.assert_allclose(page.curve(), [[0, 10, 20, 30, 40], [1, 1 / 2, 1 / 3, 1 / 4, 1 / 5]])
+        with rows.open("a") as file:
+            file.write('{"step": 50, "loss": 0.1}\n{"step": 60, "lo')
+        wait_for(lambda: page.last.content == "6 rows; last 0.1")
+        assert "begun" in page.log.content
+
+
+def test_what_cannot_be_viewed_is_refused(tmp_path: Path) -> None:
+    for what in ("no-such-thing", str(tmp_path)):
+        with pytest.raises(errors.ObjectSetError, match="names nothing that can be viewed; give one of: "):
+            show(what, port=0)
+    with pytest.raises(errors.ConfigError, match="what is of the type int; give one of"):
+        show(3, port=0)
+    with pytest.raises(errors.ConfigError, match="there is no environment 'graspbox/Nothing-v0'"):
+        show("graspbox/Nothing-v0", port=0)
+    with pytest.raises(errors.ConfigError, match="is one file, but a hand has two"):
+        show("mine.urdf", port=0)
+    assert len({kind.name for kind in KINDS}) == len(KINDS)
+
+
+def test_only_this_machine_is_listened_to_unless_insecure() -> None:
+    with pytest.raises(errors.ConfigError, match=r"host is '0\.0\.0\.0', which other machines reach; .*--insecure"):
+        show("reflex", port=0, host="0.0.0.0")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(errors.ConfigError, match=f"port {port} of 127.0.0.1 cannot be used"):
+            show("reflex", port=port)
+    with shown("reflex") as viewer:
+        assert viewer.url.startswith("http://127.0.0.1:")
+        assert viewer.url in viewer._repr_html_()
+        viewer._server.request_share_url()  # no tunnel to the internet
+        assert viewer._server._share_tunnel is None
+
+
+def test_the_command_refuses_in_one_sentence() -> None:
+    result = CliRunner().invoke(cli.typer_app, ["view", "no-such-thing", "--no-browser", "--port", "0"])
+    assert isinstance(result.exception, errors.ObjectSetError)
+    result = CliRunner().invoke(cli.typer_app, ["view", "reflex", "--no-browser", "--host", "0.0.0.0"])
+    assert isinstance(result.exception, errors.ConfigError)
