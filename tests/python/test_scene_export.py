@@ -4,6 +4,7 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -287,7 +288,7 @@ def test_a_failed_export_leaves_nothing(mug: graspbox.Scene, tmp_path: Path, mon
 def test_wrong_arguments_are_one_sentence(mug: graspbox.Scene, tmp_path: Path) -> None:
     pose = above(mug, 0.5)
     grasp = graspbox.Grasp(pose, 0.0, True, 0.0, 0, 0)
-    calls = [
+    calls: list[tuple[tuple[Any, Any, Any], str]] = [
         (("sdf", pose, 0.0), "the format is 'sdf'"),
         (("mjcf", np.ones((4, 4)), 0.0), "pose has shape"),
         (("mjcf", pose[:3], 0.0), "pose has shape"),

@@ -192,6 +192,7 @@ def test_drives_are_springs_and_servos(exported: Exported) -> None:
         law = [drive.GetStiffnessAttr().Get() / unit, drive.GetDampingAttr().Get() / unit]
         servo = servos.get(index)
         expected = (link.spring.stiffness, link.spring.damping) if servo is None else servo.servo
+        assert expected is not None
         np.testing.assert_allclose(law, expected, rtol=1e-6)
         if servo is not None:
             assert drive.GetMaxForceAttr().Get() == pytest.approx(servo.load_limit)
