@@ -20,7 +20,7 @@ import pytest
 import typer
 
 import graspbox
-from graspbox.cli.serve import serve_until_stopped
+from graspbox.cli.servers.serve import serve_until_stopped
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError
 from graspbox.remote import EnvironmentServer, ServerSettings

@@ -20,12 +20,11 @@ from graspbox.cli import (
     plan,
     prepare,
     record,
-    serve,
-    serve_policy,
     train,
     voxelize,
 )
 from graspbox.cli.exports.grasps import export_grasps
+from graspbox.cli.servers import mcp, serve, serve_policy
 from graspbox.programs import run_program
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -43,6 +42,7 @@ typer_app.add_typer(train.train_app, name="train")
 typer_app.command("evaluate")(evaluate.evaluate)
 typer_app.command("serve")(serve.serve)
 typer_app.command("serve-policy")(serve_policy.serve_policy)
+typer_app.command("mcp")(mcp.mcp)
 typer_app.command("demo")(demo.demo)
 typer_app.command("bench")(bench.bench)
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from graspbox.cli.serve import (
+from graspbox.cli.servers.serve import (
     Host,
     Insecure,
     Log,
