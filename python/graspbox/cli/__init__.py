@@ -27,7 +27,7 @@ from graspbox.cli import (
 )
 from graspbox.cli.exports.grasps import export_grasps
 from graspbox.cli.exports.scenes import export_scene
-from graspbox.cli.serving import environments, policies
+from graspbox.cli.serving import environments, mcp, policies
 from graspbox.programs import run_program
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -48,6 +48,7 @@ typer_app.command("evaluate")(evaluate.evaluate)
 typer_app.command("report")(report.report)
 typer_app.command("serve")(environments.serve)
 typer_app.command("serve-policy")(policies.serve_policy)
+typer_app.command("mcp")(mcp.mcp)
 typer_app.command("demo")(demo.demo)
 typer_app.command("bench")(bench.bench)
 

@@ -7,7 +7,7 @@ import typer
 
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli import common
-from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_replays
+from graspbox.cli.exports.recording import Rerun, RerunEpisodes, check_rerun, write_replays
 from graspbox.envs import IDS
 from graspbox.envs.remote_config import RemoteConfig, client_token
 from graspbox.errors import ConfigError

@@ -8,7 +8,7 @@ import typer
 from graspbox._common.arguments import plain
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli import common
-from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_grasps
+from graspbox.cli.exports.recording import Rerun, RerunEpisodes, check_rerun, write_grasps
 from graspbox.configs import ShakeConfig, TrialConfig
 from graspbox.evaluation.planner_trials import ObjectResult, SetResult, try_set
 from graspbox.object_sets import ObjectSet

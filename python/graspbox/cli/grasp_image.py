@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import Json, Seed, console, print_json, print_table
-from graspbox.cli.recording import Rerun, check_rerun
+from graspbox.cli.exports.recording import Rerun, check_rerun
 from graspbox.errors import ConfigError
 from graspbox.perception.depth_images import camera_over_table, read_depth, read_pose
 from graspbox.perception.perturbations import PoseNoise

@@ -8,7 +8,7 @@ import typer
 
 from graspbox import demonstrations
 from graspbox.cli import common
-from graspbox.cli.recording import Rerun, RerunEpisodes, check_rerun, write_demonstrations
+from graspbox.cli.exports.recording import Rerun, RerunEpisodes, check_rerun, write_demonstrations
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS

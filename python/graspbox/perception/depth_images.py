@@ -60,7 +60,9 @@ _LEAST_TILT = 0.17
 _FOCAL = 230.0
 
 
-def read_depth(path: str | os.PathLike[str], scale: float | None = None) -> NDArray[np.float64]:
+def read_depth(
+    path: str | os.PathLike[str], scale: float | None = None, *, max_pixels: int = _MOST_PIXELS
+) -> NDArray[np.float64]:
     """Read a depth image in metres from a ``.npy`` file or a 16-bit ``.png``.
 
     Parameters
@@ -69,6 +71,8 @@ def read_depth(path: str | os.PathLike[str], scale: float | None = None) -> NDAr
         The file: (H, W), or (H, W, 1).
     scale : float, optional
         Metres per unit; by default 1 for floats and 0.001 for integers.
+    max_pixels : int
+        Larger images are refused before their pixels are read.
 
     Returns
     -------
@@ -87,7 +91,8 @@ def read_depth(path: str | os.PathLike[str], scale: float | None = None) -> NDAr
     path = Path(path)
     if not path.is_file():
         raise FileError(2, "there is no such depth image", str(path))
-    values = _read_png(path) if path.suffix.lower() == ".png" else _read_npy(path)
+    values = _read_png(path, max_pixels) if path.suffix.lower() == ".png" else _read_npy(path)
+    _check_size(values.size, str(path), max_pixels)
     return metric_depth(values, scale, str(path))
 
 
@@ -126,16 +131,16 @@ def _read_npy(path: Path) -> NDArray[np.generic]:
     return found
 
 
-def _read_png(path: Path) -> NDArray[np.generic]:
+def _read_png(path: Path, max_pixels: int) -> NDArray[np.generic]:
     pillow = imported("PIL.Image", "PNG files need Pillow, from the extra 'cli'", "cli")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pillow.DecompressionBombWarning)
             with pillow.open(path) as image:
-                _check_size(image.width * image.height, str(path))
+                _check_size(image.width * image.height, str(path), max_pixels)
                 mode, values = image.mode, np.asarray(image)
     except (pillow.DecompressionBombError, pillow.DecompressionBombWarning):
-        _check_size(_MOST_PIXELS + 1, str(path))
+        _check_size(_MOST_PIXELS + 1, str(path), max_pixels)
     except (OSError, SyntaxError) as error:
         raise ConfigError(f"{path} is no PNG: {error}") from None
     if not mode.startswith("I"):
@@ -146,9 +151,9 @@ def _read_png(path: Path) -> NDArray[np.generic]:
     return values
 
 
-def _check_size(pixels: int, name: str) -> None:
-    if pixels > _MOST_PIXELS:
-        raise ConfigError(f"{name} has more than {_MOST_PIXELS} pixels; give a smaller image, with its own intrinsics")
+def _check_size(pixels: int, name: str, most: int = _MOST_PIXELS) -> None:
+    if pixels > most:
+        raise ConfigError(f"{name} has more than {most} pixels; give a smaller image, with its own intrinsics")
 
 
 def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:

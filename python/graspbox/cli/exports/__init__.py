@@ -1,1 +1,1 @@
-"""Commands that write results in the formats of other programs, one module each."""
+"""Commands and options that write results in the formats of other programs, one module each."""

@@ -1,1 +1,1 @@
-"""``graspbox serve`` and ``graspbox serve-policy``: servers."""
+"""``graspbox serve``, ``serve-policy`` and ``mcp``: servers, one module each."""

@@ -1,0 +1,20 @@
+"""Tools for agents over the Model Context Protocol (extra ``mcp``): read-only, within one folder.
+
+| tool | answer |
+|---|---|
+| ``plan``        | boxes around an object and ranked grasps; picture of boxes and grasps |
+| ``simulate``    | outcomes of grasps in simulation; picture of the stages of one trial |
+| ``look``        | size, mass and resting pose of an object; picture of it on the table, or with a hand at a grasp |
+| ``grasp_image`` | grasps of the object in a depth image, by a published policy; picture of image and best grasp |
+
+An answer is structured JSON, the same JSON as text, and PNG pictures. Lengths are in metres, masses in kilograms.
+
+Modules: `settings` (the offer of a server, limits), `arguments` (schemas of the tools' arguments), `desk` (objects,
+files and hands that an agent names), `tools` (the work), `serving` (the protocol). Tools run one at a time in a process
+of their own, which is ended after the time limit.
+"""
+
+from graspbox.mcp.serving import ToolServer
+from graspbox.mcp.settings import ToolSettings
+
+__all__ = ["ToolServer", "ToolSettings"]
