@@ -315,6 +315,17 @@ def test_wrong_arguments_are_one_sentence(mug: graspbox.Scene, tmp_path: Path) -
     assert (tmp_path / "full" / "kept").read_text() == "x"
 
 
+def test_names_that_clash_are_named(mug: graspbox.Scene, tmp_path: Path) -> None:
+    urdf, toml = graspbox.load_hand("panda_gripper").files
+    for old, new, message in (
+        ('"leftfinger"', '"object"', "the link 'object', which the model needs"),
+        ("hand_body", "object_1", "the collision 'object_1', which the model needs"),
+    ):
+        hand = graspbox.Hand(urdf.replace(old, new), toml)
+        with pytest.raises(ConfigError, match=message):
+            scene_export.export_scene(graspbox.Scene(mug.mesh, hand=hand), tmp_path / "out", "mjcf", np.eye(4), 0.0)
+
+
 def test_a_missing_package_is_named(mug: graspbox.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 

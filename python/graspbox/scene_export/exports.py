@@ -184,8 +184,8 @@ def export_scene(
         The object, the hand and the physics.
     folder : str or PathLike
         Folder to make; it may exist if it is empty.
-    to : {"mjcf", "usd", "urdf"}
-        The format. ``mjcf`` writes ``scene.xml`` with its meshes, ``usd`` ``scene.usda``, and ``urdf`` a file each for
+    to : str
+        The format: ``mjcf`` writes ``scene.xml`` with its meshes, ``usd`` ``scene.usda``, and ``urdf`` a file each for
         object, table and hand. Every format has ``scene.json`` (see `graspbox.scene_export.records`) and the hand's
         two files.
     pose : (4, 4) array_like, or Grasp
@@ -196,7 +196,8 @@ def export_scene(
     Raises
     ------
     ConfigError
-        For an unknown format, a pose that is not a rigid motion, a preshape out of range, or a folder with files.
+        For an unknown format, a pose that is not a rigid motion, a preshape out of range, a folder with files, or a
+        hand with names that an MJCF model cannot have.
     FileError
         If the folder cannot be written.
     MissingExtraError
@@ -239,8 +240,8 @@ def export_object(scene: Scene, folder: str | os.PathLike[str], to: Format) -> E
         The object; its hand does not matter.
     folder : str or PathLike
         Folder to make; it may exist if it is empty.
-    to : {"mjcf", "usd", "urdf"}
-        The format; the file is ``object.xml``, ``object.usda`` or ``object.urdf``.
+    to : str
+        The format, ``mjcf``, ``usd`` or ``urdf``; the file is ``object.xml``, ``object.usda`` or ``object.urdf``.
 
     Raises
     ------
@@ -270,8 +271,8 @@ def export_objects(
         See `graspbox.object_sets.load`.
     folder : str or PathLike
         Folder to make; it may exist if it is empty.
-    to : {"mjcf", "usd", "urdf"}
-        The format.
+    to : str
+        The format, ``mjcf``, ``usd`` or ``urdf``.
     done : callable, optional
         Called with the name of each object, exported or not.
 

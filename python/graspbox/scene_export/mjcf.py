@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from graspbox.configs import PhysicsConfig
+from graspbox.errors import ConfigError
 from graspbox.scene_export.contents import TABLE_SIDE, ObjectData, Start, joint_motion, number_text, quaternion
 from graspbox.scene_export.description import BASE, Array, HandDescription, Link
 from graspbox.scene_export.mesh_files import hull_faces
@@ -154,6 +155,7 @@ class _Builder:
                 geom.set(name, value)
 
     def add_hand(self, hand: HandDescription) -> None:
+        _check_names(hand)
         carriage = ET.SubElement(self.world, "body", name="carriage")
         _add_inertial(carriage, 1.0, np.zeros(3), np.eye(3))
         joint = ET.SubElement(carriage, "joint", name="carriage", type="slide", axis="0 0 1")
@@ -334,6 +336,23 @@ def mujoco_actuators(hand: HandDescription, index: int) -> list[str]:
         return [actuator.name]
     driven = actuator.joints if actuator.servo else ()
     return [f"{actuator.name} {hand.links[link].joint}" for link, _, _ in driven]
+
+
+def _check_names(hand: HandDescription) -> None:
+    """Refuse a hand with names that the model needs for other things, or that it has twice."""
+    own = {
+        "link": ([link.name for link in hand.links], {"world", "object", "carriage"}),
+        "joint": ([link.joint for link in hand.links if link.joint], {"object", "carriage"}),
+        "collision": ([shape.name for link in hand.links for shape in link.shapes], {"table"}),
+        "actuator": ([actuator.name for actuator in hand.actuators], {LIFT}),
+    }
+    for kind, (names, taken) in own.items():
+        for index, name in enumerate(names):
+            if name in taken or name in names[:index] or (kind == "collision" and name.startswith("object_")):
+                why = "twice" if name in names[:index] else "which the model needs for something else"
+                raise ConfigError(
+                    f"the hand {hand.name!r} has the {kind} {name!r}, {why}; rename it in the hand's files"
+                )
 
 
 def _add_actuator(
