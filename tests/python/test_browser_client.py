@@ -15,6 +15,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from contextlib import contextmanager
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -40,9 +41,9 @@ pytestmark = pytest.mark.skipif(not (DRIVER and BROWSER), reason="needs chromium
 class Browser:
     """A page, driven over the WebDriver protocol."""
 
-    def __init__(self, driver: str, profile: Path) -> None:
+    def __init__(self, driver: str, profile: Path, more: tuple[str, ...] = ()) -> None:
         self._driver = driver
-        flags = [f"--{flag}" for flag in (*FLAGS, f"user-data-dir={profile}")]
+        flags = [f"--{flag}" for flag in (*FLAGS, *more, f"user-data-dir={profile}")]
         options = {"goog:chromeOptions": {"args": flags, "binary": BROWSER}}
         session = self._call("POST", "/session", {"capabilities": {"alwaysMatch": options}})["sessionId"]
         self._path = f"/session/{session}"
@@ -57,9 +58,13 @@ class Browser:
         except urllib.error.HTTPError as error:
             raise AssertionError(json.load(error)["value"]["message"]) from None
 
+    def load(self, url: str) -> None:
+        """Open a page."""
+        self._call("POST", f"{self._path}/url", {"url": url})
+
     def open(self, url: str) -> None:
         """Open a page and wait until its program runs."""
-        self._call("POST", f"{self._path}/url", {"url": url})
+        self.load(url)
         assert self.run("return typeof window.graspbox") == "object"
 
     def run(self, script: str, *values: Any) -> Any:
@@ -104,8 +109,9 @@ def url(page: str) -> Iterator[str]:
         yield server.url
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+@contextmanager
+def started(profile: Path, *more: str) -> Iterator[Browser]:
+    """Start a browser with more flags; it ends with the block."""
     assert DRIVER is not None
     with subprocess.Popen([DRIVER, "--port=0"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -113,10 +119,16 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
             if found := re.search(r"started successfully on port (\d+)", line):
                 break
         assert found is not None
-        one = Browser(f"http://127.0.0.1:{found[1]}", tmp_path_factory.mktemp("profile"))
+        one = Browser(f"http://127.0.0.1:{found[1]}", profile, more)
         yield one
         one.close()
         process.terminate()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with started(tmp_path_factory.mktemp("profile")) as one:
+        yield one
 
 
 @pytest.fixture

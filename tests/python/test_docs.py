@@ -72,6 +72,7 @@ def test_readme_runs(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None
         ("guides/environments", 6),
         ("guides/evaluate", 3),
         ("guides/data", 3),
+        ("guides/viewer", 1),
         ("reference/hands", 1),
     ],
 )
