@@ -88,12 +88,13 @@ __all__ = [
     "policies",
     "save_binvox",
     "simulate",
+    "viewer",
     "views",
     "voxelize",
 ]
 
 if TYPE_CHECKING:
-    from graspbox import dataset, evaluation, policies
+    from graspbox import dataset, evaluation, policies, viewer
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 register()
@@ -101,6 +102,6 @@ register()
 
 def __getattr__(name: str) -> Any:
     """Import subpackages that ``import graspbox`` does not need on first access."""
-    if name in ("dataset", "evaluation", "policies"):
+    if name in ("dataset", "evaluation", "policies", "viewer"):
         return import_module(f"graspbox.{name}")
     raise AttributeError(f"module 'graspbox' has no attribute {name!r}")

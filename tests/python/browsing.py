@@ -30,9 +30,9 @@ needs_browser = pytest.mark.skipif(not (DRIVER and BROWSER), reason="needs chrom
 class Browser:
     """A page, driven over the WebDriver protocol."""
 
-    def __init__(self, driver: str, profile: Path) -> None:
+    def __init__(self, driver: str, profile: Path, more: tuple[str, ...] = ()) -> None:
         self._driver = driver
-        flags = [f"--{flag}" for flag in (*FLAGS, f"user-data-dir={profile}")]
+        flags = [f"--{flag}" for flag in (*FLAGS, *more, f"user-data-dir={profile}")]
         options = {"goog:chromeOptions": {"args": flags, "binary": BROWSER}, "goog:loggingPrefs": {"browser": "ALL"}}
         session = self._call("POST", "/session", {"capabilities": {"alwaysMatch": options}})["sessionId"]
         self._path = f"/session/{session}"
@@ -85,8 +85,8 @@ class Browser:
 
 
 @contextmanager
-def browsing(profile: Path) -> Iterator[Browser]:
-    """Run a browser with a new profile."""
+def browsing(profile: Path, *more: str) -> Iterator[Browser]:
+    """Run a browser with a new profile, and more flags."""
     assert DRIVER is not None
     with subprocess.Popen([DRIVER, "--port=0"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -94,7 +94,7 @@ def browsing(profile: Path) -> Iterator[Browser]:
             if found := re.search(r"started successfully on port (\d+)", line):
                 break
         assert found is not None
-        one = Browser(f"http://127.0.0.1:{found[1]}", profile)
+        one = Browser(f"http://127.0.0.1:{found[1]}", profile, more)
         yield one
         one.close()
         process.terminate()

@@ -43,7 +43,7 @@ def wait_for(true: Callable[[], bool]) -> None:
 
 @pytest.fixture(scope="module")
 def can() -> Iterator[Any]:
-    """The page of a can, with its best 8 poses tried."""
+    """Show a can, with its best 8 poses tried."""
     with shown(CAN, poses=8) as viewer:
         wait_for(lambda: int((viewer.page.failure[viewer.page.plan.feasible] != "?").sum()) == 8)
         yield viewer
@@ -249,7 +249,7 @@ def test_a_decision_is_shown_with_its_outcome() -> None:
 
 @pytest.fixture(scope="module")
 def depth_image(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[float, float, float, float]]:
-    """A rendered depth image of a mug, and its intrinsics."""
+    """Render a depth image of a mug; gives it with its intrinsics."""
     mesh = object_sets.load("procedural:mug:3")[0].load()
     seen = graspbox.views(
         mesh, count=1, image_size=(240, 320), world_from_object=graspbox.Scene(mesh).world_from_object
@@ -343,7 +343,9 @@ def test_the_curves_of_a_run_grow(tmp_path: Path) -> None:
     rows.write_text("".join(json.dumps({"step": 10 * i, "loss": 1.0 / (i + 1)}) + "\n" for i in range(5)))
     with shown(tmp_path) as viewer:
         page = viewer.page
-        np.testing.assert_allclose(page.curve(), [[0, 10, 20, 30, 40], [1, 1 / 2, 1 / 3, 1 / 4, 1 / 5]])
+        places, values = page.curve()
+        np.testing.assert_allclose(places, 10.0 * np.arange(5))
+        np.testing.assert_allclose(values, 1.0 / np.arange(1, 6))
         with rows.open("a") as file:
             file.write('{"step": 50, "loss": 0.1}\n{"step": 60, "lo')
         wait_for(lambda: page.last.content == "6 rows; last 0.1")

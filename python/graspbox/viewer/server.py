@@ -21,6 +21,8 @@ __all__ = ["DEFAULT_PORT", "Viewer"]
 DEFAULT_PORT = 8080
 #: Ports that are tried.
 _ATTEMPTS = 100
+#: Intensity of the light from above and below.
+_SKY = 1.9
 #: Height of the frame in notebooks, pixels.
 _HEIGHT = 600
 
@@ -218,4 +220,9 @@ def _arrange(server: Any) -> None:
     server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
     server.scene.set_up_direction("+z")
+    # Without the map of surroundings a software renderer draws three times as many frames a second.
+    server.scene.configure_environment_map(None)
     server.scene.configure_default_lights(cast_shadow=False)
+    server.scene.add_light_hemisphere(
+        "/sky", sky_color=(255, 255, 255), ground_color=(225, 220, 215), intensity=_SKY, position=(0.0, 0.0, 1.0)
+    )

@@ -85,7 +85,7 @@ class DepthImagePage(Page):
             "/points", points, ramp(points[:, 2] / 0.2), point_size=_POINT, precision="float32", point_shading="flat"
         )
         camera = self.canvas.frame("/camera", pose)
-        camera.show_axes, camera.axes_length, camera.axes_radius = True, 0.05, 0.001
+        camera.show_axes, camera.axes_length, camera.axes_radius, camera.origin_radius = True, 0.05, 0.001, 0.003
         self.canvas.look(np.array([*middle[:2], 0.05]), 0.7)
 
     def find(self) -> None:

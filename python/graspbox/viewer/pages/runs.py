@@ -37,7 +37,8 @@ class RunPage(Page):
         gui, folder = self.canvas.gui, self.what
         self.canvas.say(f"**{folder}**")
         self.files = {str(path.relative_to(folder)): path for path in sorted(folder.rglob("*.jsonl"))}
-        with gui.add_folder("Curves"):
+        self._curves = gui.add_folder("Curves")
+        with self._curves:
             self.file = gui.add_dropdown("rows", tuple(self.files) or ("none",), disabled=not self.files)
             self.column = gui.add_dropdown("column", ("none",))
             self.plot: Any = None
@@ -110,7 +111,8 @@ class RunPage(Page):
                 viser.uplot.Series(label=str(self.column.value), stroke="#0072b2", width=2),
             )
             scales = {"x": viser.uplot.Scale(time=False, auto=True), "y": viser.uplot.Scale(auto=True)}
-            self.plot = self.canvas.gui.add_uplot((places, values), series, scales=scales, aspect=1.4, order=0.5)
+            with self._curves:
+                self.plot = self.canvas.gui.add_uplot((places, values), series, scales=scales, aspect=1.4)
         self.last.content = f"{len(values)} rows; last {values[-1]:.5g}" if len(values) else "no rows yet"
         stages = [(path.stem, _json(path)) for path in sorted(self.what.glob("*.json")) if path.name != _SETTINGS]
         lines = [(name, key, value) for name, found in stages for key, value in _flat(found)]
