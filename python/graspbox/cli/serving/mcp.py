@@ -39,7 +39,7 @@ def mcp(
 ) -> None:
     """Serve tools for agents over standard input and output: plan, simulate, look, grasp_image.
 
-    The tools read files of the folder alone and write none. A program that runs agents starts this command itself; it
+    Agents can name files of the folder alone, and the tools write no results. A program that runs agents starts this command itself; it
     ends when that program closes its input.
     """
     settings = ToolSettings(
