@@ -12,7 +12,7 @@
 | an object set | a gallery; each object opens |
 | a hand, its name, or its two files | joints and preshape as sliders, shapes, tendons, sensors, swept volume; re-read |
 | the id of an environment | stepped live by ``policy``, by sliders or by keys, with its images |
-| a depth image (array, ``.npy``, ``.png``), `ImageGrasps` | points, crop, completed object, ``policy``'s grasps by score |
+| a depth image (array, ``.npy``, ``.png``), `ImageGrasps` | points, crop, completed object, grasps by score |
 | the folder of a data set | rows with filters, images, and the trial of a row replayed |
 | the folder of a run | settings, log, results and curves, as they grow |
 
