@@ -24,10 +24,10 @@ class FileError(GraspboxError, OSError):
     """A file or folder cannot be read or written; ``errno`` gives the reason, ``filename`` the path."""
 
     def __str__(self) -> str:
-        """Name the path and the reason, without the number that ``OSError`` begins with."""
+        """Give the reason and the path, without the number that ``OSError`` begins with."""
         if self.filename is None or self.strerror is None:
             return super().__str__()
-        return f"{self.filename}: {self.strerror}"
+        return f"{self.strerror}: {self.filename}"
 
 
 class MeshError(GraspboxError, ValueError):

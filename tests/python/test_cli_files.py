@@ -140,15 +140,15 @@ def test_missing_files_are_named_in_sentences(tmp_path: Path) -> None:
     write_box(tmp_path / "box.off", 0.1, 0.1, 0.1)
     image = ("--intrinsics", *"1111", "--policy", "x")
     for words, said in (
-        (("grasp-image", tmp_path / "a.npy", *image), f"{tmp_path}/a.npy: there is no such depth image"),
+        (("grasp-image", tmp_path / "a.npy", *image), f"there is no such depth image: {tmp_path}/a.npy\n"),
         (("plan", tmp_path / "a.obj"), ""),
-        (("objects", f"dir:{tmp_path}"), f"{tmp_path}/masses.csv: it is not a regular file"),
+        (("objects", f"dir:{tmp_path}"), f"it is not a regular file: {tmp_path}/masses.csv\n"),
     ):
         done = run(*map(str, words))
         assert done.returncode in (1, 2)
         assert done.stderr.startswith(f"graspbox: {said}")
         assert not re.search(r"Errno|PosixPath", done.stderr)
-    with pytest.raises(errors.FileError, match=r"^.*/a\.obj: No such file or directory$") as raised:
+    with pytest.raises(errors.FileError, match=r"^No such file or directory: .*/a\.obj$") as raised:
         graspbox.load_mesh(tmp_path / "a.obj")
     assert raised.value.errno == 2
 

@@ -288,7 +288,7 @@ def test_the_command_prints_json_and_writes_every_trial(tmp_path: Path) -> None:
         (
             ("zero", "--trials", "1", "--out", "/proc/none/result.json"),
             1,
-            "No such file or directory: '/proc/none/result.json'",
+            "No such file or directory: /proc/none/result.json\n",
         ),
     ],
 )
