@@ -10,9 +10,9 @@
 | (mesh, plan), a plan, its JSON file | the same, with the poses of the plan |
 | the JSON file of ``graspbox grasp --out`` | counts; each object with its poses and outcomes |
 | an object set | a gallery; each object opens |
-| a hand, its name, or its two files | joints and preshape as sliders, shapes, tendons, sensors, swept volume; read again |
+| a hand, its name, or its two files | sliders for joints and preshape, shapes, tendons, sensors, swept volume |
 | the id of an environment | stepped live by ``policy``, by sliders or by keys, with its images |
-| a depth image (array, ``.npy``, ``.png``), `ImageGrasps` | points, crop, completed object, grasps of ``policy`` by score |
+| a depth image (array, ``.npy``, ``.png``), `ImageGrasps` | points, crop, completed object, grasps by score |
 | the folder of a data set | rows with filters, images, and the trial of a row replayed |
 | the folder of a run | settings, log, results and curves, as they grow |
 
