@@ -18,7 +18,6 @@ from graspbox.cli import (
     grasp_image,
     objects,
     plan,
-    prepare,
     record,
     report,
     train,
@@ -32,7 +31,7 @@ from graspbox.programs import run_program
 
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 typer_app.command("objects")(objects.objects)
-typer_app.command("prepare")(prepare.prepare)
+typer_app.command("prepare")(objects.prepare)
 typer_app.command("plan")(plan.plan)
 typer_app.command("view")(view.view)
 typer_app.command("voxelize")(voxelize.voxelize)
