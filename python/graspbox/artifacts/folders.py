@@ -145,14 +145,14 @@ def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str)
     Raises
     ------
     ConfigError
-        If it is missing, differs from the policy at the time of publication, or knows another hand.
+        If it is missing, differs from the policy at the time of publication, or was trained for another hand.
     """
     use = config.uses[role]
     found = folder_of(use.policy) if is_name(use.policy) else Path(folder) / use.policy
     if not (found / CONFIG).is_file() or file_hash(found / CONFIG) != use.sha256:
         raise ConfigError(
-            f"{Path(folder) / CONFIG}: uses.{role}.policy is {use.policy!r}, but {str(found)!r} holds no policy, or "
-            f"another one than that with which {config.name!r} was published; restore it"
+            f"{Path(folder) / CONFIG}: uses.{role}.policy is {use.policy!r}, but {str(found)!r} is missing, or "
+            f"differs from the policy that {config.name!r} was published with; restore it"
         )
     if (known := _read(found / CONFIG).hand) != config.hand:
         raise ConfigError(

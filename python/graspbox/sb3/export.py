@@ -151,7 +151,7 @@ def _goal_of(folder: Path, goal: str | None) -> tuple[dict[str, Use], dict[str, 
         return {}, {}
     if not Path(goal).is_dir():
         raise ConfigError(
-            f"goal_from is {goal!r}, which is no folder of a published policy; train with one, such as policies/depth"
+            f"goal_from is {goal!r}, which is not a published policy's folder; train with one, such as policies/depth"
         )
     return {"goal": use_of(folder, Path(goal))}, {"goal_from": goal}
 
