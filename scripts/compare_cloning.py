@@ -8,7 +8,7 @@ r"""Compare a clone of demonstrations, learning from rewards alone, and the clon
 Records demonstrations, and for each input (``state``; ``seeing``: depth, proprio, tactile; ``goal``: the grasp that the
 demonstrator finds in one depth image, proprio, tactile) makes
 
-| run | what it is |
+| run | method |
 |---|---|
 | ``clone-INPUT`` | behaviour cloning |
 | ``rl-INPUT`` | PPO from scratch, ``--steps`` steps |
@@ -17,7 +17,7 @@ demonstrator finds in one depth image, proprio, tactile) makes
 
 and evaluates all of them, and the demonstrator, on the same trials with unseen objects. Every step is a program of its
 own, whose command is printed and kept in ``README.md`` of the folder, beside the results and the curves; a step that is
-done is not repeated, and one that was interrupted is continued, so the same command goes on where the last one ended.
+done is not repeated, and an interrupted one is continued, so the same command resumes.
 
 Exit status: 0, 2 for wrong arguments or a step that failed, 130 after Ctrl-C.
 
@@ -68,7 +68,7 @@ class Settings:
     folder: tyro.conf.Positional[Path]
     """Where everything goes."""
     inputs: tuple[str, ...] = ("state", "seeing")
-    """What the policies observe: state, seeing, goal."""
+    """Observations of the policies: state, seeing, goal."""
     demonstrator: str = "expert"
     """Policy that shows how: a name, or a folder; for the input `goal` the folder of one that looks once."""
     objects: tuple[str, ...] = OBJECTS
@@ -264,7 +264,7 @@ def curves(settings: Settings) -> Figure:
 
 
 def report(settings: Settings, steps: list[Step]) -> str:
-    """Write what was found so far, and how."""
+    """Write the results so far, with the commands."""
     lines = ["# Cloning, rewards, and both", "", "Written by `scripts/compare_cloning.py`.", ""]
     lines += [f"{settings.episodes} trials with unseen objects; in brackets Wilson's 95 % intervals.", ""]
     lines += ["| policy | success | secure |", "|---|--:|--:|"]

@@ -3,21 +3,21 @@
     python scripts/evaluate_policies.py --out out/evaluation --policies random planner policies/depth
     python scripts/evaluate_policies.py --out out/oracle --policies robust_oracle policies/depth --conditions nominal
 
-A policy is what `graspbox.policies.load` takes (a name or a folder), ``completed_planner=FOLDER`` (the planner on what
-the completion of a policy's folder makes of the image), ``nearest=DATA`` (the grasp that held in the known scene of a
-data set that looks most alike), ``filtered=FOLDER`` or ``unfiltered=FOLDER`` (a head with or without its collision
-filter), or a policy of one depth image that refines its grasps twice: ``refined=FOLDER``; that lacks a part:
-``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its head, ``plain=FOLDER`` both; that expects a hand which is
-off by up to 10 mm and 10 degrees: ``tolerant=FOLDER``; or with the truth for a part: ``true_completion=FOLDER``,
+A policy is an argument of `graspbox.policies.load` (a name or a folder), ``completed_planner=FOLDER`` (the planner on
+the output of the completion in a policy's folder), ``nearest=DATA`` (a grasp that held in the most similar scene of a
+data set), ``filtered=FOLDER`` or ``unfiltered=FOLDER`` (a head with or without its collision
+filter), or a policy of one depth image that refines its grasps twice: ``refined=FOLDER``; without a component:
+``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its head, ``plain=FOLDER`` both; that expects hand errors of
+up to 10 mm and 10 degrees: ``tolerant=FOLDER``; or with ground truth for a component: ``true_completion=FOLDER``,
 ``true_scorer=FOLDER`` (simulation), ``true_both=FOLDER``.
-``--stressed`` names those that are measured under all conditions; the others only see the first.
+``--stressed`` names the policies measured under all conditions; the others run under the first alone.
 
 All policies get the same trials: object, pose and noise follow from the seed, and objects from which one of them
 learned are left out for all. The folder then has ``results.jsonl`` with every trial, ``evaluation.md`` with the tables,
-and ``policies.png``, ``conditions.png`` and ``reliability.png``. The same command continues what was interrupted. Exit
+and ``policies.png``, ``conditions.png`` and ``reliability.png``. The same command resumes after an interruption. Exit
 status: 0 at the end, 2 for wrong arguments, 130 for an interruption.
 
-Needs the extras ``cli``, and ``onnx``, ``train``, ``data``, ``ycb`` for what needs them.
+Needs the extras ``cli``, and for some policies ``onnx``, ``train``, ``data``, ``ycb``.
 """
 
 import shlex
@@ -45,7 +45,7 @@ from graspbox.perception.perturbations import PoseNoise
 from graspbox.programs import run_program
 from graspbox.training.runs import Run
 
-#: Settings of the finder by which a policy of one depth image differs from its folder: it has or lacks a part.
+#: Settings of the finder by which a variant of a policy differs from its folder.
 VARIANTS: dict[str, dict[str, Any]] = {
     "refined": {"refinements": 2},
     "unrefined": {"refinements": 0},
@@ -54,7 +54,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 #: Standard deviations of the errors of the condition ``hand_10``.
 _HAND_10 = PoseNoise(0.01 / sqrt(3), radians(10) / sqrt(3))
-#: Parts of a policy of one depth image that the truth replaces, to measure what each loses.
+#: Components replaced by ground truth (ablation).
 ORACLES: dict[str, tuple[Oracle, ...]] = {
     "true_completion": ("completion",),
     "true_scorer": ("scorer",),
@@ -73,9 +73,9 @@ class Settings:
     policies: tuple[str, ...]
     """Policies, in the order of the tables."""
     stressed: tuple[str, ...] = ()
-    """Those of them that all conditions are for; by default all that are folders."""
+    """Policies measured under all conditions; by default all folders."""
     conditions: tuple[str, ...] = tuple(CONDITIONS)
-    """Conditions, the first of which is for all policies: see graspbox.evaluation.conditions."""
+    """Conditions, the first of which applies to all policies: see graspbox.evaluation.conditions."""
     objects: tuple[str, ...] = ("procedural:unseen:0-19", "ycb/test")
     """Object sets; /SPLIT keeps one split."""
     trials: int = 1000
@@ -125,7 +125,7 @@ def load(spec: str) -> policies.Policy:
 
 
 def jobs(settings: Settings) -> Iterator[dict[str, Any]]:
-    """List what is measured, the first condition first."""
+    """List the measurements, the first condition first."""
     stressed = settings.stressed or tuple(p for p in settings.policies if Path(p).is_dir())
     for n, condition in enumerate(settings.conditions):
         for policy in settings.policies if n == 0 else stressed:
@@ -185,7 +185,7 @@ def classes_of(sets: Iterable[object_sets.ObjectSet]) -> dict[str, tuple[str, ..
 
 
 def run(settings: Settings, command: str) -> list[Measured]:
-    """Measure what has not been, and write tables and pictures."""
+    """Run the missing measurements, and write tables and pictures."""
     check(settings)
     loaded = {spec: load(spec) for spec in settings.policies}
     wanted = list(jobs(settings))

@@ -406,7 +406,7 @@ class PolicyJob:
 
 @final
 class PolicyClient:
-    """A connection to a server of a policy."""
+    """A connection to a policy server."""
 
     def __new__(cls, url: str, *, token: str | None, ca: str | None) -> PolicyClient: ...
     @property

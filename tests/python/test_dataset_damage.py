@@ -100,7 +100,7 @@ def test_files_of_somebody_else_are_not_read_and_not_kept_quiet(whole: Path, fol
     stranger = folder / "trials" / "train-00009-of-00010.parquet"
     shutil.copy(files(folder, "trials")[0], stranger)
     assert len(dataset.load(folder)) == len(dataset.load(whole)) == 6
-    with pytest.raises(errors.ConfigError, match=rf"{stranger.name}' is no file of this data set"):
+    with pytest.raises(errors.ConfigError, match=rf"{stranger.name}' is not a file of this data set"):
         generate(folder)
 
 
@@ -149,7 +149,7 @@ def test_a_manifest_of_wrong_types_is_refused(folder: Path, key: str, value: Any
         manifest[key] = value
     path.write_text(json.dumps(manifest))
     for work in (load, generate, lambda folder: of_datasets([folder])):
-        with pytest.raises(errors.ConfigError, match=r"no manifest of a data set that this graspbox reads: .*"):
+        with pytest.raises(errors.ConfigError, match=r"is not a valid data set manifest:  .*"):
             work(folder)
 
 
@@ -162,7 +162,7 @@ def test_shards_of_a_manifest_are_checked(folder: Path, key: str, value: Any) ->
     manifest = json.loads(path.read_text())
     manifest["shards"][0][key] = value
     path.write_text(json.dumps(manifest))
-    with pytest.raises(errors.ConfigError, match="no manifest of a data set"):
+    with pytest.raises(errors.ConfigError, match="is not a valid data set manifest"):
         load(folder)
 
 
@@ -170,7 +170,7 @@ def test_shards_of_a_manifest_are_checked(folder: Path, key: str, value: Any) ->
 def test_a_file_that_is_no_manifest_is_refused(folder: Path, text: str) -> None:
     (folder / "manifest.json").write_text(text)
     for work in (load, generate):
-        with pytest.raises(errors.ConfigError, match="no manifest of a data set"):
+        with pytest.raises(errors.ConfigError, match="is not a valid data set manifest"):
             work(folder)
 
 

@@ -167,7 +167,7 @@ def test_a_manifest_that_was_tampered_with_is_refused(folder: Path, change: Chan
 @pytest.mark.parametrize("text", ["", "{", "null", "[" * 100_000, '{"format": "other"}', "\0", '{"a": NaN}'])
 def test_a_file_that_is_no_manifest_is_refused(folder: Path, text: str) -> None:
     (folder / "manifest.json").write_text(text)
-    with pytest.raises(GraspboxError, match="no manifest of demonstrations"):
+    with pytest.raises(GraspboxError, match="is not a valid manifest of demonstrations"):
         Demonstrations(folder)
-    with pytest.raises(GraspboxError, match="no manifest of demonstrations"):
+    with pytest.raises(GraspboxError, match="is not a valid manifest of demonstrations"):
         record("zero", folder, episodes=8, **SETTINGS)

@@ -127,7 +127,7 @@ def test_truncated_acronym(share: float, tmp_path: Path) -> None:
     exchange.save(grasps(200), path, "acronym")
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    refused(path, "it is no HDF5 file, or a damaged one")
+    refused(path, "it is not an HDF5 file, or is damaged")
 
 
 def test_files_that_are_not_there(tmp_path: Path) -> None:
@@ -292,8 +292,8 @@ _SCALAR = np.float64(0).__reduce__()[0]
     ("content", "why"),
     [
         (_Calls(_RECONSTRUCT, np.ndarray, (10**12,), b"b"), "builds an array in an unusual way"),
-        (_Calls(_SCALAR, np.dtype("f8"), b""), "no file of DexGraspBench, or a damaged one"),
-        (_Calls(np.ndarray, (10**12,)), "no file of DexGraspBench, or a damaged one"),
+        (_Calls(_SCALAR, np.dtype("f8"), b""), "not a DexGraspBench file, or is damaged"),
+        (_Calls(np.ndarray, (10**12,)), "not a DexGraspBench file, or is damaged"),
         (_Calls(np.dtype, "V1000000000"), "an array of type 'V1000000000'"),
         (np.zeros(2, dtype=[("a", "f8")]), "an array of type 'V8'"),
         (np.array([{}, {}], dtype=object), "an array of objects"),
@@ -319,7 +319,7 @@ def test_truncated_dexgraspbench(tmp_path: Path) -> None:
     content = _npy(np.array(_fields(), dtype=object))
     for length in range(0, len(content), 37):
         (tmp_path / "it.npy").write_bytes(content[:length])
-        refused(tmp_path / "it.npy", "no file of DexGraspBench, or a damaged one")
+        refused(tmp_path / "it.npy", "not a DexGraspBench file, or is damaged")
     np.save(tmp_path / "it.npy", np.zeros(3))
     refused(tmp_path / "it.npy", r"array of shape \(3,\) and type float64")
 

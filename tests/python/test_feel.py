@@ -13,7 +13,7 @@ import tiny_policy
 from graspbox import errors, evaluation, policies
 from graspbox.artifacts.configs import FeelPolicyConfig
 from graspbox.artifacts.folders import load, save, use_of
-from graspbox.models.stability.inputs import Feeling, StabilityInputs
+from graspbox.models.stability.inputs import StabilityInputs, StabilityReading
 from graspbox.perception import HandGrid
 from graspbox.perception.finder import FoundGrasp
 from graspbox.policies import FeelThenLift
@@ -138,9 +138,9 @@ def test_what_is_felt_is_read_by_name() -> None:
     np.testing.assert_array_equal(inputs.sensed(moved), inputs.sensed(seen))
     moved["tactile"] = seen["tactile"] + 1.0
     np.testing.assert_array_equal(inputs.sensed(moved)[12:], np.ones(27))
-    feeling = Feeling(inputs, grasp())
-    assert [feeling.add(time, seen) for time in (0.3, 0.5, 0.7, 1.0, 1.2)] == [False, False, False, True, False]
-    assert feeling.vector().shape == (19 + 2 * 39,)
+    reading = StabilityReading(inputs, grasp())
+    assert [reading.add(time, seen) for time in (0.3, 0.5, 0.7, 1.0, 1.2)] == [False, False, False, True, False]
+    assert reading.vector().shape == (19 + 2 * 39,)
     with pytest.raises(errors.ConfigError, match="ascending"):
         StabilityInputs(graspbox.load_hand("reflex"), (1.0, 0.5))
 
@@ -200,7 +200,7 @@ def test_a_folder_that_feels_is_loaded_and_names_the_policy_that_chooses(folder:
     made = tmp_path / "policy"
     config = tiny_policy.make_feel(made)
     tiny_policy.make(made / "chooser", learned_from=("procedural:can:0",))
-    with pytest.raises(errors.ConfigError, match=r"uses\.depth\.policy is 'chooser', but .* another one than that"):
+    with pytest.raises(errors.ConfigError, match=r"uses\.depth\.policy is 'chooser', but .* differs from the policy"):
         policies.load(str(made))
     save(made, replace(config, uses={"depth": use_of(made, made / "chooser")}, learned_from=("ycb",)))
     assert policies.load(str(made)).learned_from == ("procedural:can:0-0", "ycb")

@@ -183,7 +183,7 @@ def test_poses_of_cameras_are_checked(tmp_path: Path) -> None:
         np.testing.assert_allclose(read_pose(tmp_path / f"pose.{suffix}"), pose, atol=1e-12)
     for change, message in (
         (np.eye(4), "lets it look up; give the camera's pose in the table's frame, not its inverse"),
-        (np.diag([2.0, 2.0, 2.0, 1.0]), "no rigid motion"),
+        (np.diag([2.0, 2.0, 2.0, 1.0]), "not a rigid motion"),
         (np.diag([1.0, 1.0, -1.0, 1.0]), "mirrors"),
         (np.eye(3), "holds 9 numbers"),
     ):
@@ -304,7 +304,7 @@ def test_a_scorer_that_gives_nan_is_refused(seen: Views, depth: NDArray[np.float
 
     tiny_policy.make(tmp_path)
     tiny_policy.give_nan(tmp_path, "scorer", "secure", computed=True)
-    with pytest.raises(errors.ConfigError, match=r"scorer\.onnx gives 'secure' with numbers that are not finite"):
+    with pytest.raises(errors.ConfigError, match=r"scorer\.onnx output 'secure' is not finite"):
         grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tmp_path)
 
 

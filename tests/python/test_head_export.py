@@ -45,7 +45,7 @@ def test_a_published_head_acts_as_the_trained_one(tmp_path: Path) -> None:
         results.append([found.world_from_hand for found in one.found if found is not None])
     np.testing.assert_allclose(results[0], results[1], atol=1e-4)
     assert len(results[0]) == 4
-    with pytest.raises(errors.ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
+    with pytest.raises(errors.ConfigError, match="was trained for the hand 'reflex', not 'panda_gripper'"):
         evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
     with pytest.raises(errors.ConfigError, match="kind 'anchor'"):
         export_head(tmp_path / "x", "x", ConstantNet(), learned_from=[])

@@ -61,8 +61,8 @@ def test_a_table_goes_before_what_is_known_of_a_name(folder: Path) -> None:
     ("table", "complaint"),
     [
         ("name,mass\nmilk,1030\n", r"line 2: the mass of 'milk' is 1030, which looks like grams; .*: 1\.03"),
-        ("name,mass\nmilk,1\nmilk,1\n", "line 3 names 'milk' for the second time"),
-        ("name,mass\nmilc,1\n", "line 2 names 'milc', which is no object of the folder; did you mean 'milk'"),
+        ("name,mass\nmilk,1\nmilk,1\n", "line 3 repeats 'milk'"),
+        ("name,mass\nmilc,1\n", "line 2 names 'milc', which is not an object of the folder; did you mean 'milk'"),
         ("name,mass\nxyz,1\n", "'graspbox objects' lists the names"),
         ("name,mass\nmilk,one\n", "the mass of 'milk' is 'one'; write a number of kilograms"),
         ("name,mass\nmilk,\n", "the mass of 'milk' is ''"),
@@ -70,12 +70,12 @@ def test_a_table_goes_before_what_is_known_of_a_name(folder: Path) -> None:
         ("name,mass\nmilk,nan\n", "the mass of 'milk' is nan; write a positive number"),
         ("name,mass\nmilk,0\n", "the mass of 'milk' is 0"),
         ("name,mass\nmilk,1,2\n", "line 2 has 3 columns; write a name and a mass"),
-        ("name,mass\nmilk\n", "line 2 has 1 columns"),
+        ("name,mass\nmilk\n", "line 2 has 1 column;"),
         ("milk,1.0\n", "must begin with the line 'name,mass'; masses are in kilograms"),
         ("name,grams\nmilk,1030\n", "must begin with the line 'name,mass'"),
         ("", "must begin with the line 'name,mass'"),
-        (b"name,mass\nmilk,\xff\n", "no CSV file in UTF-8"),
-        ('name,mass\n"milk,1\n', "no CSV file in UTF-8"),
+        (b"name,mass\nmilk,\xff\n", "is not a UTF-8 CSV file"),
+        ('name,mass\n"milk,1\n', "is not a UTF-8 CSV file"),
     ],
 )  # fmt: skip
 def test_wrong_tables_are_named(folder: Path, table: str | bytes, complaint: str) -> None:

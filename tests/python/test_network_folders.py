@@ -71,7 +71,7 @@ def test_results_do_not_depend_on_how_many_act_at_once(tiny: Path) -> None:
     ("given", "message"),
     [
         ({"env_id": "graspbox/GraspPose-v0"}, "acts in 'graspbox/Grasp-v0', not in 'graspbox/GraspPose-v0'"),
-        ({"hand": "soft_hand", "obs": "proprio"}, "knows the hand 'reflex', not 'soft_hand'"),
+        ({"hand": "soft_hand", "obs": "proprio"}, "was trained for the hand 'reflex', not 'soft_hand'"),
         ({"frame_skip": 1}, "needs frame_skip=4; the environments have frame_skip=1"),
         ({"control": "delta_pose"}, "needs control='twist'; the environments have control='delta_pose'"),
         ({"obs": "state"}, r"needs obs=\('proprio', 'tactile'\)"),

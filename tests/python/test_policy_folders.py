@@ -143,7 +143,7 @@ def linked(name: str, target: str) -> Spoil:
     return apply
 
 
-#: Values that are no JSON object.
+#: Values other than JSON objects.
 _NO_OBJECTS: tuple[Any, ...] = (None, 3, [])
 #: What is spoilt: the kind of the policy, how, and what the error says beside the name of the file.
 SPOILT: list[tuple[str, Spoil, str]] = [
@@ -158,11 +158,11 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     ("depth", put("kind", ["depth"]), r"kind is \['depth'\]; this version"),
     ("depth", put("kind", "head"), "(head is missing|no field depth)"),
     ("depth", without("kind"), "kind is None"),
-    ("depth", rewritten("{"), "is no JSON"),
-    ("depth", rewritten("[" * 100_000), "is no JSON: recursion limit"),
+    ("depth", rewritten("{"), "is not valid JSON"),
+    ("depth", rewritten("[" * 100_000), "is not valid JSON: recursion limit"),
     ("depth", rewritten("[]"), "format is missing"),
-    ("depth", rewritten('{"format": 2, "kind": "\\ud800"}'), "is no JSON"),
-    ("depth", lambda folder: (folder / "config.json").write_bytes(b"\xff\xfe"), "is no JSON"),
+    ("depth", rewritten('{"format": 2, "kind": "\\ud800"}'), "is not valid JSON"),
+    ("depth", lambda folder: (folder / "config.json").write_bytes(b"\xff\xfe"), "is not valid JSON"),
     ("depth", lambda folder: (folder / "config.json").write_bytes(b" " * (1 << 21)), "cannot be read: it is larger"),
     ("depth", lambda folder: (folder / "config.json").unlink(), "there is no config.json in"),
     # Fields of every policy.
@@ -190,8 +190,8 @@ SPOILT: list[tuple[str, Spoil, str]] = [
         "uses has depth; a policy like this uses no policy",
     ),
     ("feel", put("uses", {}), "uses has no policy; a policy like this uses depth"),
-    ("feel", put("uses.depth.policy", "nowhere"), "uses.depth.policy is 'nowhere', but .* holds no policy"),
-    ("feel", put("uses.depth.sha256", "0" * 64), "uses.depth.policy is 'chooser', but .* another one than that"),
+    ("feel", put("uses.depth.policy", "nowhere"), "uses.depth.policy is 'nowhere', but .* is missing, or differs from"),
+    ("feel", put("uses.depth.sha256", "0" * 64), "uses.depth.policy is 'chooser', but .* differs from the policy"),
     ("feel", put("hand", "panda_gripper"), "hand is 'panda_gripper', but the policy of uses.depth, .* hand 'reflex'"),
     ("feel", put("uses.depth.sha256", "0"), "uses.depth.sha256 is '0'; give a SHA-256"),
     ("feel", put("uses.depth.policy", "hf://nobody"), "the policy is 'hf://nobody'; give hf://owner/name"),
@@ -240,7 +240,7 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     ("depth", put("depth.finder.proposals.standoffs", [0.01] * 101), r"`len\(standoffs\)` is 101"),
     ("depth", put("depth.finder.proposals.standoffs", ["a"]), "standoffs.0 is 'a' .*give a valid number"),
     ("depth", put("depth.crop.side", 1e308), "`side` is 1e308, but it must be between"),
-    ("depth", put("depth.crop.side", float("inf")), "(is no JSON|finite)"),
+    ("depth", put("depth.crop.side", float("inf")), "(is not valid JSON|finite)"),
     ("depth", put("depth.crop.resolution", 10_000), "`resolution` is 10000"),
     ("depth", put("depth.grid.cell", 0.0), "`cell` is 0, but it must be between"),
     ("head", put("head.head.kind", "set"), "head.kind is 'set'; heads of the kind 'anchor' alone"),
@@ -423,7 +423,7 @@ def test_a_file_that_is_no_network_is_refused(tmp_path: Path) -> None:
     tiny_policy.make(tmp_path)
     (tmp_path / "scorer.onnx").write_bytes(b"no network")
     tiny_policy.save_again(tmp_path)
-    with pytest.raises(errors.ConfigError, match="no network that onnxruntime reads"):
+    with pytest.raises(errors.ConfigError, match="cannot be read by onnxruntime"):
         evaluation.evaluate(str(tmp_path), objects="procedural:can:0", trials=1)
 
 
@@ -435,7 +435,7 @@ def test_without_a_package_the_extra_is_named(tiny: Path, package: str, monkeypa
 
 
 def test_another_hand_and_another_backend_are_refused(tiny: Path, tmp_path: Path) -> None:
-    with pytest.raises(errors.ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
+    with pytest.raises(errors.ConfigError, match="was trained for the hand 'reflex', not 'panda_gripper'"):
         evaluation.evaluate(str(tiny), objects="procedural:can:0", trials=1, hand="panda_gripper")
     with pytest.raises(errors.ConfigError, match="no backend 'jax'"):
         DepthGrasp(tiny, backend="jax")  # type: ignore[arg-type]

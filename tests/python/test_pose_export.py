@@ -71,7 +71,7 @@ def test_a_published_network_acts_as_the_trained_one(tmp_path: Path, network: st
     np.testing.assert_allclose(acted[2], acted[1], atol=1e-4)
     assert np.abs(acted[0]).max() > 0.1
     envs.close()
-    with pytest.raises(errors.ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
+    with pytest.raises(errors.ConfigError, match="was trained for the hand 'reflex', not 'panda_gripper'"):
         evaluation.evaluate(policy, objects=OBJECTS, trials=1, hand="panda_gripper")
     with pytest.raises(errors.ConfigError, match="acts in graspbox/GraspPose-v0, not in 'graspbox/Grasp-v0'"):
         evaluation.evaluate(policy, "graspbox/Grasp-v0", objects=OBJECTS, trials=1)
@@ -103,7 +103,7 @@ def test_what_cannot_be_published_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "x").exists()
     with torch.no_grad():
         small.network.layers[-1].weight.fill_(float("nan"))
-    with pytest.raises(errors.ConfigError, match=r"pose\.onnx gives 'poses' with numbers that are not finite"):
+    with pytest.raises(errors.ConfigError, match=r"pose\.onnx output 'poses' is not finite"):
         export.export_pose_model(tmp_path / "y", "study", small, seen("ternary", 2), learned_from=[])
 
 

@@ -31,7 +31,7 @@ def urls() -> Iterator[Urls]:
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1:5055", "127.0.0.1:5055", "ws://", "", "ws://127.0.0.1:99999"])
 def test_what_is_no_address(url: str) -> None:
-    with pytest.raises(errors.ConfigError, match=f'"{url}" is no address of a server'):
+    with pytest.raises(errors.ConfigError, match=f'"{url}" is not a server address'):
         make(1, remote=url)
 
 

@@ -83,7 +83,7 @@ def test_rows_continue_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
 def test_a_file_that_holds_no_rows_is_left_alone(tmp_path: Path, content: str) -> None:
     path = tmp_path / "precious.txt"
     path.write_text(content)
-    with pytest.raises(ConfigError, match="holds no rows of a run"):
+    with pytest.raises(ConfigError, match="has no rows of a run"):
         Rows(path)
     assert path.read_text() == content
 

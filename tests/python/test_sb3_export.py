@@ -267,7 +267,7 @@ def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp
     assert export.load_graph(tmp_path / "policies/clone").inputs == names
     config = json.loads((base / "config.json").read_text())
     (base / "config.json").write_text(json.dumps({**config, "name": "other"}))
-    with pytest.raises(errors.ConfigError, match=r"uses\.goal\.policy is '\.\./head', but .* another one than that"):
+    with pytest.raises(errors.ConfigError, match=r"uses\.goal\.policy is '\.\./head', but .* differs from the policy"):
         policies.load(str(tmp_path / "policies/clone"))
 
 

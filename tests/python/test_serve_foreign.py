@@ -35,7 +35,7 @@ def test_a_server_of_environments_is_no_server_of_a_policy() -> None:
 def test_a_server_of_a_policy_is_no_server_of_environments() -> None:
     with (
         PolicyServer("random", PolicyServerSettings(port=0)) as server,
-        pytest.raises(ConfigError, match="is no server of environments; start one with 'graspbox serve'"),
+        pytest.raises(ConfigError, match="is not an environment server; start one with 'graspbox serve'"),
     ):
         make(1, remote=server.url)
 
@@ -126,9 +126,9 @@ def test_confidences_that_are_none(more: dict[str, Any], sentence: str, ours: bo
 
 
 FIRST: list[tuple[tuple[bytes, ...], str]] = [
-    ((packed([1, 2]),), "is no server of environments"),
-    ((packed("hello"),), "is no server of environments"),
-    ((packed({}),), "is no server of environments"),
+    ((packed([1, 2]),), "is not an environment server"),
+    ((packed("hello"),), "is not an environment server"),
+    ((packed({}),), "is not an environment server"),
     ((packed({"protocol": "graspbox"}),), "speaks version None of the protocol"),
     ((packed({**HELLO, "protocol_version": 2}),), r"version 2 of the protocol \(graspbox 0.1.0\)"),
     ((packed({**HELLO, "limits": None}),), "has no limits"),
@@ -137,7 +137,7 @@ FIRST: list[tuple[tuple[bytes, ...], str]] = [
     ((text("go away"),), "does not speak this protocol: go away"),
     ((packed(HELLO), packed({"id": 1})), "describes its environments without autoreset"),
     ((packed(HELLO), packed({"id": 1, "description": {"autoreset": "disabled"}})), "without has_files"),
-    ((packed(HELLO), packed({"id": 1, "error": 5})), "an error that is none"),
+    ((packed(HELLO), packed({"id": 1, "error": 5})), "reports an invalid error"),
     ((packed(HELLO), packed({"id": 1, "error": {"type": "Strange", "message": "x"}})), "of the kind 'Strange': x"),
     ((packed(HELLO), frame(b"\xc1", mask=False)), "does not speak this protocol"),
     ((packed(HELLO), close_frame(4000, "too old")), "is over: too old"),

@@ -115,7 +115,7 @@ def test_json_says_the_same(server: PolicyServer, request_of_can: dict[str, Any]
         ({"depth": np.full((40, 40), 700.0)}, "millimetres"),
         ({"intrinsics": np.eye(4)}, "intrinsics has shape"),
         ({"intrinsics": np.full((3, 3), np.nan)}, "intrinsics holds nan; give finite numbers of shape (3, 3)"),
-        ({"camera_pose": np.diag([2.0, 1.0, 1.0, 1.0])}, "camera_pose is no rigid motion"),
+        ({"camera_pose": np.diag([2.0, 1.0, 1.0, 1.0])}, "camera_pose is not a rigid motion"),
         ({"camera_pose": np.diag([1.0, 1.0, 1.0, 1.0])}, "camera_pose places the camera at the height"),
         ({"region": [1e300, 0, 5, 5]}, "region is [1e+300, 0, 5, 5] (list); give the pixels left, top"),
         ({"region": [0.5, 0, 5, 5]}, "region is [0.5, 0, 5, 5] (list); give the pixels left, top"),
@@ -267,7 +267,7 @@ def test_no_error_tells_a_path_of_the_server(tmp_path: Path) -> None:
     tiny_policy.give_nan(tmp_path, "policy", "action", computed=True)
     with PolicyServer(tmp_path, SETTINGS) as running:
         answer = asked(running, {name: np.zeros(size, np.float32) for name, size in tiny_policy.SEEN.items()})
-    assert answer.startswith("tiny/policy.onnx gives 'action' with numbers that are not finite")
+    assert answer.startswith("tiny/policy.onnx output 'action' is not finite")
     assert str(tmp_path) not in answer
 
 
@@ -312,7 +312,7 @@ def test_connections_share_networks_and_nothing_else(folder: Path, monkeypatch: 
 
 def test_a_hand_that_the_policy_on_a_server_does_not_know(server: PolicyServer) -> None:
     policy = RemotePolicy(server.url)
-    with pytest.raises(ConfigError, match="knows the hand 'reflex', not 'panda_gripper'"):
+    with pytest.raises(ConfigError, match="was trained for the hand 'reflex', not 'panda_gripper'"):
         graspbox.evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
 
 

@@ -60,14 +60,14 @@ def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
     from graspbox.artifacts.onnx_files import PARITY
     from graspbox.artifacts.runtimes import load_stability
     from graspbox.models.stability.network import StabilityGraph, StabilityNet
-    from graspbox.recipes.stability_trials import FeltTrials
+    from graspbox.recipes.stability_trials import StabilityTrials
     from graspbox.training.trainer import load_weights
 
     folder = trained / "policy"
     config = load(folder, FeelPolicyConfig)
     assert config.threshold == json.loads((trained / "threshold.json").read_text())["threshold"]
-    parts = [FeltTrials.load(path) for path in sorted((trained / "record-train").glob("*.npz"))]
-    trials = FeltTrials.joined(parts)
+    parts = [StabilityTrials.load(path) for path in sorted((trained / "record-train").glob("*.npz"))]
+    trials = StabilityTrials.joined(parts)
     nets = [StabilityNet(trials.felt.shape[1], config.width) for _ in range(config.members)]
     for number, net in enumerate(nets):
         load_weights(net, trained / f"member-{number}" / "weights.pt")
@@ -84,9 +84,9 @@ def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
 
 def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
     """The recording looks and tries in other environments, from another start; its first grasps are the policy's."""
-    from graspbox.recipes.stability_trials import FeltTrials
+    from graspbox.recipes.stability_trials import StabilityTrials
 
-    trials = FeltTrials.load(trained / "record-train" / "0000000.npz")
+    trials = StabilityTrials.load(trained / "record-train" / "0000000.npz")
     policy = FeelThenLift(trained / "policy", threshold=0.0)
     found = evaluation.evaluate(
         policy, "graspbox/Grasp-v0", "procedural:can:10-19", trials=8, seed=0, include_learned=True, num_envs=8

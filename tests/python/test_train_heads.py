@@ -51,7 +51,7 @@ def test_it_trains_measures_and_resumes(data: Path, tmp_path: Path, capsys: pyte
         train("head", [*given, "leg"])
     with pytest.raises(ConfigError, match="seed was 0, is now 1"):
         train("head", [*given, "set", "--seed", "1"])
-    with pytest.raises(ConfigError, match="is of the hand 'reflex'; give --hand reflex"):
+    with pytest.raises(ConfigError, match="was generated with the hand 'reflex'; give --hand reflex"):
         train("head", [*given, "set", "--hand", "soft_hand"])
 
 

@@ -171,7 +171,7 @@ def test_wrong_arguments_are_named(
         (("--set", "gamma"), "--set 'gamma' names no parameter"),
         (("--set", "model.gamma.x=1"), "names no parameter"),
         (("--set", "colour=1"), "parameters are steps, num_envs"),
-        (("--set", "env.obs=[proprio"), "has a value that is no YAML"),
+        (("--set", "env.obs=[proprio"), "has a value that is not valid YAML"),
     ],
 )
 def test_parameters_that_do_not_exist_are_named(words: tuple[str, ...], message: str) -> None:

@@ -119,5 +119,5 @@ def test_constants_take_half_the_space_where_that_is_exact(tmp_path: Path) -> No
 def test_a_file_without_weights_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "net.safetensors"
     path.write_bytes(content)
-    with pytest.raises(errors.ConfigError, match=r"net\.safetensors holds no weights"):
+    with pytest.raises(errors.ConfigError, match=r"net\.safetensors is not a weights file"):
         restore_weights(CompletionNet(4), path)

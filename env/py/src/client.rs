@@ -1,4 +1,4 @@
-//! `graspbox._core.Client`: a session on a server; `PolicyClient`: a connection to a server of a policy.
+//! `graspbox._core.Client`: a session on a server; `PolicyClient`: a connection to a policy server.
 
 use crate::errors::CoreError;
 use crate::frames::{to_python, write};
@@ -22,11 +22,11 @@ impl From<ClientError> for CoreError {
     }
 }
 
-/// A session on a server; concurrent calls run one after the other.
+/// A session on a server; concurrent calls run one at a time.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct Client {
     core: Mutex<Core>,
-    /// Shared memory of the server, once it is opened.
+    /// Shared memory of the server, once opened.
     segment: OnceLock<File>,
 }
 
@@ -83,7 +83,7 @@ impl Client {
         to_python(py, &value, self.segment.get()).map(Some)
     }
 
-    /// Opens the shared memory that the server named.
+    /// Opens the shared memory named by the server.
     fn open_segment(&self, name: &str) -> PyResult<()> {
         let opened = segment::open(name).map_err(|error| {
             CoreError::Config(format!(
@@ -109,7 +109,7 @@ impl Client {
 }
 
 impl Client {
-    /// The error of a frame that is none of this protocol.
+    /// The error of a frame outside the protocol.
     fn foreign(&self, error: &CodecError) -> CoreError {
         ClientError::Protocol { url: self.lock().url().to_owned(), why: error.to_string() }.into()
     }
@@ -119,7 +119,7 @@ impl Client {
     }
 }
 
-/// A connection to a server of a policy, which speaks openpi's protocol.
+/// A connection to a policy server, which speaks openpi's protocol.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct PolicyClient {
     socket: Mutex<Socket>,

@@ -1,4 +1,4 @@
-//! `graspbox._core.PolicyServer`: a server of a policy.
+//! `graspbox._core.PolicyServer`: a policy server.
 
 use crate::convert::config;
 use crate::errors::CoreError;
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 /// Time between two checks for signals.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// A running server of a policy; `next_jobs` returns its requests.
+/// A running policy server; `next_jobs` returns its requests.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct PolicyServer(Core);
 
@@ -47,7 +47,7 @@ impl PolicyServer {
         }
     }
 
-    /// Numbers of the connections that ended since the last call.
+    /// Numbers of the connections ended since the last call.
     fn gone(&self) -> Vec<u64> {
         self.0.gone()
     }
@@ -62,18 +62,18 @@ impl PolicyServer {
         self.0.metrics()
     }
 
-    /// No connection begins any more, and no request of HTTP.
+    /// Refuses new connections and HTTP requests.
     fn drain(&self) {
         self.0.drain();
     }
 
-    /// True while a request has come in whose answer has not been written.
+    /// True while an answer to a request has not been written.
     #[getter]
     fn busy(&self) -> bool {
         self.0.is_busy()
     }
 
-    /// Ends all connections, also those that wait for an answer.
+    /// Ends all connections, also those waiting for an answer.
     fn stop(&self, py: Python<'_>) {
         py.detach(|| self.0.stop());
         crate::log::emit(py);

@@ -1,4 +1,4 @@
-//! `graspbox._core.Server`: a server of environments.
+//! `graspbox._core.Server`: an environment server.
 
 use crate::convert::config;
 use crate::env_pool::EnvPool;
@@ -52,7 +52,7 @@ pub struct Server(Core);
 
 #[pymethods]
 impl Server {
-    /// Starts a server; `settings` and `offer` (contents of the first frame beside protocol and limits) are JSON.
+    /// Starts a server; `settings` and `offer` (contents of the first frame besides protocol and limits) are JSON.
     #[new]
     fn new(py: Python<'_>, settings: &str, offer: &str) -> PyResult<Self> {
         let config: ServerConfig = config(settings, "ServerConfig")?;
@@ -90,13 +90,13 @@ impl Server {
         self.0.drain();
     }
 
-    /// True while commands run or wait, environments are on their way, or answers have not been written.
+    /// True while commands run or wait, steps are pending, or answers have not been written.
     #[getter]
     fn busy(&self) -> bool {
         self.0.is_busy()
     }
 
-    /// Ends all sessions, also those that are busy.
+    /// Ends all sessions, also busy ones.
     fn stop(&self, py: Python<'_>) {
         py.detach(|| self.0.stop());
         crate::log::emit(py);

@@ -10,18 +10,18 @@ use graspbox_agent::{Batch, EnvSpec};
 use graspbox_vision::{ImageTable, Pixels};
 use std::sync::Arc;
 
-/// Bytes of a frame beside its arrays.
+/// Bytes of a frame without its arrays.
 const HEAD: usize = 4096;
 
 /// How results are written.
 pub struct Layout<'a> {
-    /// What the environments share.
+    /// Properties shared by the environments.
     pub spec: &'a EnvSpec,
     /// Weights of the reward terms.
     pub weights: &'a [f64],
     /// Depth images as uint16 millimetres.
     pub millimetres: bool,
-    /// Where large arrays go instead of the frame.
+    /// Destination of large arrays, instead of the frame.
     pub segment: Option<Arc<Segment>>,
 }
 
@@ -34,7 +34,7 @@ pub fn begin(id: u64, entries: usize, bytes: usize) -> Encoder {
     frame
 }
 
-/// The answer that tells of an error; `id` is that of the command, where it had one.
+/// The answer with an error; `id` is that of the command, if it had one.
 pub fn error(id: Option<u64>, fault: &Fault) -> Vec<u8> {
     let mut frame = Encoder::default();
     frame.map(2);
@@ -53,7 +53,7 @@ pub fn error(id: Option<u64>, fault: &Fault) -> Vec<u8> {
     frame.into_bytes()
 }
 
-/// The answer of a step: every row, and the ends of episodes that began anew in it.
+/// The answer of a step: every row, and the final rows of episodes that ended in it.
 pub fn stepped(id: u64, layout: &Layout<'_>, stepped: &Stepped) -> Vec<u8> {
     let last = (!stepped.last.is_empty()).then_some(&stepped.last);
     let mut frame = rows(id, layout, 1 + usize::from(last.is_some()), size(&stepped.now) + last.map_or(0, size));
@@ -96,7 +96,7 @@ fn size(batch: &Batch) -> usize {
     images.chain(vectors).sum::<usize>() + batch.len() * (4 * TERM_COUNT + 8 * INFO.len() + 32)
 }
 
-/// Bytes of the arrays of `rows` rows, for a bound before anything is made.
+/// Bytes of the arrays of `rows` rows, a bound before allocation.
 pub fn row_bytes(spec: &EnvSpec) -> usize {
     let images = spec.observer.tables().iter().map(|table| {
         let entries: usize = table.shape.iter().product();
@@ -150,7 +150,7 @@ fn image(frame: &mut Encoder, layout: &Layout<'_>, table: &ImageTable, pixels: &
     match pixels {
         Pixels::Bytes(values) => frame.array(values, &shape),
         Pixels::Floats(values) if layout.millimetres && table.kind == "depth" => {
-            // Beyond 65.535 m is as far as it goes; 0 stays 0, which stands for nothing.
+            // Saturates at 65.535 m; 0 stays 0, which means no measurement.
             let millimetres: Vec<u16> = values.iter().map(|depth| (depth * 1000.0 + 0.5) as u16).collect();
             frame.array(&millimetres, &shape);
         }

@@ -1,4 +1,4 @@
-//! A client of environments: numbers commands, waits for answers, and takes up its session again when the connection was lost.
+//! A client of environments: numbers commands, waits for answers, and resumes its session after a lost connection.
 
 use crate::client_socket::{ClientError, ClientOptions, Incoming, PATIENCE, Socket};
 use crate::decode::{decode, leading_id};
@@ -8,7 +8,7 @@ use bytes::Bytes;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
-/// What the server told of the session, for taking it up again.
+/// The server's description of the session, for resuming it.
 #[derive(Clone, Copy, Debug)]
 struct Ticket {
     session: u64,
@@ -19,12 +19,12 @@ struct Ticket {
 pub struct Client {
     url: String,
     options: ClientOptions,
-    /// How long to try to reach the server again after the connection was lost.
+    /// Time for which to reconnect after the connection was lost.
     grace: Duration,
     socket: Option<Socket>,
     /// The first frame of the server.
     hello: Bytes,
-    /// Largest frame that the server reads, bytes.
+    /// Largest frame accepted by the server, bytes.
     max_message: usize,
     next: u64,
     seen: u64,
@@ -32,10 +32,10 @@ pub struct Client {
     /// Number of the command whose answer holds the ticket.
     making: Option<u64>,
     lost: Option<Instant>,
-    /// Commands that may have to be sent again.
+    /// Commands that may have to be resent.
     unanswered: VecDeque<(u64, Bytes)>,
     answers: BTreeMap<u64, Bytes>,
-    /// Answers that nobody waits for any more.
+    /// Commands whose answers are discarded.
     unwanted: Vec<u64>,
     process: u32,
 }
@@ -43,10 +43,10 @@ pub struct Client {
 impl Client {
     /// Connects, and reads the first frame of the server.
     ///
-    /// * `grace`: how long to take up the session again after a lost connection; zero: not at all.
+    /// * `grace`: time for which to resume the session after a lost connection; zero: not at all.
     ///
     /// # Errors
-    /// As [`Socket::open`], or a server that does not begin with a frame.
+    /// As [`Socket::open`], or a server whose first message is not a frame.
     pub fn connect(url: &str, options: ClientOptions, grace: Duration) -> Result<Self, ClientError> {
         let (socket, hello) = greet(url, &options)?;
         let max_message = max_message(&hello);
@@ -84,7 +84,7 @@ impl Client {
     /// * `fields`: number of fields that `write` appends, key and value each.
     ///
     /// # Errors
-    /// [`ClientError::TooLarge`] for a frame that the server would not read, and nothing is sent; or a lost connection whose session cannot be
+    /// [`ClientError::TooLarge`] for a frame above the server's limit, and nothing is sent; or a lost connection whose session cannot be
     /// resumed.
     pub fn submit(
         &mut self,
@@ -119,7 +119,7 @@ impl Client {
                     self.lose(error)?;
                 }
             }
-            // The command is sent when the connection is there again.
+            // The command is sent after reconnection.
             None if !self.grace.is_zero() => {}
             None => return Err(self.closed()),
         }
@@ -129,7 +129,7 @@ impl Client {
     /// The answer to command `id`; none within [`PATIENCE`].
     ///
     /// # Errors
-    /// A connection that broke off, where the session cannot be taken up again within its grace.
+    /// A broken connection whose session cannot be resumed within its grace.
     pub fn poll(&mut self, id: u64) -> Result<Option<Bytes>, ClientError> {
         if let Some(answer) = self.answers.remove(&id) {
             return Ok(Some(answer));
@@ -157,14 +157,14 @@ impl Client {
         }
     }
 
-    /// Nobody waits for the answer to command `id` any more.
+    /// Discards the answer to command `id`.
     pub fn forget(&mut self, id: u64) {
         if self.answers.remove(&id).is_none() {
             self.unwanted.push(id);
         }
     }
 
-    /// Breaks the connection off, as a network would: for tests of taking a session up again.
+    /// Breaks the connection, as a network failure would: for tests of resuming a session.
     pub fn break_off(&mut self) {
         self.socket = None;
         self.lost.get_or_insert_with(Instant::now);
@@ -215,7 +215,7 @@ impl Client {
         Ok(())
     }
 
-    /// Tries once to take up the session.
+    /// Tries once to resume the session.
     fn reconnect(&mut self) -> Result<(), ClientError> {
         let Some(ticket) = self.ticket else {
             return Err(self.closed());
@@ -223,7 +223,7 @@ impl Client {
         let since = *self.lost.get_or_insert_with(Instant::now);
         match self.resume(ticket) {
             Ok(()) => {
-                // Commands that are sent again may break the connection again; only their answers show that it holds.
+                // Resent commands may break the connection again; only their answers show that it holds.
                 if self.unanswered.is_empty() {
                     self.lost = None;
                 }
@@ -245,7 +245,7 @@ impl Client {
         let mut frame = Encoder::default();
         frame.map(5);
         frame.text("id");
-        // Numbers of commands begin with 1, so no answer is taken for that of another command.
+        // Numbers of commands begin with 1, so answers cannot be confused.
         frame.unsigned(0);
         frame.text("command");
         frame.text("resume");
@@ -279,7 +279,7 @@ impl Client {
 }
 
 impl Drop for Client {
-    /// Ends the session, so that its environments do not wait for a client that is gone. A forked process leaves that to its parent.
+    /// Ends the session, so that its environments do not wait for an absent client. A forked process leaves this to its parent.
     fn drop(&mut self) {
         if self.ticket.is_some() && std::process::id() == self.process {
             drop(self.submit("close", 0, |_| ()));
@@ -297,7 +297,7 @@ pub fn greet(url: &str, options: &ClientOptions) -> Result<(Socket, Bytes), Clie
     Ok((socket, hello))
 }
 
-/// Largest frame that a server reads, as its first frame says; unlimited if it does not.
+/// Largest frame accepted by a server, from its first frame; unlimited if that has none.
 fn max_message(hello: &[u8]) -> usize {
     let Ok(value) = decode(hello) else {
         return usize::MAX;

@@ -19,15 +19,15 @@ use tungstenite::{Error, Message, WebSocket};
 
 /// Longest wait of one call.
 pub const PATIENCE: Duration = Duration::from_millis(100);
-/// Time for which a client looks for an answer before it sleeps: to be woken on another core takes longer than a short call itself.
+/// Time for which a client polls for an answer before it sleeps: waking on another core takes longer than a short call.
 const SPIN: Duration = Duration::from_micros(50);
-/// Waits of [`PATIENCE`] after which a server that pings every 20 s is taken for lost: a minute.
+/// Waits of [`PATIENCE`] after which a server that pings every 20 s counts as lost: a minute.
 const SILENT: u32 = 600;
-/// Calls after a long one for which a client sleeps at once.
+/// Calls after a long one for which a client does not poll.
 const PATIENT: u32 = 15;
-/// Longest time for a handshake.
+/// Timeout of a handshake.
 const HANDSHAKE: Duration = Duration::from_secs(10);
-/// Largest message that is read, bytes.
+/// Largest accepted message, bytes.
 const MAX_MESSAGE: usize = 1 << 30;
 
 /// How to reach a server.
@@ -35,31 +35,31 @@ const MAX_MESSAGE: usize = 1 << 30;
 pub struct ClientOptions {
     /// The token of the server.
     pub token: Option<String>,
-    /// Certificates to trust beside those of the public authorities, a PEM file.
+    /// Certificates to trust besides those of the public authorities, a PEM file.
     pub ca: Option<String>,
 }
 
-/// A server that cannot be reached, or what it said instead of an answer.
+/// A server that cannot be reached, or that does not answer the command.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClientError {
-    /// An address that is none.
-    #[error("{url:?} is no address of a server: {why}; write ws://HOST:PORT or wss://HOST:PORT")]
+    /// An invalid address.
+    #[error("{url:?} is not a server address: {why}; write ws://HOST:PORT or wss://HOST:PORT")]
     Url {
-        /// What was given.
+        /// The given address.
         url: String,
-        /// What is wrong.
+        /// The reason.
         why: String,
     },
-    /// Nobody answers, or the connection broke off.
+    /// The server does not answer, or the connection broke.
     #[error("the server {url} cannot be reached: {why}")]
     Unreachable {
         /// Its address.
         url: String,
-        /// What the system said.
+        /// The system's error.
         why: String,
     },
-    /// The server does not let this client in.
+    /// The server refuses this client.
     #[error("the server {url} refuses the connection ({status}): {why}")]
     Refused {
         /// Its address.
@@ -72,15 +72,15 @@ pub enum ClientError {
     /// The certificates to trust cannot be used.
     #[error(transparent)]
     Certificates(#[from] PemError),
-    /// A certificate that is not trusted.
+    /// An untrusted certificate.
     #[error("the certificate of {url} is not accepted: {why}")]
     Untrusted {
         /// The address of the server.
         url: String,
-        /// What is wrong, and the remedy.
+        /// The problem, and the remedy.
         why: String,
     },
-    /// A token that no server has.
+    /// A token that does not fit a header.
     #[error("the token for {url} has characters that no header can hold; it must be printable ASCII, on one line")]
     Token {
         /// The address of the server.
@@ -98,12 +98,12 @@ pub enum ClientError {
         /// Largest frame that the server reads.
         most: usize,
     },
-    /// An answer that is none.
+    /// An invalid answer.
     #[error("the server {url} does not speak this protocol: {why}")]
     Protocol {
         /// Its address.
         url: String,
-        /// What came.
+        /// The received message.
         why: String,
     },
     /// The server ended the session, or forgot it.
@@ -146,23 +146,23 @@ impl Write for Stream {
     }
 }
 
-/// What came in.
+/// A received message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Incoming {
     /// A frame.
     Frame(Bytes),
-    /// Text: of a policy server, an error.
+    /// Text: an error of a policy server.
     Text(String),
 }
 
 /// An open WebSocket.
 pub struct Socket {
     socket: WebSocket<Stream>,
-    /// Calls for which it sleeps at once, since an answer took too long to look for it.
+    /// Calls without polling, since an answer took too long.
     patient: u32,
-    /// Waits after each other in which nothing came, not even a ping.
+    /// Consecutive waits without any message, not even a ping.
     quiet: u32,
-    /// The same connection, to choose between looking and sleeping.
+    /// The same connection, to switch between polling and sleeping.
     control: TcpStream,
     url: String,
 }
@@ -171,7 +171,7 @@ impl Socket {
     /// Connects.
     ///
     /// # Errors
-    /// An address that is none, a server that cannot be reached or refuses, or certificates that cannot be read.
+    /// An invalid address, a server that cannot be reached or refuses, or unreadable certificates.
     pub fn open(url: &str, options: &ClientOptions) -> Result<Self, ClientError> {
         let bad = |why: &str| ClientError::Url { url: url.to_owned(), why: why.to_owned() };
         let uri: Uri = url.parse().map_err(|error| bad(&format!("{error}")))?;
@@ -191,7 +191,7 @@ impl Socket {
         if let Some(token) = &options.token {
             let wrong = || ClientError::Token { url: url.to_owned() };
             let value = HeaderValue::from_str(&format!("Bearer {token}")).ok();
-            // A header may hold other bytes than ASCII, but a server of ours has no such token.
+            // A header may have bytes outside ASCII, but no graspbox server has such a token.
             let value = value.filter(|value| value.to_str().is_ok()).ok_or_else(wrong)?;
             request.headers_mut().insert(AUTHORIZATION, value);
         }
@@ -218,7 +218,7 @@ impl Socket {
         ClientError::Unreachable { url: self.url.clone(), why: error.to_string() }
     }
 
-    /// True if nothing came for so long, although it was waited for, that a server that pings must be gone.
+    /// True if no message came for so long that a server that pings must be lost.
     pub fn is_silent(&self) -> bool {
         self.quiet >= SILENT
     }
@@ -226,15 +226,15 @@ impl Socket {
     /// Sends a frame.
     ///
     /// # Errors
-    /// A connection that broke off.
+    /// A broken connection.
     pub fn send(&mut self, frame: Bytes) -> Result<(), ClientError> {
         self.socket.send(Message::Binary(frame)).map_err(|error| self.lost(&error))
     }
 
-    /// The next that comes in; none within [`PATIENCE`].
+    /// The next message; none if none comes within [`PATIENCE`].
     ///
     /// # Errors
-    /// A connection that broke off or was closed, where the error says why.
+    /// A broken or closed connection; the error has the reason.
     pub fn receive(&mut self) -> Result<Option<Incoming>, ClientError> {
         let failed = |url: &str, why: io::Error| ClientError::Unreachable { url: url.to_owned(), why: why.to_string() };
         if self.patient > 0 {
@@ -260,7 +260,7 @@ impl Socket {
         found
     }
 
-    /// What it means that the other side closes: the end of the session, where the server says so; a proxy that goes away ends none.
+    /// Meaning of a close frame: the end of the session if the server says so; the close of a proxy does not end it.
     fn closed(&self, frame: Option<CloseFrame>) -> ClientError {
         let url = self.url.clone();
         match frame {
@@ -278,7 +278,7 @@ impl Socket {
         }
     }
 
-    /// The next that comes in; none where reading would wait for too long.
+    /// The next message; none if reading times out.
     fn next(&mut self) -> Result<Option<Incoming>, ClientError> {
         loop {
             let read = self.socket.read();
@@ -357,7 +357,7 @@ fn refusal(url: &str, error: Error) -> ClientError {
             }
             _ => unreachable(&error.to_string()),
         },
-        // A server with TLS answers plain text with an alert, which is no HTTP.
+        // A server with TLS answers plain text with an alert, which is not HTTP.
         Error::Protocol(ProtocolError::HttparseError(_)) => {
             unreachable("it does not answer with HTTP; try wss:// instead of ws://")
         }
@@ -365,7 +365,7 @@ fn refusal(url: &str, error: Error) -> ClientError {
     }
 }
 
-/// Describes a certificate that is not trusted, and the remedy.
+/// Describes an untrusted certificate, and the remedy.
 fn untrusted(why: &CertificateError) -> String {
     match why {
         CertificateError::UnknownIssuer => "its issuer is unknown; give the issuer's certificate as ca_file".to_owned(),

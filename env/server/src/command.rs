@@ -6,18 +6,18 @@ use crate::value::Value;
 use graspbox_agent::ResetOptions;
 use graspbox_agent::json::{config, config_of};
 
-/// Requests of a client for its session, beside the environments themselves.
+/// Session options of a client.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Asked {
     /// Number of environments.
     pub num_envs: usize,
     /// Depth images as uint16 millimetres.
     pub millimetres: bool,
-    /// Number that the first environment has for the client, in errors.
+    /// The client's number of the first environment, for errors.
     pub first: usize,
-    /// Large arrays through shared memory.
+    /// Send large arrays through shared memory.
     pub shm: bool,
-    /// How long the session waits for a lost connection, seconds.
+    /// Time for which the session waits for a lost connection, seconds.
     pub grace: f64,
 }
 
@@ -27,7 +27,7 @@ const COMMON: [&str; 4] = ["id", "command", "seen", "shm"];
 /// Reads the fields of a command.
 type Parse = fn(&Fields<'_, '_>) -> Result<Command, Fault>;
 
-/// Every command: its name, its fields, and how they are read.
+/// Every command: its name, its fields, and their reader.
 pub const COMMANDS: &[(&str, &[&str], Parse)] = &[
     (
         "make",
@@ -79,14 +79,14 @@ pub enum Command {
     Make {
         /// The whole request, for Python.
         request: serde_json::Value,
-        /// What concerns the session.
+        /// Options of the session.
         asked: Asked,
     },
     /// Begins episodes.
     Reset {
         /// Seeds.
         seeds: Seeds,
-        /// Which environments; none: all.
+        /// Mask of environments; none: all.
         mask: Option<Vec<bool>>,
         /// One for all environments, or one per environment.
         options: Vec<ResetOptions>,
@@ -104,42 +104,42 @@ pub enum Command {
         actions: Vec<f32>,
         /// Numbers in a row.
         width: usize,
-        /// Which; none: all.
+        /// Their numbers; none: all.
         envs: Option<Vec<usize>>,
     },
     /// Waits for environments that were sent.
     Recv {
-        /// How many.
+        /// Their number.
         count: usize,
     },
     /// All environments as they stand.
     Observe,
     /// Pictures.
     Render {
-        /// Of which environments; none: all.
+        /// Numbers of environments; none: all.
         envs: Option<Vec<usize>>,
     },
     /// Intrinsics and poses of the cameras.
     Cameras,
     /// The state of an environment.
     GetState {
-        /// Which.
+        /// Its number.
         env: usize,
     },
     /// Restores a state.
     SetState {
-        /// Of which environment.
+        /// Number of the environment.
         env: usize,
         /// The state.
         state: Vec<u8>,
     },
-    /// Takes up a session whose connection was lost, instead of the one of this connection.
+    /// Resumes a session whose connection was lost, instead of this connection's session.
     Resume {
         /// Its number.
         session: u64,
-        /// What `make` told of it.
+        /// Its secret, from the answer to `make`.
         secret: u64,
-        /// The last answer that the client has received.
+        /// The last answer received by the client.
         received: u64,
     },
     /// Prepares all objects.
@@ -148,18 +148,18 @@ pub enum Command {
     Names,
     /// Ends the session.
     Close,
-    /// Cancels what runs and waits. It is not queued behind them.
+    /// Cancels running and waiting commands. It is not queued behind them.
     Cancel,
 }
 
 /// A command with its number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
-    /// Comes back with the answer; ascending within a session.
+    /// Number of the command, repeated in its answer; ascending within a session.
     pub id: u64,
-    /// The last answer that the client has received: earlier ones need not be kept.
+    /// The last answer received by the client: earlier ones need not be kept.
     pub seen: Option<u64>,
-    /// Arrays of the answer may lie in shared memory.
+    /// Arrays of the answer may be in shared memory.
     pub shm: bool,
     /// The command.
     pub command: Command,
@@ -169,7 +169,7 @@ impl Request {
     /// Reads a frame of a client.
     ///
     /// # Errors
-    /// What is wrong with it, and its number where it has one.
+    /// The error of an invalid frame, and its number if it has one.
     pub fn parse(frame: &Value<'_>) -> Result<Self, (Option<u64>, Fault)> {
         let fields = Fields::new(frame).map_err(|fault| (None, fault))?;
         let id = fields.natural("id").map_err(|fault| (None, fault))?;

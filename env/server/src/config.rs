@@ -1,28 +1,28 @@
-//! Settings and bounds of a server. Every bound is checked before memory is taken for what it bounds.
+//! Settings and bounds of a server. Every bound is checked before memory is allocated.
 
 use serde::{Deserialize, Serialize};
 
-/// Longest nap of a client between two attempts, and longest time for a TLS handshake or the headers of a request, seconds.
+/// Longest pause of a client between two attempts, and timeout of a TLS handshake or the headers of a request, seconds.
 pub const HANDSHAKE: u64 = 10;
-/// Seconds in which a client must take some of what is written to it.
+/// Seconds within which a client must read part of the data sent to it.
 pub const WRITE_TIMEOUT: u64 = 30;
 /// Seconds between two pings to a client, which keep tunnels open.
 pub const PING: u64 = 20;
 /// Pings to a client that has no environments; after that its connection ends.
 pub const MAX_UNUSED: usize = 3;
-/// Code with which a WebSocket is closed whose session is over; after any other the client may take its session up again.
+/// Close code of a WebSocket whose session is over; after any other the client may resume its session.
 pub const SESSION_OVER: u16 = 4000;
-/// Code with which a WebSocket is closed whose client sent a frame that is too large (RFC 6455).
+/// Close code of a WebSocket whose client sent too large a frame (RFC 6455).
 pub const TOO_LARGE: u16 = 1009;
-/// Pings to a client of a policy that has not asked anything yet (five minutes); after that its connection ends.
+/// Pings to a client of a policy without a request so far (five minutes); after that its connection ends.
 pub const MAX_UNUSED_POLICY: u64 = 15;
-/// Most commands of a session that wait; after that its connection is not read until one is done.
+/// Most waiting commands of a session; beyond that its connection is not read until one is done.
 pub const MAX_WAITING: usize = 64;
-/// Most answers of a session that wait to be acknowledged; a client that comes back has sent no more commands than may wait.
+/// Most unacknowledged answers of a session; a resuming client has sent at most the allowed number of waiting commands.
 pub const MAX_KEPT: usize = 1024;
-/// Answers that wait to be written or acknowledged, bytes; after that no further command of the session begins.
+/// Bytes of unwritten or unacknowledged answers beyond which no further command of the session begins.
 pub const MAX_UNSENT: usize = 64 << 20;
-/// Connections beside those of sessions: health checks, metrics, and those that have not begun a session.
+/// Connections without a session: health checks, metrics, and clients before their first command.
 pub const SPARE_CONNECTIONS: usize = 256;
 
 /// Settings of a server.
@@ -31,17 +31,17 @@ pub const SPARE_CONNECTIONS: usize = 256;
 pub struct ServerConfig {
     /// Address to listen at.
     pub host: String,
-    /// Port; 0: any that is free.
+    /// Port; 0: any free port.
     pub port: u16,
     /// Certificate chain of TLS, a PEM file; none: no TLS.
     pub tls_cert: Option<String>,
     /// Its private key, a PEM file.
     pub tls_key: Option<String>,
-    /// What clients must know; none: anybody may connect.
+    /// Token of clients; none: any client may connect.
     pub token: Option<String>,
     /// Origins of browser pages that may connect, such as `http://localhost:8080`.
     pub origins: Vec<String>,
-    /// Most environments of all sessions together.
+    /// Most environments in all sessions.
     pub max_envs: usize,
     /// Most sessions.
     pub max_sessions: usize,
@@ -49,7 +49,7 @@ pub struct ServerConfig {
     pub max_message: usize,
     /// Seconds without a command after which a session ends.
     pub idle_timeout: f64,
-    /// Longest time that a session waits for a client whose connection was lost, seconds.
+    /// Longest time for which a session waits for a client whose connection was lost, seconds.
     pub max_grace: f64,
     /// Threads that step environments.
     pub threads: usize,

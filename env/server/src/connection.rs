@@ -18,7 +18,7 @@ use std::time::Duration;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::{interval, timeout};
 
-/// A connection and the session that it serves at present.
+/// A connection and its current session.
 struct Connection {
     sessions: Arc<Sessions>,
     session: Arc<Session>,
@@ -84,7 +84,7 @@ impl Connection {
                     Some(Ok(Message::Close(_))) | None => return,
                 },
                 _ = pings.tick() => {
-                    // A client that begins no session would hold the place of one that does.
+                    // A client without a session would occupy the place of another.
                     unused = if self.session.is_made() { 0 } else { unused + 1 };
                     if unused > MAX_UNUSED || !write(socket, Message::Ping(Bytes::new())).await {
                         return;
@@ -120,7 +120,7 @@ impl Connection {
         self.sessions.admit(&self.session)
     }
 
-    /// Serves another session from now on.
+    /// Switches to another session.
     fn resume(&mut self, id: u64, session: u64, secret: u64, received: u64) {
         let found = self.sessions.find(session, secret).and_then(|found| {
             let lost = "the session has dropped answers that this client has not received";
@@ -130,7 +130,7 @@ impl Connection {
         match found {
             Ok(found) => {
                 tracing::info!("session {session} is taken up again, by {}", self.peer);
-                // The session of before has no client any more, as if its connection had been lost.
+                // The previous session loses its client, as if its connection had been lost.
                 let before = std::mem::replace(&mut self.session, found);
                 if !Arc::ptr_eq(&before, &self.session) && before.detach(self.number) {
                     self.sessions.end(&before, "its client took up another session");
@@ -141,7 +141,7 @@ impl Connection {
     }
 }
 
-/// Tells a client whose frame is too large why its connection ends; other errors of a connection need no answer.
+/// Sends a client with too large a frame the reason for closing; other errors of a connection need no answer.
 pub async fn refuse(socket: &mut WebSocket, error: &axum::Error, most: usize) {
     let Some(tungstenite::Error::Capacity(_)) = error.source().and_then(|inner| inner.downcast_ref()) else {
         return;
@@ -150,7 +150,7 @@ pub async fn refuse(socket: &mut WebSocket, error: &axum::Error, most: usize) {
     write(socket, Message::Close(Some(CloseFrame { code: TOO_LARGE, reason: reason.into() }))).await;
 }
 
-/// Writes a message; false if the client does not take it in time.
+/// Writes a message; false if the client does not read it in time.
 pub async fn write(socket: &mut WebSocket, message: Message) -> bool {
     matches!(timeout(Duration::from_secs(WRITE_TIMEOUT), socket.send(message)).await, Ok(Ok(())))
 }

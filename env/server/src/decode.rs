@@ -1,11 +1,11 @@
-//! Reading a frame: copies no array, and bounds what it allocates.
+//! Reading a frame: copies no array, and bounds allocations.
 
 use crate::value::{ARRAY, CodecError, Dtype, MAX_DEPTH, MAX_VALUES, NdArray, SCALAR, SHARED, SharedArray, Value};
 use rmp::Marker;
 
 /// Most axes of an array, numpy's own limit.
 const MAX_AXES: usize = 32;
-/// Most values for which there is room before they are read.
+/// Most values allocated before they are read.
 const MAX_ROOM: usize = 256;
 /// Largest array in shared memory, bytes.
 const MAX_SHARED: usize = 1 << 30;
@@ -35,7 +35,7 @@ pub fn decode(bytes: &[u8]) -> Result<Value<'_>, CodecError> {
     }
 }
 
-/// The number with which an answer begins, without reading the rest; none where it begins with something else.
+/// The number at the start of an answer, without reading the rest; none if it starts otherwise.
 pub fn leading_id(frame: &[u8]) -> Option<u64> {
     let mut reader = Reader { rest: frame, length: frame.len(), values: 0 };
     let byte = reader.take(1).ok()?[0];
@@ -69,7 +69,7 @@ impl<'a> Reader<'a> {
     }
 
     fn count(&mut self, size: usize) -> Result<usize, CodecError> {
-        // A length beyond the address space ends the frame too early, like any other that is too large.
+        // A length beyond the address space counts as a truncated frame, like any other that is too large.
         Ok(usize::try_from(self.number(size)?).unwrap_or(usize::MAX))
     }
 
@@ -133,8 +133,8 @@ impl<'a> Reader<'a> {
         Ok(Value::Bytes(self.take(count)?))
     }
 
-    /// Room for the first of `count` values, as far as the rest of the frame can hold them. Every level of nesting takes some before
-    /// its values are seen.
+    /// Capacity for the first of `count` values, limited by the rest of the frame. Every level of nesting allocates before its values
+    /// are read.
     fn room(&self, count: usize) -> usize {
         count.min(self.rest.len()).min(MAX_ROOM)
     }
@@ -193,7 +193,7 @@ fn array<'a>(map: &Value<'a>) -> Result<NdArray<'a>, CodecError> {
     Ok(NdArray { dtype, shape, data })
 }
 
-/// Bytes of an array; none beyond the address space, and where its axes without the empty ones would be, which numpy refuses.
+/// Bytes of an array; none if they exceed the address space, also without its empty axes, which numpy refuses.
 fn bytes(dtype: Dtype, shape: &[usize]) -> Option<usize> {
     let most = shape.iter().try_fold(dtype.size(), |bytes, n| bytes.checked_mul((*n).max(1)));
     most.filter(|bytes| isize::try_from(*bytes).is_ok()).map(|bytes| if shape.contains(&0) { 0 } else { bytes })
@@ -224,9 +224,9 @@ fn shape(map: &Value<'_>) -> Result<Vec<usize>, CodecError> {
     sizes.iter().map(size).collect()
 }
 
-/// A numpy scalar, as the plain value that it is.
+/// A numpy scalar, as a plain value.
 fn scalar<'a>(map: &Value<'a>) -> Result<Value<'a>, CodecError> {
-    // openpi writes the number itself, others its bytes.
+    // openpi writes the number, others its bytes.
     if let Some(value @ (Value::Bool(_) | Value::Integer(_) | Value::Float(_))) = map.get("data") {
         return Ok(value.clone());
     }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 #[derive(Default)]
 pub struct Encoder {
     bytes: Vec<u8>,
-    /// Where large arrays go instead, and how much of it is used.
+    /// Shared memory for large arrays, and its used bytes.
     segment: Option<(Arc<Segment>, u64)>,
 }
 
@@ -20,7 +20,7 @@ impl Encoder {
         Self { bytes: Vec::with_capacity(bytes), segment: None }
     }
 
-    /// Large arrays go into shared memory from now on.
+    /// Writes further large arrays into shared memory.
     pub fn share(&mut self, segment: Arc<Segment>) {
         self.segment = Some((segment, 0));
     }
@@ -30,7 +30,7 @@ impl Encoder {
         self.bytes
     }
 
-    /// Appends what another encoder wrote.
+    /// Appends the contents of another encoder.
     pub fn append(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
     }
@@ -94,7 +94,7 @@ impl Encoder {
         self.bytes.extend_from_slice(data);
     }
 
-    /// Writes a large array into shared memory; false where it belongs into the frame.
+    /// Writes a large array into shared memory; false if it belongs into the frame.
     fn shared(&mut self, dtype: Dtype, shape: &[usize], data: &[u8]) -> bool {
         let Some((segment, used)) = &mut self.segment else {
             return false;
@@ -113,7 +113,7 @@ impl Encoder {
         true
     }
 
-    /// What precedes the data of an array, which must be appended next.
+    /// The header of an array, whose data must be appended next.
     fn array_head(&mut self, dtype: Dtype, shape: &[usize], length: usize) {
         self.map(4);
         self.binary(ARRAY.as_bytes());

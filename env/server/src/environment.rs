@@ -1,4 +1,4 @@
-//! The environments of a session, and what a command does with them. Nothing here waits for a client.
+//! The environments of a session, and the execution of commands on them. Nothing here waits for a client.
 
 use crate::answer::{self, Layout};
 use crate::command::{Asked, Command, Seeds};
@@ -17,9 +17,9 @@ pub struct Made {
     pub pool: Arc<EnvPool>,
     /// Weights of the reward terms.
     pub weights: Vec<f64>,
-    /// Pictures of `render`; none where the environments were made without them.
+    /// Pictures of `render`; none if the environments were made without them.
     pub picture: Option<PictureConfig>,
-    /// What the client is told: spec, spaces, tables.
+    /// Description for the client: spec, spaces, tables.
     pub description: serde_json::Value,
 }
 
@@ -36,17 +36,17 @@ pub struct Environment {
     classify: Classify,
 }
 
-/// Control periods of a step that is short.
+/// Control periods of a short step.
 const SHORT_SKIP: u32 = 2;
 
-/// An environment that comes back from a step, or the error of its step.
+/// A stepped environment, or the error of its step.
 pub type Arrival = (usize, Result<Stepped, AgentError>);
 
 impl Environment {
-    /// Takes what Python made; the rows of an answer have at most `bytes` bytes, and a whole answer `most`.
+    /// Wraps environments made by Python; the rows of an answer have at most `bytes` bytes, and a whole answer `most`.
     ///
     /// # Errors
-    /// Shared memory that is asked for and not there.
+    /// Requested shared memory that is not available.
     pub fn new(made: Made, asked: Asked, bytes: usize, most: usize, classify: Classify) -> Result<Self, Fault> {
         let segment = match asked.shm {
             false => None,
@@ -86,7 +86,7 @@ impl Environment {
         Fault { field: if found.field.is_empty() { field } else { found.field }, ..found }
     }
 
-    /// True for a command that takes less time than a change of threads is worth.
+    /// True for a command that takes less time than a change of threads.
     pub fn is_short(&self, command: &Command) -> bool {
         let config = &self.pool.spec().config;
         match command {
@@ -98,10 +98,10 @@ impl Environment {
         }
     }
 
-    /// Carries out a command on the current rayon pool; the answer as a frame.
+    /// Executes a command on the current rayon pool; the answer as a frame.
     ///
-    /// * `stop`: set to leave environments that it has not reached as they are.
-    /// * `shm`: large arrays of the answer may lie in shared memory.
+    /// * `stop`: set to skip environments that it has not reached.
+    /// * `shm`: large arrays of the answer may be in shared memory.
     /// * `done`: called for each environment of `send` that arrives.
     ///
     /// # Errors
@@ -226,7 +226,7 @@ impl Environment {
             frame.array(&camera.intrinsics, &[3, 3]);
             frame.text("world_from_camera");
             let poses = &camera.world_from_camera;
-            // Rows, since nalgebra's matrices lie in memory column by column.
+            // Rows, since nalgebra's matrices are column-major.
             let rows =
                 poses.iter().flat_map(|pose| pose.to_homogeneous().transpose().iter().copied().collect::<Vec<_>>());
             frame.array(&rows.collect::<Vec<f64>>(), &[poses.len(), 4, 4]);
@@ -238,7 +238,7 @@ impl Environment {
         let objects = &self.pool.spec().objects;
         let models = !self.pool.spec().observer.specs().is_empty() || self.picture.is_some();
         let each = (0..objects.len()).into_par_iter().with_max_len(1);
-        // Those that can be used are prepared, whatever is wrong with others.
+        // Usable objects are prepared, even if others are not.
         let prepared: Vec<_> = each
             .map(|index| match stop.load(Ordering::Acquire) {
                 true => Err(Fault::interrupted()),
@@ -248,7 +248,7 @@ impl Environment {
         prepared.into_iter().collect::<Result<(), _>>().map(|()| answer::begin(id, 0, 0).into_bytes())
     }
 
-    /// The answer to a `recv`, of environments that arrived; they are here again.
+    /// The answer to a `recv`, of environments whose step has ended.
     ///
     /// # Errors
     /// The first error of a step; the others come with the next `recv`.

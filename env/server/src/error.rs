@@ -11,13 +11,13 @@ pub enum ServerError {
     Listen {
         /// Host and port.
         address: String,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// A file of TLS cannot be used.
     #[error(transparent)]
     Pem(#[from] PemError),
-    /// Certificate without key, or the other way round.
+    /// Certificate without key, or key without certificate.
     #[error("TLS needs both a certificate and its key; give both tls_cert and tls_key (--tls-cert, --tls-key)")]
     HalfTls,
     /// A setting out of its range.

@@ -1,22 +1,22 @@
-//! What a client is told of an error.
+//! Errors as sent to a client.
 
 use graspbox_agent::AgentError;
 
-/// An error as it goes over the wire: `{type, field, message, object}`.
+/// An error on the wire: `{type, field, message, object}`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct Fault {
     /// Name of the class in `graspbox.errors`; `KeyboardInterrupt` for a call that was cancelled.
     pub kind: String,
-    /// The field of the command that is wrong; empty where it is none in particular.
+    /// The invalid field of the command; empty if there is none in particular.
     pub field: String,
-    /// The sentence of the local error.
+    /// The message of the local error.
     pub message: String,
-    /// Name of the object that cannot be used, where another one might; empty for every other error.
+    /// Name of an unusable object, if another one could replace it; empty for every other error.
     pub object: String,
 }
 
-/// Turns an error of environments into what a client is told; the names of Python's classes are not known here.
+/// Converts an error of environments; the names of Python's classes are not known here.
 pub type Classify = fn(AgentError) -> Fault;
 
 impl Fault {
@@ -32,7 +32,7 @@ impl Fault {
         Self { kind: "InternalError".to_owned(), message, ..Self::default() }
     }
 
-    /// A call that was cancelled.
+    /// A cancelled call.
     pub fn interrupted() -> Self {
         let message = "the call was cancelled; environments that it had not reached are as they were".to_owned();
         Self { kind: "KeyboardInterrupt".to_owned(), message, ..Self::default() }

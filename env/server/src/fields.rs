@@ -29,10 +29,10 @@ impl<'v, 'a> Fields<'v, 'a> {
         }
     }
 
-    /// Checks that there are no fields but those of `known`.
+    /// Checks that all fields are in `known`.
     ///
     /// # Errors
-    /// The first one that is unknown, or named twice.
+    /// The first unknown or repeated field.
     pub fn only(&self, known: &[&str]) -> Result<(), Fault> {
         for (index, (name, _)) in self.entries.iter().enumerate() {
             if !known.contains(name) {
@@ -47,7 +47,7 @@ impl<'v, 'a> Fields<'v, 'a> {
         Ok(())
     }
 
-    /// The value of a field; none where it is missing or nil.
+    /// The value of a field; none if it is missing or nil.
     pub fn get(&self, name: &str) -> Option<&'v Value<'a>> {
         let found = self.entries.iter().find(|(key, _)| *key == name).map(|(_, value)| value);
         found.filter(|value| !matches!(value, Value::Nil))
@@ -69,7 +69,7 @@ impl<'v, 'a> Fields<'v, 'a> {
         }
     }
 
-    /// A natural number; none where it is missing.
+    /// A natural number; none if it is missing.
     ///
     /// # Errors
     /// Another type, a negative number, or one beyond 64 bits.
@@ -77,7 +77,7 @@ impl<'v, 'a> Fields<'v, 'a> {
         self.get(name).map(|value| natural(value, name)).transpose()
     }
 
-    /// A natural number that must be there.
+    /// A required natural number.
     ///
     /// # Errors
     /// As [`Fields::natural`], or a missing one.
@@ -85,7 +85,7 @@ impl<'v, 'a> Fields<'v, 'a> {
         index(self.needed(name)?, name)
     }
 
-    /// Indices; none where they are missing.
+    /// Indices; none if they are missing.
     ///
     /// # Errors
     /// Anything but a list or an array of integers that are not negative.
@@ -96,7 +96,7 @@ impl<'v, 'a> Fields<'v, 'a> {
         items(value, name)?.iter().map(|item| index(item, name)).collect::<Result<_, _>>().map(Some)
     }
 
-    /// Truth values; none where they are missing.
+    /// Truth values; none if they are missing.
     ///
     /// # Errors
     /// Anything but a list or an array of truth values.
@@ -111,7 +111,7 @@ impl<'v, 'a> Fields<'v, 'a> {
         items(value, name)?.iter().map(flag).collect::<Result<_, _>>().map(Some)
     }
 
-    /// A truth value; false where it is missing.
+    /// A truth value; false if it is missing.
     ///
     /// # Errors
     /// Another type.
@@ -123,7 +123,7 @@ impl<'v, 'a> Fields<'v, 'a> {
         }
     }
 
-    /// A number; 0 where it is missing.
+    /// A number; 0 if it is missing.
     ///
     /// # Errors
     /// Another type.

@@ -1,19 +1,19 @@
-//! Who may come in: tokens and origins.
+//! Access control: tokens and origins.
 
 use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN, SEC_WEBSOCKET_PROTOCOL};
 
-/// Browsers cannot set the header `Authorization`; a page names the token as a subprotocol that begins with this.
+/// Browsers cannot set the header `Authorization`; a page sends the token as a subprotocol with this prefix.
 const TOKEN_PROTOCOL: &str = "graspbox.token.";
 
-/// Who may come in.
+/// Access control.
 pub struct Gate {
     token: Option<blake3::Hash>,
     origins: Vec<String>,
 }
 
 impl Gate {
-    /// Lets in who knows the token (everybody without one), and of browser pages those of the origins, and of the server's own host.
+    /// Admits clients with the token (all clients if there is none), and browser pages of the origins or of the server's own host.
     pub fn new(token: Option<&str>, origins: &[String]) -> Self {
         Self { token: token.map(|token| blake3::hash(token.as_bytes())), origins: origins.to_vec() }
     }
@@ -39,13 +39,13 @@ impl Gate {
     }
 }
 
-/// A host that no foreign name can stand for.
+/// A host that no foreign name can resolve to.
 fn is_local(host: &str) -> bool {
     let name = host.rsplit_once(':').map_or(host, |(name, _)| name);
     matches!(name, "localhost" | "127.0.0.1" | "[::1]")
 }
 
-/// The tokens that a client names.
+/// The tokens sent by a client.
 fn given(headers: &HeaderMap) -> Vec<&str> {
     let header = headers.get(AUTHORIZATION).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let schemes = ["Api-Key ", "Bearer "];

@@ -1,4 +1,4 @@
-//! What all sessions of a server share: settings, counters, threads, and how many environments are left.
+//! State shared by all sessions of a server: settings, counters, threads, and the number of free environments.
 
 use crate::config::ServerConfig;
 use crate::environment::Made;
@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What all sessions share.
+/// State shared by all sessions.
 pub struct Hub {
     /// Settings.
     pub config: ServerConfig,
@@ -18,11 +18,11 @@ pub struct Hub {
     pub metrics: Arc<Metrics>,
     /// Threads that step environments.
     pub pool: ThreadPool,
-    /// Threads that prepare objects, which takes so long that steps must not wait for it.
+    /// Threads that prepare objects: preparation is slow, and steps must not wait for it.
     pub background: ThreadPool,
     /// Names errors.
     pub classify: Classify,
-    /// The server has been told to stop: nothing new begins.
+    /// The server is stopping: nothing new begins.
     pub draining: AtomicBool,
     envs: AtomicUsize,
     /// Commands that run.
@@ -31,7 +31,7 @@ pub struct Hub {
 }
 
 impl Hub {
-    /// A hub whose environments are made by whoever receives `makers`.
+    /// A hub whose environments are made by the receiver of `makers`.
     pub fn new(
         config: ServerConfig,
         [pool, background]: [ThreadPool; 2],
@@ -51,7 +51,7 @@ impl Hub {
         }
     }
 
-    /// A short command begins on the present thread, if fewer run than there are threads; the number of the others.
+    /// Begins a short command on the current thread, if fewer run than there are threads; returns the number of the others.
     pub fn begin_short(&self) -> Option<usize> {
         let most = self.config.threads;
         let begun = |running| (running < most).then_some(running + 1);
@@ -68,10 +68,10 @@ impl Hub {
         self.running.fetch_sub(1, Ordering::AcqRel);
     }
 
-    /// Takes `count` environments off those that are left, for the client at `peer`.
+    /// Reserves `count` of the free environments for the client at `peer`.
     ///
     /// # Errors
-    /// More than are left.
+    /// More than are free.
     pub fn lease(self: &Arc<Self>, count: usize, peer: SocketAddr) -> Result<Lease, Fault> {
         let most = self.config.max_envs;
         let taken = self.envs.fetch_update(Ordering::AcqRel, Ordering::Acquire, |taken| {
@@ -94,14 +94,14 @@ impl Hub {
         }
     }
 
-    /// Hands a request to whoever makes environments.
+    /// Passes a request to the makers of environments.
     pub fn make(&self, job: MakeJob) {
-        // Where nobody receives any more, the job tells its session so when it is dropped.
+        // Without a receiver, the dropped job reports an error to its session.
         drop(self.makers.lock().unwrap_or_else(PoisonError::into_inner).send(job));
     }
 }
 
-/// The environments of a session, taken off those that are left; given back when this is dropped.
+/// The reserved environments of a session; dropping this frees them.
 pub struct Lease {
     hub: Arc<Hub>,
     count: usize,
@@ -115,20 +115,20 @@ impl Drop for Lease {
     }
 }
 
-/// Takes the result of a [`MakeJob`].
+/// Callback for the result of a [`MakeJob`].
 type Reply = Box<dyn FnOnce(Result<Made, Fault>) + Send>;
 
-/// A request for environments, to be answered once; one that is dropped is an error.
+/// A request for environments, to be answered once; dropping it is an error.
 pub struct MakeJob {
     /// Environment id, number, objects and keywords.
     pub request: serde_json::Value,
-    /// Set when nobody waits for it any more.
+    /// Set when its client no longer waits.
     unwanted: Arc<AtomicBool>,
     reply: Option<Reply>,
 }
 
 impl MakeJob {
-    /// A request, and what takes its result.
+    /// A request, and the callback for its result.
     pub fn new<F>(request: serde_json::Value, unwanted: Arc<AtomicBool>, reply: F) -> Self
     where
         F: FnOnce(Result<Made, Fault>) + Send + 'static,
@@ -136,7 +136,7 @@ impl MakeJob {
         Self { request, unwanted, reply: Some(Box::new(reply)) }
     }
 
-    /// True while somebody waits for it.
+    /// True while its client waits.
     pub fn is_wanted(&self) -> bool {
         !self.unwanted.load(Ordering::Acquire)
     }

@@ -1,4 +1,4 @@
-//! Detection of peers that vanish without closing their connection: a host that loses power, a cable, a firewall that forgets.
+//! Detection of peers that vanish without closing their connection: power loss, unplugged cables, firewall timeouts.
 //!
 //! The kernel probes the peer, so that a client need not read while it computes.
 
@@ -15,13 +15,13 @@ const PROBES: u32 = 3;
 #[cfg(target_os = "linux")]
 const UNACKNOWLEDGED: Duration = Duration::from_secs(60);
 
-/// Sets both limits of a connection. A system that lacks one of them leaves it out.
+/// Sets both limits of a connection. A limit that the system lacks is skipped.
 #[cfg(unix)]
 pub fn set(stream: &impl std::os::fd::AsFd) {
     apply(&SockRef::from(stream));
 }
 
-/// Sets both limits of a connection. A system that lacks one of them leaves it out.
+/// Sets both limits of a connection. A limit that the system lacks is skipped.
 #[cfg(windows)]
 pub fn set(stream: &impl std::os::windows::io::AsSocket) {
     apply(&SockRef::from(stream));

@@ -1,25 +1,25 @@
 //! Environments and policies over WebSockets: one msgpack value in each frame, numpy arrays as openpi writes them.
 //!
-//! | module | what it does |
+//! | module | contents |
 //! |---|---|
 //! | [`value`], [`mod@decode`], [`encode`] | the codec: values, reading within bounds, writing |
-//! | [`fault`] | what a client is told of an error |
+//! | [`fault`] | errors as sent to a client |
 //! | [`fields`], [`command`] | commands of a client, one row each |
 //! | [`answer`] | results of environments as frames |
-//! | [`environment`] | the environments of a session, and what a command does with them |
-//! | [`hub`] | what all sessions share: settings, counters, threads, how many environments are left |
-//! | [`session`], [`session_state`], `session_making`, [`sessions`] | a client's commands in order, and its answers until they have arrived |
+//! | [`environment`] | the environments of a session, and the execution of commands |
+//! | [`hub`] | state shared by all sessions: settings, counters, threads, free environments |
+//! | [`session`], [`session_state`], `session_making`, [`sessions`] | a client's commands in order, and its answers until they are acknowledged |
 //! | [`connection`] | one WebSocket: reads, writes, pings |
-//! | [`segment`] | memory that server and client of one machine share |
-//! | [`gate`], [`pem`] | who may come in; certificates and keys |
+//! | [`segment`] | memory shared by server and client on one machine |
+//! | [`gate`], [`pem`] | access control; certificates and keys |
 //! | [`listener`] | accepts connections, with TLS or without |
 //! | [`server`] | starts, drains, ends |
-//! | [`policy_server`] | a server of a policy: observations in, decisions out |
+//! | [`policy_server`] | policy server: observations in, decisions out |
 //! | [`client_socket`], [`client`] | the client: one WebSocket, and a session that outlives it |
-//! | [`config`], [`error`], [`metrics`] | settings and bounds, what keeps a server from starting, what it counts |
+//! | [`config`], [`error`], [`metrics`] | settings and bounds, errors at the start, counters |
 //!
 //! Frames are handled by threads of tokio, and so are short commands; all others run on a rayon pool. Python makes environments
-//! ([`hub::MakeJob`]) and is called for nothing else. `docs/reference/protocol.md` specifies the protocol.
+//! ([`hub::MakeJob`]) and does nothing else. `docs/reference/protocol.md` specifies the protocol.
 
 pub mod answer;
 pub mod client;

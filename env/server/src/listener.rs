@@ -19,13 +19,13 @@ use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
 
-/// Largest head of a request, bytes.
+/// Largest header of a request, bytes.
 const MAX_HEAD: usize = 16 << 10;
 
-/// TLS of a config; none without files.
+/// TLS settings of a config; none without files.
 ///
 /// # Errors
-/// Only one of both files, a file that cannot be read, or a pair that does not fit.
+/// Only one of both files, a file that cannot be read, or a mismatched pair.
 pub fn tls(config: &ServerConfig) -> Result<Option<TlsAcceptor>, ServerError> {
     let (cert, key) = match (&config.tls_cert, &config.tls_key) {
         (Some(cert), Some(key)) => (cert, key),
@@ -53,7 +53,7 @@ pub fn bind(runtime: &Runtime, config: &ServerConfig) -> Result<(TcpListener, So
     Ok((listener, bound))
 }
 
-/// Accepts connections for ever.
+/// Accepts connections in an endless loop.
 ///
 /// * `most`: most open connections; more are closed at once.
 pub async fn accept<F>(listener: TcpListener, tls: Option<TlsAcceptor>, router: Router, most: usize, metrics: F)
@@ -63,7 +63,7 @@ where
     let slots = Arc::new(Semaphore::new(most));
     loop {
         let Ok((stream, peer)) = listener.accept().await else {
-            // No file is left for another connection, or the client is gone already.
+            // The process has no free file descriptor, or the client has left already.
             sleep(Duration::from_millis(20)).await;
             continue;
         };
@@ -72,7 +72,7 @@ where
             metrics.refuse("connections", &peer);
             continue;
         };
-        // Handlers name the address in what they log.
+        // Handlers log the address.
         let (tls, router) = (tls.clone(), router.clone().layer(Extension(peer)));
         tokio::spawn(async move {
             metrics.connections.inc();
@@ -104,6 +104,6 @@ async fn http<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(stream: S, rou
         .max_buf_size(MAX_HEAD)
         .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
         .with_upgrades();
-    // A connection that breaks off is nobody's error.
+    // A broken connection is not an error.
     drop(connection.await);
 }

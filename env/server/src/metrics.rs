@@ -1,4 +1,4 @@
-//! What a server counts, for Prometheus.
+//! Counters of a server, for Prometheus.
 
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
@@ -16,7 +16,7 @@ pub const OPENMETRICS: &str = "application/openmetrics-text; version=1.0.0; char
 /// Time between two lines of the log about refusals for the same reason.
 const LOG_PAUSE: Duration = Duration::from_secs(1);
 
-/// What the log says of a reason.
+/// Log text of a reason.
 fn told(reason: &str) -> &str {
     match reason {
         "token" => "it does not know the token",
@@ -33,10 +33,10 @@ fn told(reason: &str) -> &str {
 /// Labels of a counter: one name.
 type Named = Family<[(&'static str, &'static str); 1], Counter>;
 
-/// What a server counts.
+/// Counters of a server.
 pub struct Metrics {
     registry: Registry,
-    /// When a refusal was logged last, and how many were not since then, by reason.
+    /// Time of the last logged refusal and number of refusals not logged since then, by reason.
     logged: Mutex<BTreeMap<&'static str, (Option<Instant>, u64)>>,
     /// Open connections.
     pub connections: Gauge,
@@ -46,17 +46,17 @@ pub struct Metrics {
     pub environments: Gauge,
     /// Environment steps.
     pub steps: Counter,
-    /// Bytes of frames that came in.
+    /// Bytes of received frames.
     pub received: Counter,
-    /// Bytes of frames that went out.
+    /// Bytes of sent frames.
     pub sent: Counter,
-    /// Connections and commands that were refused, by reason.
+    /// Refused connections and commands, by reason.
     pub refusals: Named,
     /// Commands that ended in an error.
     pub faults: Counter,
-    /// Seconds that a step of all environments of a session took.
+    /// Seconds per step of all environments of a session.
     pub step_seconds: Histogram,
-    /// Seconds that a decision of a policy took.
+    /// Seconds per decision of a policy.
     pub decision_seconds: Histogram,
 }
 
@@ -94,7 +94,7 @@ impl Default for Metrics {
 }
 
 impl Metrics {
-    /// Counts and logs a refusal; of a flood of them one per second is logged for each reason.
+    /// Counts and logs a refusal; logs at most one per second and reason.
     ///
     /// * `whom`: the address, or the session.
     pub fn refuse(&self, reason: &'static str, whom: &dyn Display) {
@@ -112,7 +112,7 @@ impl Metrics {
         *last = Some(Instant::now());
     }
 
-    /// All of it in the text format of OpenMetrics.
+    /// All counters in the text format of OpenMetrics.
     pub fn text(&self) -> String {
         let mut text = String::new();
         // Writing to a string does not fail.

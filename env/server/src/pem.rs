@@ -5,7 +5,7 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use std::fmt::Display;
 use std::io;
 
-/// A PEM file that cannot be used.
+/// An unusable PEM file.
 #[derive(Debug, thiserror::Error)]
 pub enum PemError {
     /// It cannot be read.
@@ -13,15 +13,15 @@ pub enum PemError {
     Unreadable {
         /// The file.
         path: String,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// It holds something else.
+    /// It has other contents.
     #[error("{path}: {why}")]
     Wrong {
         /// The file.
         path: String,
-        /// What is wrong.
+        /// The reason.
         why: String,
     },
 }
@@ -30,7 +30,7 @@ fn read(path: &str) -> Result<Vec<u8>, PemError> {
     std::fs::read(path).map_err(|source| PemError::Unreadable { path: path.to_owned(), source })
 }
 
-/// An error about what a file holds.
+/// An error about the contents of a file.
 pub fn wrong(path: &str, why: impl Display) -> PemError {
     PemError::Wrong { path: path.to_owned(), why: why.to_string() }
 }
@@ -38,7 +38,7 @@ pub fn wrong(path: &str, why: impl Display) -> PemError {
 /// The certificates of a file, at least one.
 ///
 /// # Errors
-/// A file that cannot be read, or holds no certificate.
+/// An unreadable file, or one without a certificate.
 pub fn certificates(path: &str) -> Result<Vec<CertificateDer<'static>>, PemError> {
     let found = CertificateDer::pem_slice_iter(&read(path)?).collect::<Result<Vec<_>, _>>();
     let found = found.map_err(|error| wrong(path, format!("it is no file of certificates in PEM: {error}")))?;
@@ -48,7 +48,7 @@ pub fn certificates(path: &str) -> Result<Vec<CertificateDer<'static>>, PemError
 /// The first private key of a file.
 ///
 /// # Errors
-/// A file that cannot be read, or holds no key.
+/// An unreadable file, or one without a key.
 pub fn private_key(path: &str) -> Result<PrivateKeyDer<'static>, PemError> {
     PrivateKeyDer::from_pem_slice(&read(path)?)
         .map_err(|error| wrong(path, format!("it holds no private key in PEM: {error}")))

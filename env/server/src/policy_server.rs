@@ -1,7 +1,6 @@
-//! A server of a policy, as openpi's clients speak to one: metadata first, then observations in and actions out.
+//! Policy server for openpi's clients: metadata first, then observations in and actions out.
 //!
-//! Decisions are made by whoever takes [`PolicyJob`]s from the queue. Connections wait for them without a thread, and go on
-//! answering pings.
+//! Deciders take [`PolicyJob`]s from the queue. Connections wait for decisions without a thread, and continue to answer pings.
 
 use crate::config::{MAX_UNUSED_POLICY, PING, SESSION_OVER, SPARE_CONNECTIONS, ServerConfig, WRITE_TIMEOUT};
 use crate::connection::{refuse, write};
@@ -31,12 +30,12 @@ use tokio::runtime::Runtime;
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::{interval, timeout};
 
-/// Most requests that wait for a decision; more are refused.
+/// Most waiting requests; more are refused.
 const MAX_QUEUED: usize = 1024;
-/// Most frames of a connection that wait behind the one that is being decided.
+/// Most waiting frames of a connection.
 const MAX_BEHIND: usize = 8;
 
-/// How a request came, and so how its answer goes.
+/// Transport of a request and its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// A frame of msgpack.
@@ -45,15 +44,15 @@ pub enum Form {
     Json,
 }
 
-/// A request for a decision, to be answered once; one that is dropped is an error.
+/// A request for a decision, to be answered once; dropping it is an error.
 pub struct PolicyJob {
-    /// How it came.
+    /// Its transport.
     pub form: Form,
     /// The frame, or the body.
     pub body: Bytes,
     /// Number of its connection; 0 for a POST.
     pub connection: u64,
-    /// When it came.
+    /// Time of its arrival.
     pub since: Instant,
     reply: Option<oneshot::Sender<Result<Vec<u8>, Fault>>>,
 }
@@ -62,16 +61,16 @@ impl PolicyJob {
     /// Answers it with a frame, or JSON.
     pub fn answer(mut self, result: Result<Vec<u8>, Fault>) {
         if let Some(reply) = self.reply.take() {
-            // A client that is gone needs no answer.
+            // A disconnected client needs no answer.
             drop(reply.send(result));
         }
     }
 }
 
-/// The answer to a request, once there is one; an error where the request is dropped.
+/// The answer to a request, once there is one; an error if the request is dropped.
 type Reply = oneshot::Receiver<Result<Vec<u8>, Fault>>;
 
-/// What connections and deciders share.
+/// State shared by connections and deciders.
 struct Desk {
     gate: Gate,
     metadata: Bytes,
@@ -83,9 +82,9 @@ struct Desk {
     draining: AtomicBool,
     connections: AtomicU64,
     queue: Mutex<VecDeque<PolicyJob>>,
-    /// Requests that have come in and whose answers have not been written.
+    /// Requests whose answers have not been written.
     unanswered: AtomicUsize,
-    /// Connections that ended since they were last asked for.
+    /// Connections ended since the last query.
     gone: Mutex<Vec<u64>>,
     arrived: Condvar,
 }
@@ -108,13 +107,13 @@ impl Desk {
         result
     }
 
-    /// The answer to a request that was not answered.
+    /// The answer to a dropped request.
     fn lost() -> Fault {
         Fault::config("", "this server has too many requests, or is stopping; try again later")
     }
 }
 
-/// A request from the time when it comes in until its answer is written, or its client is gone.
+/// A request from its arrival until its answer is written, or its client is disconnected.
 struct Unanswered(Arc<Desk>);
 
 impl Unanswered {
@@ -130,7 +129,7 @@ impl Drop for Unanswered {
     }
 }
 
-/// A server of a policy that runs.
+/// A running policy server.
 pub struct PolicyServer {
     runtime: Mutex<Option<Runtime>>,
     desk: Arc<Desk>,
@@ -170,12 +169,12 @@ impl PolicyServer {
         Ok(Self { runtime: Mutex::new(Some(runtime)), desk, address })
     }
 
-    /// Where it listens.
+    /// The address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// The next requests, at most `most`; none within `wait`.
+    /// The next requests, at most `most`; none if none come within `wait`.
     pub fn next_jobs(&self, most: usize, wait: Duration) -> Vec<PolicyJob> {
         let queue = self.desk.queue();
         let (mut queue, _) = self
@@ -186,7 +185,7 @@ impl PolicyServer {
         let mut jobs = Vec::new();
         while jobs.len() < most {
             let Some(job) = queue.pop_front() else { break };
-            // A client that is gone needs no decision.
+            // A disconnected client needs no decision.
             if job.reply.as_ref().is_some_and(|reply| !reply.is_closed()) {
                 jobs.push(job);
             }
@@ -194,7 +193,7 @@ impl PolicyServer {
         jobs
     }
 
-    /// Connections that ended since this was called last.
+    /// Connections ended since the last call.
     pub fn gone(&self) -> Vec<u64> {
         std::mem::take(&mut *self.desk.gone.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -205,22 +204,22 @@ impl PolicyServer {
         self.desk.metrics.decision_seconds.observe(seconds);
     }
 
-    /// What it counts, in the text format of OpenMetrics.
+    /// Its counters, in the text format of OpenMetrics.
     pub fn metrics(&self) -> String {
         self.desk.metrics.text()
     }
 
-    /// No connection begins any more, and no request of HTTP.
+    /// Refuses new connections and HTTP requests.
     pub fn drain(&self) {
         self.desk.draining.store(true, Ordering::Release);
     }
 
-    /// True while a request has come in whose answer has not been written.
+    /// True while an answer to a request has not been written.
     pub fn is_busy(&self) -> bool {
         self.desk.unanswered.load(Ordering::Acquire) > 0
     }
 
-    /// Ends everything, also requests that wait; who wants to wait for them asks [`PolicyServer::is_busy`] after [`PolicyServer::drain`].
+    /// Ends everything, also waiting requests; to wait for them, poll [`PolicyServer::is_busy`] after [`PolicyServer::drain`].
     pub fn stop(&self) {
         self.drain();
         self.desk.queue().clear();
@@ -272,7 +271,7 @@ async fn count(State(desk): State<Arc<Desk>>, Extension(peer): Extension<SocketA
 
 /// POST: JSON in, JSON out.
 ///
-/// The body is read by us: an extractor would read it before anybody has shown the token, and wait for its end for ever.
+/// The handler reads the body: an extractor would read it before the token is checked, and without a timeout.
 async fn decide(
     State(desk): State<Arc<Desk>>,
     Extension(peer): Extension<SocketAddr>,
@@ -285,7 +284,7 @@ async fn decide(
     if desk.draining.load(Ordering::Acquire) {
         return json(StatusCode::SERVICE_UNAVAILABLE, told(&Desk::lost()));
     }
-    // A page of another origin could send a plain form without asking.
+    // A page of another origin could send a plain form without a preflight request.
     if headers.get(CONTENT_TYPE).is_none_or(|kind| !kind.as_bytes().starts_with(b"application/json")) {
         return (StatusCode::UNSUPPORTED_MEDIA_TYPE, "send JSON: Content-Type: application/json\n").into_response();
     }
@@ -349,7 +348,7 @@ async fn connect(
     })
 }
 
-/// Serves a client: one request after the other; pings are answered meanwhile.
+/// Serves a client: one request at a time; pings are answered meanwhile.
 async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
     if !write(&mut socket, Message::Binary(desk.metadata.clone())).await {
         return;
@@ -358,7 +357,7 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
     let mut deciding: Option<(Reply, Unanswered)> = None;
     let mut pings = interval(Duration::from_secs(PING));
     pings.reset();
-    // A client that asks nothing would hold the place of one that does.
+    // A client without requests would occupy the place of another.
     let (mut heard, mut longest) = (Instant::now(), Duration::from_secs(PING * MAX_UNUSED_POLICY));
     loop {
         if deciding.is_none() {
@@ -408,7 +407,7 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
     }
 }
 
-/// The decision that is awaited; never, where none is.
+/// The awaited decision; never resolves if there is none.
 async fn decision(deciding: &mut Option<(Reply, Unanswered)>) -> Result<Vec<u8>, Fault> {
     match deciding {
         Some((reply, _)) => reply.await.unwrap_or_else(|_| Err(Desk::lost())),

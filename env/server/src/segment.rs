@@ -1,6 +1,6 @@
-//! Memory that server and client of one machine share: a file of the system's memory file system.
+//! Memory shared by server and client on one machine: a file of the system's memory file system.
 //!
-//! Arrays are written and read with system calls, which copy once on each side, so that neither needs a mapping and `unsafe`.
+//! Arrays are written and read with system calls, which copy once on each side, so that neither needs mappings and `unsafe`.
 
 use std::fs::{File, OpenOptions, remove_file};
 use std::io;
@@ -8,12 +8,12 @@ use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Where memory looks like files.
+/// Directory of the memory file system.
 const FOLDER: &str = "/dev/shm";
-/// Smaller arrays travel in the frame: to read them from elsewhere would take longer.
+/// Smaller arrays are sent in the frame, which is faster for them.
 pub const LEAST: usize = 4096;
 
-/// A segment of shared memory, of a server.
+/// A server's segment of shared memory.
 pub struct Segment {
     file: File,
     name: String,
@@ -42,7 +42,7 @@ impl Segment {
         &self.name
     }
 
-    /// The client has opened it: the name goes, so that nothing is left if either side dies.
+    /// Unlinks the name once the client has opened it, so that nothing is left if either side dies.
     pub fn opened(&self) {
         if !self.removed.swap(true, Ordering::AcqRel) {
             drop(remove_file(path(&self.name)));
@@ -52,7 +52,7 @@ impl Segment {
     /// Writes bytes at an offset.
     ///
     /// # Errors
-    /// More than it holds, or a system without memory.
+    /// Data beyond its capacity, or a system without free memory.
     pub fn write(&self, bytes: &[u8], offset: u64) -> io::Result<()> {
         if offset + bytes.len() as u64 > self.capacity {
             return Err(io::ErrorKind::FileTooLarge.into());
@@ -67,10 +67,10 @@ impl Drop for Segment {
     }
 }
 
-/// Opens the segment that a server named.
+/// Opens the segment named by a server.
 ///
 /// # Errors
-/// A name that is none of a segment, or a server on another machine or of another user.
+/// An invalid name, or a server on another machine or of another user.
 pub fn open(name: &str) -> io::Result<File> {
     if !name.starts_with("graspbox-") || name.contains(['/', '.']) {
         return Err(io::ErrorKind::InvalidInput.into());
@@ -81,7 +81,7 @@ pub fn open(name: &str) -> io::Result<File> {
 /// Reads bytes of a segment.
 ///
 /// # Errors
-/// A place beyond its end.
+/// A range beyond its end.
 pub fn read(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
     file.read_exact_at(bytes, offset)
 }

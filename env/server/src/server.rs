@@ -1,4 +1,4 @@
-//! A server of environments: starts, drains, ends.
+//! Environment server: starts, drains, ends.
 
 use crate::command::COMMANDS;
 use crate::config::{MAX_WAITING, SPARE_CONNECTIONS, ServerConfig};
@@ -31,14 +31,14 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::Semaphore;
 use tokio::time::interval;
 
-/// Version of the protocol; another number means that clients of before cannot speak it.
+/// Version of the protocol; it increases with every incompatible change.
 pub const PROTOCOL: u64 = 1;
-/// Threads that read and write beside those that do short commands.
+/// Threads that read and write, besides those that execute short commands.
 const IO_THREADS: usize = 1;
 /// Stack of a thread that steps environments, bytes: that of a main thread, since hull and tree code recurses.
 const STACK: usize = 8 << 20;
 
-/// A server that runs.
+/// A running server.
 pub struct Server {
     runtime: Mutex<Option<Runtime>>,
     sessions: Arc<Sessions>,
@@ -46,7 +46,7 @@ pub struct Server {
     makers: Mutex<Receiver<MakeJob>>,
 }
 
-/// What the handlers of requests know.
+/// State of the request handlers.
 #[derive(Clone)]
 struct Door {
     sessions: Arc<Sessions>,
@@ -58,11 +58,11 @@ struct Door {
 impl Server {
     /// Starts a server.
     ///
-    /// * `offer`: what the first frame tells beside the protocol and the limits: a JSON object.
+    /// * `offer`: contents of the first frame besides the protocol and the limits: a JSON object.
     /// * `classify`: names the errors of environments.
     ///
     /// # Errors
-    /// A setting out of range, an address that cannot be used, or files of TLS that cannot be used.
+    /// A setting out of range, an unusable address, or unusable TLS files.
     pub fn start(config: ServerConfig, offer: &serde_json::Value, classify: Classify) -> Result<Self, ServerError> {
         check(&config)?;
         let tls = listener::tls(&config)?;
@@ -93,46 +93,46 @@ impl Server {
         Ok(Self { runtime: Mutex::new(Some(runtime)), sessions, address: bound, makers: Mutex::new(makers) })
     }
 
-    /// Where it listens.
+    /// The address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// The next request for environments; none within `wait`.
+    /// The next request for environments; none if none comes within `wait`.
     pub fn next_job(&self, wait: Duration) -> Option<MakeJob> {
         let makers = self.makers.lock().unwrap_or_else(PoisonError::into_inner);
         let until = Instant::now() + wait;
         loop {
             let job = makers.recv_timeout(until.saturating_duration_since(Instant::now())).ok()?;
-            // Those of clients that are gone are dropped.
+            // Requests of disconnected clients are dropped.
             if job.is_wanted() {
                 return Some(job);
             }
         }
     }
 
-    /// What it counts, in the text format of OpenMetrics.
+    /// Its counters, in the text format of OpenMetrics.
     pub fn metrics(&self) -> String {
         self.sessions.hub.metrics.text()
     }
 
-    /// No session begins any more.
+    /// Refuses new sessions.
     pub fn drain(&self) {
         self.sessions.hub.draining.store(true, Ordering::Release);
     }
 
-    /// True while commands run or wait, environments are on their way, or answers have not been written.
+    /// True while commands run or wait, steps are pending, or answers have not been written.
     pub fn is_busy(&self) -> bool {
         self.sessions.are_busy()
     }
 
-    /// Ends everything, also commands that run; who wants to wait for them asks [`Server::is_busy`] after [`Server::drain`].
+    /// Ends everything, also running commands; to wait for them, poll [`Server::is_busy`] after [`Server::drain`].
     pub fn stop(&self) {
         self.drain();
         self.sessions.end_all("the server is stopping");
         let runtime = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(runtime) = runtime {
-            // Connections get their last frame, which says why.
+            // Connections get their last frame, with the reason.
             std::thread::sleep(Duration::from_millis(50));
             runtime.shutdown_timeout(Duration::from_secs(1));
         }
@@ -145,7 +145,7 @@ impl Drop for Server {
     }
 }
 
-/// Threads for the work of sessions.
+/// Worker threads of the sessions.
 fn workers(count: usize, what: &'static str) -> Result<ThreadPool, ServerError> {
     ThreadPoolBuilder::new()
         .num_threads(count)
@@ -155,7 +155,7 @@ fn workers(count: usize, what: &'static str) -> Result<ThreadPool, ServerError> 
         .map_err(|error| ServerError::Threads(error.to_string()))
 }
 
-/// The threads that read and write; `threads` of them may do short commands at once.
+/// The threads that read and write; `threads` of them may execute short commands at once.
 ///
 /// # Errors
 /// Threads that cannot be started.
@@ -172,7 +172,7 @@ pub fn io_runtime(threads: usize) -> Result<Runtime, ServerError> {
 /// Checks every setting.
 ///
 /// # Errors
-/// The first one that is out of its range.
+/// The first setting out of range.
 pub fn check(config: &ServerConfig) -> Result<(), ServerError> {
     in_range("max_envs", config.max_envs as f64, 1.0..=65_536.0, "")?;
     in_range("max_sessions", config.max_sessions as f64, 1.0..=10_000.0, "")?;

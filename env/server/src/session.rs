@@ -1,6 +1,6 @@
-//! A session: the environments of one client, its commands in order, and its answers until they have arrived.
+//! A session: the environments of one client, its commands in order, and its answers until they are acknowledged.
 //!
-//! A session does not need its connection: it goes on while the client is away, and keeps what the client has not acknowledged.
+//! A session does not need its connection: it continues while the client is disconnected, and keeps unacknowledged answers.
 
 use crate::answer;
 use crate::command::{Command, Request};
@@ -29,7 +29,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// A session without environments; `secret` is what a client must know to take it up again.
+    /// A session without environments; clients resume it with `secret`.
     pub fn new(id: u64, secret: u64, peer: SocketAddr, hub: Arc<Hub>) -> Arc<Self> {
         let state = State { secret, used: Some(Instant::now()), ..State::default() };
         Arc::new(Self { id, peer, hub, state: Mutex::new(state) })
@@ -39,9 +39,9 @@ impl Session {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Writes to `connection` from now on: answers after `seen` are written again.
+    /// Switches to `connection`: answers after `seen` are resent.
     ///
-    /// * `resumed`: number of the command that took the session up again, which is answered first.
+    /// * `resumed`: number of the command that resumed the session, which is answered first.
     ///
     /// None if answers that the client needs are gone.
     pub fn attach(&self, connection: (u64, UnboundedSender<Outgoing>), seen: u64, resumed: Option<u64>) -> Option<()> {
@@ -71,7 +71,7 @@ impl Session {
         Some(())
     }
 
-    /// The connection `number` is lost. True if the session is over, because nobody may take it up again.
+    /// The connection `number` is lost. True if the session is over, because it cannot be resumed.
     pub fn detach(&self, number: u64) -> bool {
         let mut state = self.lock();
         if state.connection.as_ref().is_none_or(|(own, _)| *own != number) {
@@ -87,7 +87,7 @@ impl Session {
         over
     }
 
-    /// True if `secret` takes up this session.
+    /// True if `secret` is that of this session.
     pub fn knows(&self, secret: u64) -> bool {
         // Compared as hashes, in constant time.
         let hash = |number: u64| blake3::hash(&number.to_le_bytes());
@@ -100,19 +100,19 @@ impl Session {
         self.lock().waiting.len() < MAX_WAITING
     }
 
-    /// True once it has environments, or is about to have some.
+    /// True once it has environments, or they are being made.
     pub fn is_made(&self) -> bool {
         self.lock().lease.is_some()
     }
 
-    /// True while a command runs or waits, environments are on their way, or answers have not been written.
+    /// True while a command runs or waits, steps are pending, or answers have not been written.
     pub fn is_busy(&self) -> bool {
         let state = self.lock();
         let away = state.environment.as_ref().is_some_and(|environment| environment.pool.away() > 0);
         state.running.is_some() || !state.waiting.is_empty() || away || state.unsent > 0
     }
 
-    /// True if its time without a client, or without a command, is over.
+    /// True if its time limit without a client, or without a command, has passed.
     pub fn is_over(&self, idle: Duration) -> bool {
         let state = self.lock();
         let lost = state.lost.is_some_and(|since| since.elapsed() > state.grace);
@@ -120,7 +120,7 @@ impl Session {
         state.ended || lost || unused
     }
 
-    /// Takes a command, or what is wrong with it.
+    /// Queues a command, or the error of an invalid one.
     pub fn accept(self: &Arc<Self>, request: Result<Request, (Option<u64>, Fault)>) {
         let mut state = self.lock();
         let now = Instant::now();
@@ -131,7 +131,7 @@ impl Session {
         };
         if let Some(id) = id {
             if !state.grace.is_zero() && id <= state.received {
-                return; // It was sent again after a lost connection, but had come in.
+                return; // It was resent after a lost connection, but had already arrived.
             }
             state.received = id;
         }
@@ -158,7 +158,7 @@ impl Session {
         }
     }
 
-    /// Begins the next commands, as far as they can begin.
+    /// Begins as many of the next commands as possible.
     pub(crate) fn advance(self: &Arc<Self>) {
         loop {
             let job = self.next(&mut self.lock());
@@ -168,7 +168,7 @@ impl Session {
             if job.short
                 && let Some(others) = self.hub.begin_short()
             {
-                // Another thread reads and writes meanwhile: one that sleeps has to be woken for it.
+                // Another thread reads and writes meanwhile; a sleeping one has to be woken.
                 if let (0, Ok(runtime)) = (others, Handle::try_current()) {
                     drop(runtime.spawn(async {}));
                 }
@@ -188,7 +188,7 @@ impl Session {
         }
     }
 
-    /// The next command that takes time; those that do not are answered at once.
+    /// The next long command; short ones are answered at once.
     fn next(self: &Arc<Self>, state: &mut State) -> Option<Job> {
         while state.running.is_none() && !state.ended && state.unsent <= MAX_UNSENT {
             let job = match state.waiting.front()? {
@@ -220,7 +220,7 @@ impl Session {
         None
     }
 
-    /// Does a job, and answers.
+    /// Executes a job and answers.
     fn execute(&self, job: Job) {
         let result = catch_unwind(AssertUnwindSafe(|| (job.work)(&job.stop)))
             .unwrap_or_else(|payload| Err(Fault::internal(panic_text(payload.as_ref()))));
@@ -235,7 +235,7 @@ impl Session {
         None
     }
 
-    /// The environments that a `recv` of `count` gets; none while they are on their way.
+    /// The environments that a `recv` of `count` gets; none while their steps are pending.
     fn awaited(&self, state: &mut State, count: usize) -> Result<Option<Vec<Arrival>>, Fault> {
         let environment = state.environment.as_ref().ok_or_else(nothing_made)?;
         let away = environment.pool.away();
@@ -295,7 +295,7 @@ impl Session {
         Job { long, ..job }
     }
 
-    /// The environments are made, or not: the answer, and the next command.
+    /// Answers once the environments are made, or have failed, and begins the next command.
     pub(crate) fn finish(self: &Arc<Self>, id: u64, frame: Result<Vec<u8>, Fault>) {
         let mut state = self.lock();
         state.running = None;
@@ -311,7 +311,7 @@ impl Session {
             answer::error(id, &fault)
         });
         let mut frame = frame;
-        // Frames begin with room for 4 kB; most answers are shorter, and may be kept for long. A large one would be copied.
+        // Frames start with a capacity of 4 kB; most answers are shorter, and may be kept for long. A large one would be copied.
         if frame.capacity() > 2 * frame.len() {
             frame.shrink_to_fit();
         }
@@ -330,7 +330,7 @@ impl Session {
         }
     }
 
-    /// Ends the session; its environments are gone once the command that runs has ended.
+    /// Ends the session; its environments are freed once the running command has ended.
     pub fn end(&self, why: &'static str) {
         self.close(&mut self.lock(), why);
     }

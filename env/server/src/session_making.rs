@@ -1,4 +1,4 @@
-//! How the environments of a session are made: bounds first, then Python, then the answer.
+//! Making the environments of a session: bounds first, then Python, then the answer.
 
 use crate::answer;
 use crate::command::Asked;
@@ -48,7 +48,7 @@ impl Session {
         }));
     }
 
-    /// Takes the environments that were made; the answer says what they are.
+    /// Stores the new environments; the answer describes them.
     fn made(&self, id: u64, made: Made, asked: Asked) -> Result<Vec<u8>, Fault> {
         // An answer may hold the end of an episode and the beginning of the next.
         let bytes = 2 * made.pool.len() * answer::row_bytes(made.pool.spec());

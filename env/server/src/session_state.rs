@@ -1,4 +1,4 @@
-//! What changes in a session: its commands, its answers, its connection.
+//! Mutable state of a session: its commands, its answers, its connection.
 
 use crate::command::Request;
 use crate::environment::{Arrival, Environment};
@@ -11,70 +11,70 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc::UnboundedSender;
 
-/// What a connection is to write.
+/// Output of a connection.
 #[derive(Clone, Debug)]
 pub enum Outgoing {
     /// A frame.
     Frame(Bytes),
-    /// The session is over, and why.
+    /// The end of the session, with the reason.
     Close(&'static str),
 }
 
-/// A command that waits, or what is wrong with it; errors are answered in order too.
+/// A waiting command, or the error of an invalid one; errors are answered in order too.
 pub type Waiting = (Option<u64>, Result<Request, Fault>);
 
-/// What changes in a session.
+/// Mutable state of a session.
 #[derive(Default)]
 pub struct State {
     /// The environments; none before they are made.
     pub environment: Option<Arc<Environment>>,
-    /// Their number, taken off those that are left.
+    /// Their reservation.
     pub lease: Option<Lease>,
-    /// Commands that wait.
+    /// Waiting commands.
     pub waiting: VecDeque<Waiting>,
-    /// Set to stop the command that runs; none where none does.
+    /// Set to stop the running command; none if none runs.
     pub running: Option<Arc<AtomicBool>>,
-    /// Environments of `send` that came back.
+    /// Environments of `send` whose step has ended.
     pub arrivals: VecDeque<Arrival>,
-    /// The last command that came in.
+    /// The last received command.
     pub received: u64,
-    /// Answers that the client has not acknowledged, where it may come back.
+    /// Unacknowledged answers, if the client may resume.
     pub kept: VecDeque<(u64, Bytes)>,
-    /// Bytes handed to the connection and not written yet.
+    /// Bytes queued on the connection and not written yet.
     pub unsent: usize,
-    /// Number of the connection that is written to, and its queue.
+    /// Number of the current connection, and its queue.
     pub connection: Option<(u64, UnboundedSender<Outgoing>)>,
-    /// How long the session waits for a lost connection.
+    /// Time for which the session waits for a lost connection.
     pub grace: Duration,
-    /// What a client must know to take the session up again.
+    /// Secret with which a client resumes the session.
     pub secret: u64,
-    /// When the connection was lost; none while there is one.
+    /// Time at which the connection was lost; none while there is one.
     pub lost: Option<Instant>,
-    /// When the last command came or ended.
+    /// Time at which the last command arrived or ended.
     pub used: Option<Instant>,
     /// The session is over.
     pub ended: bool,
 }
 
-/// Does a command; the answer as a frame.
+/// Executes a command; the answer as a frame.
 type Work = Box<dyn FnOnce(&AtomicBool) -> Result<Vec<u8>, Fault> + Send>;
 
-/// A command that takes time.
+/// A long command.
 pub struct Job {
     /// Its number.
     pub id: u64,
     /// Set to stop it.
     pub stop: Arc<AtomicBool>,
-    /// It takes less than a change of threads is worth.
+    /// It takes less time than a change of threads.
     pub short: bool,
-    /// It takes so long that steps of others must not wait for it.
+    /// It is so slow that steps of other sessions must not wait for it.
     pub long: bool,
-    /// What it does.
+    /// Its work.
     pub work: Work,
 }
 
 impl Job {
-    /// A command that `work` does.
+    /// A command executed by `work`.
     pub fn new<F>(id: u64, short: bool, work: F) -> Self
     where
         F: FnOnce(&AtomicBool) -> Result<Vec<u8>, Fault> + Send + 'static,
@@ -88,14 +88,14 @@ pub fn nothing_made() -> Fault {
     Fault::config("command", "this session has no environments yet; begin with the command 'make'")
 }
 
-/// Forgets answers that the client has.
+/// Drops acknowledged answers.
 pub fn acknowledge(state: &mut State, seen: u64) {
     while state.kept.front().is_some_and(|(id, _)| *id <= seen) {
         state.kept.pop_front();
     }
 }
 
-/// Stops what runs, and turns what waits into errors.
+/// Stops the running command, and turns waiting ones into errors.
 pub fn cancel(state: &mut State) {
     if let Some(stop) = &state.running {
         stop.store(true, Ordering::Release);
@@ -108,7 +108,7 @@ pub fn cancel(state: &mut State) {
     }
 }
 
-/// Ends a session, and why.
+/// Ends a session with a reason.
 pub fn end(state: &mut State, why: &'static str) {
     cancel(state);
     state.waiting.clear();

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// The sessions of a server.
 pub struct Sessions {
-    /// What they share.
+    /// Their shared state.
     pub hub: Arc<Hub>,
     next: AtomicU64,
     all: Mutex<BTreeMap<u64, Arc<Session>>>,
@@ -28,12 +28,12 @@ impl Sessions {
         self.all.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A number that no session and no connection has.
+    /// A number that is unique among sessions and connections.
     pub fn number(&self) -> u64 {
         self.next.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// A session that is not counted yet: its client, at the address `peer`, has made nothing.
+    /// A session that is not counted yet: its client, at the address `peer`, has no environments.
     ///
     /// # Errors
     /// A system without random numbers.
@@ -44,11 +44,11 @@ impl Sessions {
     /// Counts a session that is about to make environments.
     ///
     /// # Errors
-    /// As many sessions as the server takes.
+    /// A full server.
     pub fn admit(&self, session: &Arc<Session>) -> Result<(), Fault> {
         let mut all = self.lock();
         let most = self.hub.config.max_sessions;
-        // A session whose environments could not be made takes no place.
+        // A session whose environments could not be made is not counted.
         if all.values().filter(|other| other.is_made()).count() >= most {
             self.hub.metrics.refuse("sessions", &session.peer);
             return Err(Fault::config("", format!("all {most} sessions of this server are in use; try again later")));
@@ -57,10 +57,10 @@ impl Sessions {
         Ok(())
     }
 
-    /// The session that a client takes up again.
+    /// The session that a client resumes.
     ///
     /// # Errors
-    /// A number or a secret that is wrong, or a session that is over.
+    /// A wrong number or secret, or a session that is over.
     pub fn find(&self, id: u64, secret: u64) -> Result<Arc<Session>, Fault> {
         let found = self.lock().get(&id).filter(|session| session.knows(secret)).cloned();
         found.ok_or_else(|| {
@@ -75,8 +75,8 @@ impl Sessions {
         self.lock().remove(&session.id);
     }
 
-    /// Ends the sessions whose time is over, and lets the others go on: environments that are called back come back in silence, and a
-    /// command may wait for them.
+    /// Ends the sessions whose time is over, and continues the others: cancelled steps end without a message, and a command may wait
+    /// for them.
     pub fn reap(&self) {
         let idle = Duration::from_secs_f64(self.hub.config.idle_timeout);
         let all: Vec<_> = self.lock().values().cloned().collect();

@@ -1,14 +1,14 @@
-//! Values of a frame: what msgpack knows, and numpy arrays.
+//! Values of a frame: those of msgpack, and numpy arrays.
 
 /// Deepest nesting of a frame.
 pub const MAX_DEPTH: usize = 32;
 /// Most values in a frame, counted with keys; 40 bytes of memory each. The numbers of an array are not counted.
 pub const MAX_VALUES: usize = 200_000;
-/// The key that says that a map is an array.
+/// The key that marks a map as an array.
 pub(crate) const ARRAY: &str = "__ndarray__";
-/// The key that says that a map is an array in shared memory: its offset.
+/// The key that marks a map as an array in shared memory: its offset.
 pub(crate) const SHARED: &str = "__shm__";
-/// The key that says that a map is a numpy scalar.
+/// The key that marks a map as a numpy scalar.
 pub(crate) const SCALAR: &str = "__npgeneric__";
 
 /// A frame that cannot be read.
@@ -33,22 +33,22 @@ pub enum CodecError {
     /// Too many values.
     #[error("the frame holds more than {MAX_VALUES} values; send numbers as arrays")]
     Many,
-    /// A value of a kind that is not used.
+    /// A value of an unsupported kind.
     #[error("the frame holds a value of msgpack type {marker:#04x}, which is not used here")]
     Unused {
-        /// The byte that begins it.
+        /// Its first byte.
         marker: u8,
     },
     /// Text that is not UTF-8, or a key that is neither text nor bytes.
     #[error("{what} is not UTF-8 text")]
     NotText {
-        /// Which.
+        /// The text or key.
         what: &'static str,
     },
-    /// An array that is not one.
+    /// An invalid array.
     #[error("an array {why}")]
     Array {
-        /// What is wrong.
+        /// The reason.
         why: String,
     },
 }
@@ -157,7 +157,7 @@ pub struct SharedArray {
     pub dtype: Dtype,
     /// Length of each axis.
     pub shape: Vec<usize>,
-    /// Where its bytes begin.
+    /// Offset of its bytes.
     pub offset: u64,
     /// Its number of bytes.
     pub bytes: usize,
@@ -189,7 +189,7 @@ pub enum Value<'a> {
 }
 
 impl<'a> Value<'a> {
-    /// The value of that name in a map; none in anything else, and where it is nil.
+    /// The value of that name in a map; none in anything else, or if it is nil.
     pub fn get(&self, name: &str) -> Option<&Value<'a>> {
         match self {
             Self::Map(entries) => entries.iter().find(|(key, _)| *key == name).map(|(_, value)| value),
@@ -233,7 +233,7 @@ impl NdArray<'_> {
     }
 }
 
-/// Numbers that arrays hold.
+/// Element types of arrays.
 pub trait Number: bytemuck::NoUninit {
     /// Their type.
     const DTYPE: Dtype;
@@ -249,5 +249,5 @@ macro_rules! numbers {
 
 numbers!(bool => Bool, u8 => U8, u16 => U16, i64 => I64, f32 => F32, f64 => F64);
 
-// Arrays are written as they lie in memory.
+// Arrays are written in their memory layout.
 const _: () = assert!(cfg!(target_endian = "little"), "the codec needs a little-endian machine");

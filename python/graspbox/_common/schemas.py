@@ -25,7 +25,7 @@ def read(kind: type[Document], path: Path, limit: int, what: str) -> Document:
     MissingExtraError
         Without pydantic.
     """
-    return parse(kind, read_bounded(path, limit), f"{str(path)!r} is no {what}")
+    return parse(kind, read_bounded(path, limit), f"{str(path)!r} is not a valid {what}")
 
 
 def parse(kind: type[Document], content: bytes, complaint: str) -> Document:
@@ -36,6 +36,8 @@ def parse(kind: type[Document], content: bytes, complaint: str) -> Document:
     except pydantic.ValidationError as error:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
         where = ".".join(map(str, first["loc"]))
+        if first["type"] == "missing":
+            raise ConfigError(f"{complaint}: {where} is missing") from None
         raise ConfigError(f"{complaint}: {where + ': ' if where else ''}{first['msg']}") from None
     return found
 

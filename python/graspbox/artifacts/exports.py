@@ -276,9 +276,9 @@ def export_feel_policy(
     )
     generator = torch.Generator().manual_seed(0)
     net = nets[0]
-    felt = net.mean + net.scale * torch.randn(_FELT, len(net.mean), generator=generator)
-    checks = [{"felt": felt.numpy()}, {"felt": felt[:1].numpy()}]
-    network = Traced(StabilityGraph(nets, calibration), [felt[:7]], checks=checks)
+    readings = net.mean + net.scale * torch.randn(_FELT, len(net.mean), generator=generator)
+    checks = [{"felt": readings.numpy()}, {"felt": readings[:1].numpy()}]
+    network = Traced(StabilityGraph(nets, calibration), [readings[:7]], checks=checks)
     weights = dict(zip(config.holds[1:], nets, strict=True))
     return export(folder, config, {"feel.onnx": network}, weights, licence)
 

@@ -152,7 +152,7 @@ def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str)
     Raises
     ------
     ConfigError
-        If it is missing, differs from the policy at the time of publication, or knows another hand.
+        If it is missing, differs from the policy at the time of publication, or was trained for another hand.
     """
     use = config.uses[role]
 
@@ -164,8 +164,8 @@ def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str)
     place = next(filter(same, [found, *named]), None)
     if place is None:
         raise ConfigError(
-            f"{Path(folder) / CONFIG}: uses.{role}.policy is {use.policy!r}, but {str(found)!r} holds no policy, or "
-            f"another one than that with which {config.name!r} was published; restore it, or install its package"
+            f"{Path(folder) / CONFIG}: uses.{role}.policy is {use.policy!r}, but {str(found)!r} is missing, or differs "
+            f"from the policy that {config.name!r} was published with; restore it, or install its package"
         )
     if (known := _read(place / CONFIG).hand) != config.hand:
         raise ConfigError(

@@ -73,7 +73,7 @@ def onnx_network(path: Path, num_threads: int | None = None) -> Network:
     try:
         session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors share no base class
-        raise ConfigError(f"{path} is no network that onnxruntime reads: {str(error).splitlines()[0]}") from error
+        raise ConfigError(f"{path} cannot be read by onnxruntime: {str(error).splitlines()[0]}") from error
     names = [output.name for output in session.get_outputs()]
 
     def run(inputs: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
@@ -107,7 +107,7 @@ def _described(inputs: Mapping[str, NDArray[Any]]) -> str:
 def _finite(found: Mapping[str, NDArray[Any]], called: str) -> Mapping[str, NDArray[Any]]:
     for name, values in found.items():
         if values.dtype.kind == "f" and not np.isfinite(values).all():
-            raise ConfigError(f"{called} gives {name!r} with numbers that are not finite; train or export it again")
+            raise ConfigError(f"{called}: output {name!r} is not finite; train or export it again")
     return found
 
 
@@ -276,9 +276,9 @@ class Stability:
     def __init__(self, network: Network) -> None:
         self._network = network
 
-    def __call__(self, felt: NDArray[np.float32]) -> float:
-        """Return the probability that the grasp holds; `felt` (k,) as in `graspbox.models.stability.inputs.Feeling`."""
-        return float(output(self._network({"felt": felt[None]}), "probability", (1,), "feel")[0])
+    def __call__(self, readings: NDArray[np.float32]) -> float:
+        """Return the probability that the grasp holds; `readings` (k,) are those of `StabilityReading.vector`."""
+        return float(output(self._network({"felt": readings[None]}), "probability", (1,), "feel")[0])
 
 
 def load_stability(folder: Path) -> Stability:

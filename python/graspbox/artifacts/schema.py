@@ -48,7 +48,7 @@ def parse(text: bytes, name: str) -> PolicyConfig:
     try:
         content = import_module("pydantic_core").from_json(text, allow_inf_nan=False)
     except ValueError as error:
-        raise ConfigError(f"{name} is no JSON: {error}") from None
+        raise ConfigError(f"{name} is not valid JSON: {error}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = shown(content["format"]) if isinstance(content, dict) and "format" in content else "missing"
         raise ConfigError(

@@ -95,7 +95,7 @@ def load_weights(path: Path) -> dict[str, Tensor]:
     Raises
     ------
     ConfigError
-        If the file holds no weights.
+        If the file is not a weights file.
     FileError
         If it cannot be read.
     """
@@ -105,7 +105,7 @@ def load_weights(path: Path) -> dict[str, Tensor]:
     try:
         found: dict[str, Tensor] = load(read_bounded(path, 2 * LARGEST_NETWORK))
     except SafetensorError as error:
-        raise ConfigError(f"{path} holds no weights: {error}") from None
+        raise ConfigError(f"{path} is not a weights file: {error}") from None
     return found
 
 
@@ -115,7 +115,7 @@ def restore_weights(net: nn.Module, path: Path) -> None:
     Raises
     ------
     ConfigError
-        If the file holds no weights, or belongs to another network.
+        If the file is not a weights file, or belongs to another network.
     """
     _restore(net, load_weights(path), path)
 
@@ -128,7 +128,7 @@ def restored(make: Callable[[], Net], path: Path) -> Net:
     Raises
     ------
     ConfigError
-        If the file holds no weights, or belongs to another network.
+        If the file is not a weights file, or belongs to another network.
     """
     weights = load_weights(path)
     with torch.device("meta"):

@@ -74,7 +74,7 @@ _DEFAULT = data.DatasetConfig()
 
 
 def dataset(
-    out: Annotated[Path, typer.Option("--out", help="Folder of the data set; what it holds already is resumed.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the data set; an existing data set is continued.")],
     objects: common.Objects = None,
     poses: Annotated[int, typer.Option("--poses", min=1, help="Trials per scene.")] = _DEFAULT.poses,
     rests: Rests = _DEFAULT.rests,

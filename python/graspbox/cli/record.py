@@ -28,7 +28,7 @@ Noise = Annotated[
 
 
 def _keywords(given: list[str] | None) -> dict[str, Any]:
-    """Read ``name=value``; a value that is no JSON is text."""
+    """Read ``name=value``; a value that is not valid JSON is text."""
     found: dict[str, Any] = {}
     for one in given or []:
         name, equals, value = one.partition("=")
@@ -66,7 +66,7 @@ def _print(found: dict[str, Any], as_json: bool) -> None:
 
 def record(
     policy: common.PolicyName,
-    out: Annotated[Path, typer.Option("--out", help="Folder; what it holds already is continued.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder; an existing recording is continued.")],
     env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = "graspbox/Grasp-v0",
     objects: common.Objects = None,
     episodes: Annotated[int, typer.Option("--episodes", min=1, help="Episodes to keep.")] = 500,
@@ -123,7 +123,7 @@ def record(
 
 
 def export(
-    folder: Annotated[Path, typer.Argument(help="What `graspbox record` wrote.")],
+    folder: Annotated[Path, typer.Argument(help="Folder written by `graspbox record`.")],
     form: Annotated[str, typer.Option("--format", help=f"Format: {' or '.join(_FORMATS)}.")],
     out: Annotated[str, typer.Option("--out", help="Folder of the LeRobotDataset, or id of the Minari data set.")],
 ) -> None:

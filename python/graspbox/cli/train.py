@@ -38,7 +38,7 @@ TRAININGS = {
     name: _Training(f"graspbox.{module}", options, summary)
     for name, module, options, summary in (
         ("depth", "recipes.depth", f"{_RECIPES}DepthSettings", "A policy that grasps from one depth image."),
-        ("feel", "recipes.feel", f"{_RECIPES}FeelSettings", "Such a policy learns to feel before it lifts."),
+        ("feel", "recipes.feel", f"{_RECIPES}FeelSettings", "Add a grasp-stability check to a depth policy."),
         ("head", "recipes.head", f"{_RECIPES}HeadSettings", "Heads: one network from a depth image to a grasp."),
         ("residual", "sb3.residual_training", f"{_SB3}ResidualSettings", "Correct a policy's grasps, by rewards."),
         ("clone", "sb3.cloning", f"{_SB3}CloneSettings", "Behaviour cloning of recorded demonstrations."),

@@ -212,7 +212,7 @@ class _Work:
                 left.unlink()
         mine = {self.folder / kind / shard.name for kind in kinds for shard in self.shards}
         if strangers := {*self.folder.glob("trials/*.parquet"), *self.folder.glob("images/*.parquet")} - mine:
-            raise ConfigError(f"{str(min(strangers))!r} is no file of this data set; move it elsewhere")
+            raise ConfigError(f"{str(min(strangers))!r} is not a file of this data set; move it elsewhere")
         listed = {shard["name"]: shard for shard in before["shards"]} if before else {}
         for shard in self.shards:
             entry = listed.get(shard.name, {})

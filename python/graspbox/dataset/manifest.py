@@ -225,7 +225,7 @@ def read(folder: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     content = read_bounded(path, _MAX_BYTES)
-    complaint = f"{str(path)!r} is no manifest of a data set that this graspbox reads"
+    complaint = f"{str(path)!r} is not a valid data set manifest"
     manifest = schemas.parse(_Manifest, content, complaint)
     for shard in manifest.shards:
         if not _NAME.fullmatch(shard.name):

@@ -204,7 +204,7 @@ def stored_facts(content: bytes, path: Path) -> dict[str, Any]:
         If the file is not a shard.
     """
     pa = pyarrow()
-    complaint = f"{str(path)!r} is no shard of a data set; remove it, and the same command makes it again"
+    complaint = f"{str(path)!r} is not a valid shard of a data set; remove it, and the same command makes it again"
     try:
         facts = (parquet().read_schema(pa.BufferReader(content)).metadata or {})[_KEY]
     except (KeyError, OSError, pa.ArrowException):

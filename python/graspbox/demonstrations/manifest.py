@@ -139,11 +139,11 @@ def read_manifest(folder: Path) -> Manifest:
     if not path.is_file():
         raise ConfigError(f"there are no demonstrations in {str(folder)!r}: it has no {FILE}")
     content = read_bounded(path, _MAX_MANIFEST)
-    complaint = f"{str(path)!r} is no manifest of demonstrations that this graspbox reads"
+    complaint = f"{str(path)!r} is not a valid manifest of demonstrations"
     found = schemas.parse(Manifest, content, complaint)
     schemas.parse(_Settings, json.dumps(found.settings).encode(), f"{complaint}: settings")
     if _digest(json.loads(content)) != found.sha256:
-        raise ConfigError(f"{str(path)!r} was changed or damaged: its hash is not its own; record into another folder")
+        raise ConfigError(f"{str(path)!r} was changed or damaged: its hash differs; record into another folder")
     for file in found.files:
         if not _NAME.fullmatch(file.name):
             raise ConfigError(f"{complaint}: it names the file {file.name!r}")
@@ -164,7 +164,7 @@ def content_of(folder: Path, file: File) -> bytes:
     content = read_bounded(path, _MAX_FILE)
     if hashlib.sha256(content).hexdigest() != file.sha256:
         raise ConfigError(
-            f"{str(path)!r} is damaged: it is not what {FILE} says; remove it, and the same call of record makes "
+            f"{str(path)!r} is damaged: its hash differs from {FILE}; remove it, and the same call of record makes "
             "its episodes again"
         )
     return content

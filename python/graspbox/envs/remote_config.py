@@ -1,4 +1,4 @@
-"""Which servers step the environments, and what happens when one of them cannot be reached."""
+"""Servers that step the environments, and the reaction to a lost connection."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from graspbox.errors import ConfigError, FileError
 
 __all__ = ["RemoteConfig", "check_token", "client_token", "remote_config", "token_in"]
 
-#: Where a client finds the token if nothing else names one.
+#: Environment variable with the token, if nothing else names one.
 _VARIABLE = "GRASPBOX_TOKEN"
 
 Depth = Literal["float32", "uint16"]
@@ -20,30 +20,29 @@ Reconnect = Literal["resume", "restore"]
 
 @dataclass(frozen=True)
 class RemoteConfig:
-    """Servers of environments, for the keyword ``remote``: see ``graspbox serve``.
+    """Environment servers, for the keyword ``remote``: see ``graspbox serve``.
 
     Attributes
     ----------
     urls : tuple of str
-        Addresses, ``ws://HOST:PORT`` or ``wss://HOST:PORT``. Environments are spread over them, and stepped at once.
+        Addresses, ``ws://HOST:PORT`` or ``wss://HOST:PORT``. Environments are spread over them and step in parallel.
     token_file : str, optional
         File with the token of the servers; by default the environment variable ``GRASPBOX_TOKEN``, else none.
     ca_file : str, optional
-        Certificates to trust beside those of the public authorities, in PEM.
+        Certificates to trust besides those of the public authorities, in PEM.
     grace : float
-        Seconds for which a server keeps a session whose connection was lost, and the client tries to take it up again.
+        Seconds for which a server keeps a session whose connection was lost, and the client tries to resume it.
     reconnect : {"resume", "restore"}
-        What follows where that fails. ``resume``: an error. ``restore``: the environments go on on another of the
-        servers, from states that are saved every `checkpoint` steps; the steps since then are repeated. Results are the
-        same.
+        Behaviour if that fails. ``resume``: an error. ``restore``: the environments continue on another of the servers,
+        from states saved every `checkpoint` steps; the steps since then are repeated. Results are the same.
     checkpoint : int
         Steps between two saved states, with ``reconnect="restore"``.
     depth : {"float32", "uint16"}
-        How depth images travel. ``uint16`` halves them and rounds to millimetres.
+        Encoding of depth images on the wire. ``uint16`` halves their size and rounds to millimetres.
     shm : bool
-        Whether large arrays travel through shared memory. The servers must run on this machine.
+        Whether large arrays are sent through shared memory. The servers must run on this machine.
     token_text : str, optional
-        The token itself, instead of `token_file`, where a program made it. ``repr`` leaves it out; pickles and
+        The token itself, instead of `token_file`, for tokens made by a program. ``repr`` leaves it out; pickles and
         ``spec.to_json()`` of the environments hold it.
     """
 
@@ -72,7 +71,7 @@ class RemoteConfig:
 
 
 def client_token(file: str | Path | None) -> str | None:
-    """Find the token of a server: in a file, else in the environment variable ``GRASPBOX_TOKEN``, else there is none.
+    """Find the token of a server: in a file, else in the environment variable ``GRASPBOX_TOKEN``, else None.
 
     Raises
     ------
@@ -104,7 +103,7 @@ def token_in(file: str | Path) -> str:
 
 
 def check_token(token: str, name: str) -> None:
-    """Refuse a token, called `name`, that no header of HTTP can hold.
+    """Refuse a token that does not fit an HTTP header; errors call it `name`.
 
     Raises
     ------
@@ -118,7 +117,7 @@ def check_token(token: str, name: str) -> None:
 
 
 def _check_types(config: RemoteConfig) -> None:
-    """Refuse values of other types, which would be found out late."""
+    """Refuse values of the wrong type early."""
     if isinstance(config.grace, bool) or not isinstance(config.grace, int | float) or not 0 <= config.grace < 1e6:
         raise ConfigError(f"remote.grace is {shown(config.grace)}; give a number of seconds from 0 to 1,000,000")
     if natural(config.checkpoint, "remote.checkpoint") < 1:
@@ -136,7 +135,7 @@ def _check_types(config: RemoteConfig) -> None:
 
 
 def remote_config(given: Any) -> RemoteConfig | None:
-    """Take what the keyword ``remote`` was given.
+    """Convert the argument of the keyword ``remote``.
 
     Raises
     ------

@@ -157,7 +157,7 @@ def read_hdf5(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
         raise
     except (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise ConfigError(f"it is no HDF5 file, or a damaged one ({reason}); copy it again") from None
+        raise ConfigError(f"it is not an HDF5 file, or is damaged ({reason}); copy it again") from None
 
 
 class _Hdf5:

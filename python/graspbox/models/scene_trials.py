@@ -44,7 +44,7 @@ class RenderedScene:
     crops: Crops | None
     crop: CropConfig
 
-    def truth(self, channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def true_occupancy(self, channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the ground-truth occupancy of the crop, (1, N, N, N) uint8; ignores the channels."""
         del channels
         if self.crops is None:

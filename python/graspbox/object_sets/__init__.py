@@ -336,9 +336,9 @@ def _seeds(text: str, name: str) -> range:
         start = int(first)
         stop = int(last) if dash else start
     except ValueError:
-        raise ObjectSetError(f"{text!r} in {name!r} is no range of seeds; write 7 or 0-99") from None
+        raise ObjectSetError(f"{text!r} in {name!r} is not a range of seeds; write 7 or 0-99") from None
     if not 0 <= start <= stop < 2**63:
-        raise ObjectSetError(f"{text!r} in {name!r} is no range of seeds; write the smaller one first")
+        raise ObjectSetError(f"{text!r} in {name!r} is not a range of seeds; write the smaller one first")
     return range(start, stop + 1)
 
 

@@ -105,7 +105,7 @@ def masses_in(folder: Path, names: Collection[str]) -> dict[str, float]:
     try:
         rows = list(csv.reader(read_bounded(path, _MAX_TABLE).decode("utf-8-sig").splitlines(), strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ObjectSetError(f"{str(path)!r} is no CSV file in UTF-8: {error}") from None
+        raise ObjectSetError(f"{str(path)!r} is not a UTF-8 CSV file: {error}") from None
     if not rows or [cell.strip() for cell in rows[0]] != _COLUMNS:
         raise ObjectSetError(f"{str(path)!r} must begin with the line 'name,mass'; masses are in kilograms")
     masses: dict[str, float] = {}
@@ -114,14 +114,15 @@ def masses_in(folder: Path, names: Collection[str]) -> dict[str, float]:
             continue
         where = f"{str(path)!r}, line {line}"
         if len(row) != len(_COLUMNS):
-            raise ObjectSetError(f"{where} has {len(row)} columns; write a name and a mass in kilograms")
+            columns = f"{len(row)} column{'' if len(row) == 1 else 's'}"
+            raise ObjectSetError(f"{where} has {columns}; write a name and a mass in kilograms")
         name = row[0].strip()
         if name not in names:
             near = get_close_matches(name, names, n=1)
             hint = f"did you mean {near[0]!r}?" if near else "'graspbox objects' lists the names"
-            raise ObjectSetError(f"{where} names {name!r}, which is no object of the folder; {hint}")
+            raise ObjectSetError(f"{where} names {name!r}, which is not an object of the folder; {hint}")
         if name in masses:
-            raise ObjectSetError(f"{where} names {name!r} for the second time")
+            raise ObjectSetError(f"{where} repeats {name!r}")
         masses[name] = _kilograms(row[1], f"{where}: the mass of {name!r}")
     return masses
 

@@ -125,7 +125,7 @@ class Encoded:
 
 
 class Anchors:
-    """A grid of anchors for a hand with so many preshapes.
+    """A grid of anchors for a hand with `preshapes` preshapes.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ def _read_npy(path: Path) -> NDArray[np.generic]:
         # Mapped: a header that promises a huge array costs nothing.
         found = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OverflowError, OSError) as error:
-        raise ConfigError(f"{path} is no array that numpy.save wrote: {error}") from None
+        raise ConfigError(f"{path} is not an array written by numpy.save: {error}") from None
     if not isinstance(found, np.ndarray):
         raise ConfigError(f"{path} holds several arrays; save the depth image alone with numpy.save")
     return found
@@ -250,7 +250,7 @@ def check_pose(table_from_camera: ArrayLike, name: str = "table_from_camera") ->
         raise ConfigError(f"{name} has shape {pose.shape}; give a pose (4, 4)")
     turn = pose[:3, :3]
     if not np.allclose(pose[3], (0, 0, 0, 1)) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
-        raise ConfigError(f"{name} is no rigid motion: rotation and translation in metres, with 0 0 0 1 below")
+        raise ConfigError(f"{name} is not a rigid motion: rotation and translation in metres, with 0 0 0 1 below")
     if np.linalg.det(turn) < 0:
         raise ConfigError(f"{name} mirrors; the axes of a camera are x right, y down, z forward")
     if not (np.abs(pose[:3, 3]) <= MAX_COORDINATE).all():

@@ -75,16 +75,16 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
         render_mode="rgb_array",
         picture=picture,
     ).unwrapped
-    seen, info = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed)
     mesh = env.objects[env.objects.names.index(info["object"])].load()
-    plan = planned(mesh, seen["state"], seed=seed)
+    plan = planned(mesh, observation["state"], seed=seed)
     if not len(plan):
         raise ConfigError(f"the planner finds no feasible pose for {mesh.name} at seed {seed}; choose another seed")
-    expert = Expert(seen["state"], plan.poses[0], plan.preshape[0])
+    expert = Expert(observation["state"], plan.poses[0], plan.preshape[0])
     states, closes, done = [env.get_state()], [], False
     while not done and not expert.finished:
-        action = expert.act(seen["state"])
-        seen, _, done, _, info = env.step(action)
+        action = expert.act(observation["state"])
+        observation, _, done, _, info = env.step(action)
         states.append(env.get_state())
         closes.append(bool(action[6] > 0))
     if not info["is_success"]:
@@ -94,10 +94,10 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
     steps = dict(zip(MOMENTS, (0, first - _BEFORE, closed, closed + _LIFTING, last), strict=True))
     moments, images = [], {}
     for name, step in steps.items():
-        seen, _ = env.set_state(states[step])
+        observation, _ = env.set_state(states[step])
         moments.append((name, step / env.metadata["render_fps"], env.render()))
         if name == observed:
-            images = {image: seen[image] for image in IMAGES}
+            images = {image: observation[image] for image in IMAGES}
     return Episode(mesh.name, moments, images, observed)
 
 
@@ -174,9 +174,9 @@ def colored(image: NDArray[Any]) -> NDArray[Any]:
         colors = [*_LABELS, *(_LINKS[i % len(_LINKS)] for i in range(links))]
         return np.take([to_rgb(color) for color in colors], values, axis=0)
     low, high = depth_limits(image)
-    seen = values > 0
-    rgb = colormaps[_DEPTHS](LogNorm(low, high)(np.where(seen, values, high)))[..., :3]
-    rgb[~seen] = 1.0
+    measured = values > 0
+    rgb = colormaps[_DEPTHS](LogNorm(low, high)(np.where(measured, values, high)))[..., :3]
+    rgb[~measured] = 1.0
     return np.asarray(rgb)
 
 

@@ -1,6 +1,6 @@
-"""Policies: what chooses the actions of many environments at once; torch-free.
+"""Policies, which choose the actions of many environments at once; torch-free.
 
-| name | environments | what it does |
+| name | environments | behaviour |
 |---|---|---|
 | ``random``  | all | actions sampled uniformly from the action space |
 | ``zero``    | all | zero actions |
@@ -8,10 +8,10 @@
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
 | ``partial_view_planner`` | all | as ``planner``, on the surface that one depth camera sees |
 | ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
-| a folder    | all | `DepthGrasp` or `HeadGrasp` with the networks that it holds: grasps what one depth camera sees |
-| a folder    | the one that it names | `NetworkPolicy`: one network from observations to actions, such as a clone |
+| a folder    | all | `DepthGrasp` or `HeadGrasp` with its networks: grasps the object in one depth image |
+| a folder    | its own | `NetworkPolicy`: one network from observations to actions, such as a clone |
 | a folder    | ``GraspPose-v0`` | a network of the study (`graspbox.study.regressor`) |
-| a folder    | ``Grasp-v0`` | `FeelThenLift`: feels its grasp, and chooses once more if it is bad |
+| a folder    | ``Grasp-v0`` | `FeelThenLift`: predicts whether its grasp will hold, and retries once if not |
 | ``hf://owner/name`` | | such a folder, downloaded from the Hugging Face hub |
 | ``depth``, ... | | such a folder of an installed package; ``graspbox-policies`` holds the published ones |
 
@@ -19,7 +19,7 @@
 `load` makes a policy by its name, and `available` lists names; `graspbox.evaluation.evaluate` measures one; a policy of
 your own is a subclass of `Policy`.
 
-| module | what it holds |
+| module | contents |
 |---|---|
 | `base`    | `Policy`, the interface, and `Task`, the environments that a policy acts in |
 | `simple`  | ``random`` and ``zero`` |
@@ -28,14 +28,14 @@ your own is a subclass of `Policy`.
 | `feel`    | `FeelThenLift` |
 | `head`    | `HeadGrasp`: one network |
 | `network` | `NetworkPolicy` |
-| `goals` | where another policy would grasp, as an observation of ``Grasp-v0`` |
+| `goals` | the grasp of another policy as an observation of ``Grasp-v0`` |
 | `residual` | `ResidualGrasp`: bounded corrections of the grasps of another policy |
 | `partial_view` | `PartialViewPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
 | `grasp_image` | grasps for a depth image of your own |
 
-``robust_oracle`` and policies that know a part of the truth are in `graspbox.evaluation.oracles`.
+``robust_oracle`` and policies with partial ground truth are in `graspbox.evaluation.oracles`.
 
-A policy is bound to its environments once, told of every episode that begins, and then acts:
+A policy is bound to its environments once, is reset at the start of every episode, and then acts:
 
 >>> import gymnasium, graspbox
 >>> envs = gymnasium.make_vec(
@@ -108,12 +108,12 @@ _BASELINES: dict[str, Callable[[], Policy]] = {
     **{kind.name: kind for kind in (Random, Zero, Planner, Expert, PartialViewPlanner)},
     "robust_oracle": _robust_oracle,
 }
-#: Names of before, which recorded demonstrations and runs hold.
+#: Former names, still used in recorded demonstrations and runs.
 _FORMER = {"seen_planner": PartialViewPlanner.name}
 
 
 def names() -> tuple[str, ...]:
-    """Names of the baselines, which `load` takes beside folders."""
+    """Names of the baselines, which `load` accepts besides folders."""
     return tuple(_BASELINES)
 
 
@@ -140,7 +140,7 @@ def load(name: str | os.PathLike[str]) -> Policy:
     Raises
     ------
     ConfigError
-        If there is no policy of that name, or its folder is not whole: a field of ``config.json`` is missing or wrong,
+        If there is no policy of that name, or its folder is incomplete: a field of ``config.json`` is missing or wrong,
         or a file is missing or changed.
     ConnectionLostError
         If the hub cannot be reached.

@@ -1,4 +1,4 @@
-"""How a policy of one depth image carries a grasp out: as one action of ``GraspPose-v0``, or by scripted motions."""
+"""Execution of a grasp chosen from one depth image: as one action of ``GraspPose-v0``, or by scripted motions."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +21,7 @@ Row = Mapping[str, Any]
 
 
 class PoseExecutor:
-    """Carries out grasps in ``GraspPose-v0``: each is one action.
+    """Executes grasps in ``GraspPose-v0``: each is one action.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class PoseExecutor:
         self._next[env] = None
 
     def ready(self, env: int, row: Row) -> bool:
-        """Tell that it is time to look: no hand is in the image."""
+        """Return True: no hand is in the image, so it can always look."""
         del env, row
         return True
 
@@ -58,9 +58,9 @@ class PoseExecutor:
 
 
 class GraspExecutor:
-    """Carries out grasps in ``Grasp-v0`` by scripted motions (`graspbox.envs.scripted`).
+    """Executes grasps in ``Grasp-v0`` by scripted motions (`graspbox.envs.scripted`).
 
-    The hand first leaves the image, since it would be taken for a part of the object.
+    The hand first leaves the image, so that it is not mistaken for part of the object.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ class GraspExecutor:
         return self._proprio.pose(row["proprio"], "hand")
 
     def sees_hand(self, row: Row) -> bool:
-        """Tell whether some of the hand may be in the image."""
+        """Tell whether part of the hand may be in the image."""
         return self._view.sees(self.hand_pose(row), self._preshape_of(row))
 
     def ready(self, env: int, row: Row) -> bool:
-        """Tell whether it is time to look; until then `act` moves the hand out of the image."""
+        """Tell whether the camera's view is free of the hand; until then `act` moves the hand out of the image."""
         if self._motions[env] is None:
             hand, preshape = self.hand_pose(row), self._preshape_of(row)
             if stops := self._view.leave(hand, preshape):
@@ -98,11 +98,11 @@ class GraspExecutor:
         return motion is None or motion.finished
 
     def start(self, env: int, found: FoundGrasp | None, row: Row) -> None:
-        """Begin to carry out a grasp, if there is one."""
+        """Begin to execute a grasp, if there is one."""
         self._motions[env] = None if found is None else self.grasping(found, self.hand_pose(row))
 
     def act(self, env: int, row: Row) -> NDArray[np.float32] | None:
-        """Choose the next action of the present motion."""
+        """Choose the next action of the current motion."""
         motion = self._motions[env]
         return None if motion is None else motion.follow(self.hand_pose(row))
 
@@ -111,12 +111,12 @@ class GraspExecutor:
         return ScriptedGrasp(world_from_hand, found.world_from_hand, found.preshape, found.top, **self._settings)
 
     def closing_time(self, env: int) -> float | None:
-        """Give the seconds since the hand began to close, negative before; None where it carries out no grasp."""
+        """Give the seconds since the hand began to close, negative before; None if no grasp is being executed."""
         motion = self._motions[env]
         return motion.time - motion.closes_at if isinstance(motion, ScriptedGrasp) else None
 
     def release(self, env: int, found: FoundGrasp, row: Row) -> None:
-        """Begin to take a grasp back: lower the hand, open it, back off and leave the image."""
+        """Begin to release a grasp: lower the hand, open it, back off and leave the image."""
         goal = found.world_from_hand
         behind = goal.copy()
         behind[:3, 3] -= TrialConfig().standoff * behind[:3, 2]
@@ -124,7 +124,7 @@ class GraspExecutor:
         self._motions[env] = ScriptedRelease(self.hand_pose(row), goal, found.preshape, stops, **self._settings)
 
     def _preshape_of(self, row: Row) -> float:
-        """Read the preshape that the hand has; one whose preshape has no actuator keeps the least."""
+        """Read the hand's current preshape; without a preshape actuator it is the lower limit."""
         if "preshape" not in self._proprio.names:
             return self._preshape
         return float(self._proprio.column(row["proprio"], "preshape")[0])

@@ -1,4 +1,4 @@
-"""Poses in which a hand is out of a camera's image, where it would be taken for a part of the object."""
+"""Hand poses outside the camera image, so that the hand is not mistaken for part of the object."""
 
 from itertools import product
 
@@ -13,14 +13,14 @@ __all__ = ["HandView"]
 
 #: Collision shapes grow by this much on every side, metres: links look larger, and the arm lags a little.
 _MARGIN = 0.015
-#: Steps in which the hand is raised, metres, and shares of the workspace's sides at which it is tried aside.
+#: Steps in which the hand is raised, metres, and lateral positions to try, as shares of half the workspace.
 _RAISE = 0.02
 _ASIDE = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 class HandView:
-    """A hand in the image of a camera that stands in the world.
+    """A hand in the image of a camera fixed in the world.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class HandView:
         self._low, self._high = (np.array(bound) for bound in spaces.tables(hand)["workspace"])
 
     def sees(self, world_from_hand: ArrayLike, preshape: float) -> bool:
-        """Tell whether some of the open hand may be in the image."""
+        """Tell whether part of the open hand may be in the image."""
         shapes, halves, _, _ = self._hand.shapes(self._hand.open(preshape))
         return self._meets(np.asarray(world_from_hand, dtype=np.float64), shapes, halves)
 
@@ -68,19 +68,19 @@ class HandView:
         Parameters
         ----------
         world_from_hand : (4, 4) array_like
-            Where the hand is, metres.
+            The hand's pose, metres.
         preshape : float
             See `graspbox.Hand.preshape_limits`.
 
         Returns
         -------
         list of (4, 4) float64
-            Poses ``world_from_hand`` to go through; none if it is not in the image.
+            Waypoints ``world_from_hand``; none if the hand is not in the image.
 
         Raises
         ------
         ConfigError
-            If the camera sees it everywhere in the workspace.
+            If the hand is in the image at every pose in the workspace.
         """
         start = np.asarray(world_from_hand, dtype=np.float64)
         shapes, halves, _, _ = self._hand.shapes(self._hand.open(preshape))

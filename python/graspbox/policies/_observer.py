@@ -1,4 +1,4 @@
-"""How a policy of one depth image looks: with the first camera of its environments, and the noise of a real one."""
+"""Depth images of a policy: from the first camera of its environments, with the noise of a real one."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,7 +18,7 @@ __all__ = ["Observer"]
 
 
 class Observer:
-    """Looks at the table with the first camera of some environments, which must stand in the world.
+    """Takes depth images of the table with the environments' first camera, which must be fixed in the world.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Observer:
         self.hand_view = HandView(hand, self._world_from_camera, self._intrinsics, size)
 
     def look(self, row: Mapping[str, Any], seed: int) -> DepthView:
-        """Look.
+        """Return the depth image with simulated noise.
 
         Parameters
         ----------

@@ -31,7 +31,7 @@ class DepthPolicy(Policy):
     """Grasps the object in one depth image: an observer looks, a finder chooses, an executor moves the hand.
 
     It looks once per episode. In ``GraspPose-v0`` the grasp is the action. In ``Grasp-v0`` the hand first leaves the
-    image, and is then moved to the grasp as the scripted expert does it. Where no object is seen or no grasp is found,
+    image, and then moves to the grasp as the scripted expert does. Where no object is seen or no grasp is found,
     its actions are zeros.
 
     Parameters
@@ -50,7 +50,7 @@ class DepthPolicy(Policy):
     hand, observer, finder, executor
         The parts, once the policy is bound.
     found : list of FoundGrasp or None
-        The last grasp that was found in each environment; None where none was.
+        The last grasp found in each environment; None where none was.
     """
 
     name = "depth"
@@ -77,7 +77,7 @@ class DepthPolicy(Policy):
         self.executor = self._make_executor(task, self.hand, self.observer.hand_view)
         self.found = [None] * task.num_envs
         self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
-        #: Seed of the look that an environment waits for, and the finder that then chooses.
+        #: Seed of each environment's pending look, and the finder that then chooses.
         self._waiting: list[int | None] = [None] * task.num_envs
         self._finders = [self.finder] * task.num_envs
 
@@ -89,11 +89,11 @@ class DepthPolicy(Policy):
         self._wait(env, self.finder)
 
     def _wait(self, env: int, finder: Finder) -> None:
-        """Look once more, as soon as the executor is ready."""
+        """Schedule another look, as soon as the executor is ready."""
         self._waiting[env], self._finders[env] = int(self._streams[env].integers(2**62)), finder
 
     def act(self, observation: Any) -> Actions:
-        """Decide where it is time to look, and move on in the others."""
+        """Choose grasps in environments that are ready; continue the motion in the others."""
         actions = self._zeros()
         for env in range(self.task.num_envs):
             row = {name: observation[name][env] for name in self.obs}
@@ -112,14 +112,14 @@ class DepthPolicy(Policy):
         return self._finders[env].find(self.observer.look(row, seed), seed=seed)
 
     def _look(self, env: int, row: Mapping[str, Any]) -> FoundGrasp | None:
-        """Look with the seed that was drawn for it."""
+        """Look with the pending seed."""
         seed, self._waiting[env] = self._waiting[env], None
         assert seed is not None
         self.found[env] = self.find(env, seed, row)
         return self.found[env]
 
     def has_looked(self, env: int) -> bool:
-        """Whether it has looked in the present episode of an environment."""
+        """Whether it has looked in the current episode of an environment."""
         return self._waiting[env] is None
 
     def look(self, env: int, row: Mapping[str, Any]) -> None:
@@ -129,7 +129,7 @@ class DepthPolicy(Policy):
             self._look(env, row)
 
     def retry(self, env: int, row: Mapping[str, Any], finder: Finder) -> None:
-        """Take the present grasp back in ``Grasp-v0``, look again, and carry out the choice of another finder."""
+        """Release the current grasp in ``Grasp-v0``, look again, and execute the choice of another finder."""
         found = self.found[env]
         assert isinstance(self.executor, GraspExecutor)
         assert found is not None
@@ -137,7 +137,7 @@ class DepthPolicy(Policy):
         self._wait(env, finder)
 
     def confidence(self, env: int) -> float | None:
-        """Give the finder's probability of success; 0 where no grasp was found, None where it states none."""
+        """Give the finder's probability of success; 0 where no grasp was found, None where it has none."""
         return self.finder.confidence(self.found[env])
 
 
@@ -155,8 +155,8 @@ class DepthGrasp(DepthPolicy):
     config : FinderConfig, optional
         How grasps are found; by default as the folder says.
     hand_error : PoseNoise, optional
-        How far the hand may go from where it is sent: grasps that tolerate it are chosen. A decision then takes several
-        times as long.
+        Expected error of the hand's pose: grasps that tolerate it are chosen. A decision then takes several times as
+        long.
     backend : {"onnx", "torch"}
         Runs the networks: onnxruntime (extra ``onnx``), or torch.
     num_threads : int, optional
@@ -205,10 +205,12 @@ def load_finder(
     Raises
     ------
     ConfigError
-        For another hand than that of the policy, or an unknown backend.
+        For a hand other than the policy's, or an unknown backend.
     """
     if hand.name != published.hand:
-        raise ConfigError(f"the policy {published.name!r} knows the hand {published.hand!r}, not {hand.name!r}")
+        raise ConfigError(
+            f"the policy {published.name!r} was trained for the hand {published.hand!r}, not {hand.name!r}"
+        )
     _check_backend(backend)
     grid = HandGrid(hand, published.grid, crop=published.crop, num_threads=num_threads)
     parts = load_parts(folder, published, grid, backend, num_threads)

@@ -1,6 +1,6 @@
 """Ranked grasps for a depth image of your own, by a published policy.
 
-| name | what it is |
+| name | purpose |
 |---|---|
 | `grasp_image`  | grasps for one image |
 | `ImageGrasper` | the same for many: networks are loaded once |
@@ -30,20 +30,20 @@ from graspbox.simulation import load_hand
 
 __all__ = ["ImageGrasper", "ImageGrasps", "grasp_image"]
 
-#: Grasps nearer than both to a better one are left out, metres and radians.
+#: Grasps nearer than both to a better one are omitted, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
 
 
 @dataclass(frozen=True, eq=False)
 class ImageGrasps:
-    """Grasps of the object that an image shows, the best first; there may be none.
+    """Grasps of the object in an image, the best first; there may be none.
 
     Attributes
     ----------
     policy : DepthPolicyConfig
         The policy that found them.
     depth : (h, w) float64
-        The image as the policy saw it, metres.
+        The image given to the networks, metres.
     intrinsics : (3, 3) float64
         Its intrinsics, pixels.
     table_from_camera : (4, 4) float64
@@ -51,11 +51,11 @@ class ImageGrasps:
     object : (h, w) bool
         Pixels of the object.
     table_from_crop : (4, 4) float64
-        Frame of the occupancy.
+        Pose of the occupancy's frame.
     occupancy : (N, N, N) uint8
         The object's occupancy as the policy completes it, 0 to 255 for 0 to 1.
     table_from_hand : (k, 4, 4) float64
-        Where the hand goes, metres.
+        Hand poses, metres.
     preshape : (k,) float64
         See `graspbox.Hand.preshape_limits`.
     choice, success, secure : (k,) float64
@@ -81,7 +81,7 @@ class ImageGrasps:
 
     @property
     def camera_from_hand(self) -> NDArray[np.float64]:
-        """Where the hand goes, in the camera's frame (k, 4, 4), metres."""
+        """Hand poses in the camera's frame (k, 4, 4), metres."""
         return np.asarray(np.linalg.inv(self.table_from_camera) @ self.table_from_hand)
 
     def to_json(self) -> dict[str, Any]:
@@ -218,13 +218,13 @@ def grasp_image(
     policy : str or PathLike
         The folder of a published policy of one depth image, the name of an installed one, or ``hf://owner/name``.
     count : int
-        Most grasps; those much like a better one are left out.
+        Most grasps; near-duplicates of a better grasp are omitted.
     region : (int, int, int, int), optional
-        Columns and rows, left, top, right and bottom, within which the object is looked for; by default it is the
-        largest thing on the table.
+        Columns and rows, left, top, right and bottom, within which the object is searched; by default it is the
+        largest object on the table.
     hand_error : PoseNoise, optional
-        How far your hand may go from where it is sent: grasps are then ranked by how well they do over such errors.
-        The probabilities stay those of a hand that does not err.
+        Expected error of your hand's pose: grasps are then ranked by their mean score under such errors. The
+        probabilities remain those of a hand without error.
     backend : {"onnx", "torch"}
         Runs the networks.
     seed : int
@@ -233,7 +233,7 @@ def grasp_image(
     Raises
     ------
     ConfigError
-        If no object is found, the pose does not fit the image, the networks give numbers that are not finite, an
+        If no object is found, the pose does not fit the image, an output of the networks is not finite, an
         argument is wrong, or the policy lacks a file.
     MissingExtraError
         If onnxruntime or the package of the policy is not installed.
@@ -247,10 +247,10 @@ def grasp_image(
 def _check_object(crops: Crops, depth: NDArray[np.float64]) -> None:
     """Refuse an image (h, w) in which no object was found."""
     if not crops.found[0]:
-        seen = depth[depth > 0]
+        measured = depth[depth > 0]
         raise ConfigError(
-            f"no object stands out of the table, at depths of {seen.min():.3g} to {seen.max():.3g} m; check the "
-            "camera's pose, the intrinsics and the depth scale, or give another region"
+            f"no object stands out of the table, at depths of {measured.min():.3g} to {measured.max():.3g} m; check "
+            "the camera's pose,  the intrinsics and the depth scale, or give another region"
         )
 
 

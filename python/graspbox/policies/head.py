@@ -78,7 +78,9 @@ def _published(
 ) -> HeadFinder:
     """Load a published head."""
     if hand.name != published.hand:
-        raise ConfigError(f"the policy {published.name!r} knows the hand {published.hand!r}, not {hand.name!r}")
+        raise ConfigError(
+            f"the policy {published.name!r} was trained for the hand {published.hand!r}, not {hand.name!r}"
+        )
     grid = HandGrid(hand, crop=published.crop, num_threads=num_threads)
     if (count := len(grid.preshapes)) != published.preshapes:
         raise ConfigError(f"the policy {published.name!r} knows {published.preshapes} preshapes; its hand has {count}")

@@ -69,7 +69,7 @@ class NetworkPolicy(Policy):
             raise ConfigError(f"the policy {self.name!r} acts in {self.env_id!r}, not in {task.env_id!r}")
         hand, known = load_hand(task.hand).name, self.settings["hand"]
         if hand != known:
-            raise ConfigError(f"the policy {self.name!r} knows the hand {known!r}, not {hand!r}")
+            raise ConfigError(f"the policy {self.name!r} was trained for the hand {known!r}, not {hand!r}")
         for name in ACTING:
             default = keywords(Settings)[name].default
             wanted, given = self.settings.get(name, default), getattr(task, name)

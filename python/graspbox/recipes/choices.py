@@ -96,14 +96,14 @@ def _try_scene(
     sampler: SceneSampler, number: int, finder: GraspFinder, hand: Hand, scorer: Scorer, weights: Sequence[float]
 ) -> Choices:
     """Choose and try grasps in one scene."""
-    seen = render_scene(sampler, number, np.random.default_rng([sampler.seed, number, 7]), hand)
-    found = None if seen.crops is None else finder.decide(seen.crops, seed=number)
-    if found is None or seen.scene is None or seen.crops is None:
+    rendered = render_scene(sampler, number, np.random.default_rng([sampler.seed, number, 7]), hand)
+    found = None if rendered.crops is None else finder.decide(rendered.crops, seed=number)
+    if found is None or rendered.scene is None or rendered.crops is None:
         flags, numbers = np.zeros((0, len(weights)), dtype=np.bool_), np.zeros((0, len(weights), 2))
         return Choices(numbers, numbers, flags, flags)
     judged = scorer.judge(found.volume, found.poses, found.preshapes)
     best = np.array([int(np.argmax(judged.success + weight * judged.secure)) for weight in weights])
-    object_from_hand = np.linalg.inv(seen.world_from_object) @ found.world_from_crop @ found.poses[best]
-    outcomes = seen.scene.simulate(object_from_hand, found.preshapes[best])
+    object_from_hand = np.linalg.inv(rendered.world_from_object) @ found.world_from_crop @ found.poses[best]
+    outcomes = rendered.scene.simulate(object_from_hand, found.preshapes[best])
     probabilities = np.stack([judged.success[best], judged.secure[best]], axis=1)
     return Choices(judged.logits[best][None], probabilities[None], outcomes.success[None], outcomes.secure[None])

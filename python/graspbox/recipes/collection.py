@@ -114,7 +114,9 @@ def check_hand(folders: Iterable[Path], hand: Hand) -> None:
         if made is None:
             raise ConfigError(f"there is no data set in {str(folder)!r}; graspbox dataset makes one")
         if (name := made["hand"]["name"]) != hand.name:
-            raise ConfigError(f"the data set in {str(folder)!r} is of the hand {name!r}; give --hand {name}")
+            raise ConfigError(
+                f"the data set in {str(folder)!r} was generated with the hand {name!r}; give --hand {name}"
+            )
 
 
 def load_trials(folder: Path) -> GraspTrials:
@@ -139,20 +141,22 @@ def _collect_scene(
 ) -> GraspTrials:
     """Collect the trials of one scene; none if the object does not come to rest, is not visible, or has no grasp."""
     rng = np.random.default_rng([sampler.seed, number, 7])
-    seen = render_scene(sampler, number, rng, grid.hand)
-    nothing = GraspTrials.empty(seen.source, seen.world_from_object)
-    if seen.scene is None or seen.crops is None:
+    rendered = render_scene(sampler, number, rng, grid.hand)
+    nothing = GraspTrials.empty(rendered.source, rendered.world_from_object)
+    if rendered.scene is None or rendered.crops is None:
         return nothing
-    found = _find(seen.crops, grid, config, complete or seen.truth, score, head, number)
+    found = _find(rendered.crops, grid, config, complete or rendered.true_occupancy, score, head, number)
     if found is None:
         return nothing
     poses, preshapes, scores = found
     chosen = _choose(len(preshapes), config.per_scene, rng, scores)
     world_from_hand = perturbed(
-        seen.crops.world_from_crop[0] @ poses[chosen], rng, config.error.position, config.error.rotation
+        rendered.crops.world_from_crop[0] @ poses[chosen], rng, config.error.position, config.error.rotation
     )
-    outcomes = seen.scene.simulate(np.linalg.inv(seen.world_from_object) @ world_from_hand, preshapes[chosen])
-    return GraspTrials.of_scene(seen.source, seen.world_from_object, world_from_hand, preshapes[chosen], outcomes)
+    outcomes = rendered.scene.simulate(np.linalg.inv(rendered.world_from_object) @ world_from_hand, preshapes[chosen])
+    return GraspTrials.of_scene(
+        rendered.source, rendered.world_from_object, world_from_hand, preshapes[chosen], outcomes
+    )
 
 
 def _find(

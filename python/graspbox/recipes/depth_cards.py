@@ -168,7 +168,7 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
         Results of each stage by name, with its seconds.
     """
     found = {objects: part for objects, part in stages["evaluate"].items() if objects != "seconds"}
-    scores, felt = [], []
+    scores, paired = [], []
     for objects, part in found.items():
         first, feel, trials = part["first"], part["feel"], part["first"]["trials"]
         more = {
@@ -179,7 +179,7 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
         scores.append(ScoreRow(objects, _GRASP, trials, feel["succeeded"], feel["secure"], "paired trials", more))
         counts = [str(feel[key]) for key in ("opened", "rightly", "saved", "lost")]
         measures = [f"{part['auc']:.3f}", f"{part['ece']:.3f}", f"{first['steps']}", f"{feel['steps']}"]
-        felt.append([f"`{objects}`", *counts, *measures])
+        paired.append([f"`{objects}`", *counts, *measures])
     columns = ("objects", "opened", "rightly", "saved", "lost", "AUC", "ECE", "steps, first attempt", "steps")
     details = paragraph(
         f"The hand opens where the predicted probability that the grasp holds is below "
@@ -192,8 +192,8 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
     learned = paragraph(
         f"Seed {settings.seed}. {train['trials']} grasps of `{settings.objects}`, {train['held']:.1%} of which held. "
         f"Validation, calibration and the choice of the threshold used {stages['record-held-out']['trials']} grasps of "
-        f"`{settings.held_out}`. The hand feels {' and '.join(f'{time} s' for time in settings.times)} after it begins "
-        "to close."
+        f"`{settings.held_out}`. Sensors are read {' and '.join(f'{time} s' for time in settings.times)} after closing "
+        "begins."
     )
     stage_table = times({name: (part["seconds"], "") for name, part in stages.items()})
     return Card(
@@ -205,11 +205,11 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
         method=f"Trials in `{_GRASP}`. Paired trials run the same scenes with the first attempt alone and with a "
         "second one.",
         scores=scores,
-        details=f"{details}\n\n{table(columns, felt)}\n\n![Success against the threshold, and reliability](feel.png)",
+        details=f"{details}\n\n{table(columns, paired)}\n\n![Success against the threshold, and reliability](feel.png)",
         training=f"{code(command)}\n\n{learned}\n\n{stage_table}",
         limits=(
             f"Those of the policy that chooses the grasps; see the card of `{settings.policy.name}`.",
-            "It feels the measurements of the simulated hand: joint positions, tendon tensions and tactile forces, "
+            "It reads the sensors of the simulated hand: joint positions, tendon tensions and tactile forces, "
             "without the noise of real sensors.",
             "There is one second attempt, which is lifted in any case.",
         ),

@@ -23,7 +23,7 @@ from graspbox.recipes.depth_cards import feel_card
 from graspbox.recipes.feel_chart import save_feel_chart
 from graspbox.recipes.paired import PairedTrials, at_threshold, best_threshold, run_pairs
 from graspbox.recipes.settings import FEEL_QUICK, FeelSettings
-from graspbox.recipes.stability_trials import BLOCK, FeltTrials, Recorder
+from graspbox.recipes.stability_trials import BLOCK, Recorder, StabilityTrials
 from graspbox.training.array_files import load_or_make
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
@@ -101,10 +101,10 @@ class _FeelTraining:
             "first": round(float(found.held[found.first].mean()), 4) if found.first.any() else None,
         }
 
-    def trials(self, part: str) -> FeltTrials:
+    def trials(self, part: str) -> StabilityTrials:
         """Load the recorded trials."""
         folder = self.out / f"record-{part}"
-        return FeltTrials.joined([FeltTrials.load(path) for path in sorted(folder.glob("*.npz"))])
+        return StabilityTrials.joined([StabilityTrials.load(path) for path in sorted(folder.glob("*.npz"))])
 
     def member(self, stage: Run, number: int) -> dict[str, Any]:
         """Train one network."""
@@ -194,15 +194,15 @@ class _FeelTraining:
         found: dict[str, PairedTrials] = {}
         for objects in self.settings.evaluated:
             pairs = found[objects] = self.pairs(stage, objects, self.sizes.trials, 1900)
-            felt = pairs.probability
+            predicted = pairs.probability
             results[objects] = {
                 "first": at_threshold(pairs, 0.0),
                 "feel": at_threshold(pairs, threshold),
                 "always": at_threshold(pairs, 2.0),
                 # Upper bound with perfect predictions: open exactly when the first grasp does not hold.
                 "perfect": int((pairs.first | pairs.second).sum()),
-                "auc": round(auc(felt, pairs.first), 4),
-                "ece": round(calibration_error(felt, pairs.first), 4),
+                "auc": round(auc(predicted, pairs.first), 4),
+                "ece": round(calibration_error(predicted, pairs.first), 4),
             }
         save_feel_chart(self.folder / "feel.png", found, threshold)
         return results

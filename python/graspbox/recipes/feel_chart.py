@@ -50,7 +50,7 @@ def save_feel_chart(path: Path, found: Mapping[str, PairedTrials], threshold: fl
     success.legend(fontsize=8, title="dotted: first attempt alone; dashed: the policy's threshold", title_fontsize=8)
     reliability.plot([0, 1], [0, 1], color="0.6", lw=1)
     reliability.set(
-        xlabel="probability that the grasp holds, as felt", ylabel="share that held", xlim=(0, 1), ylim=(0, 1)
+        xlabel="predicted probability that the grasp holds", ylabel="share that held", xlim=(0, 1), ylim=(0, 1)
     )
     for panel in (success, reliability):
         panel.spines[["top", "right"]].set_visible(False)

@@ -82,9 +82,9 @@ def _read(settings: HeadSettings, run: Run) -> HeadData:
 def _train(settings: HeadSettings, run: Run, kind: Kind, data: HeadData) -> dict[str, Any]:
     """Train one head, or resume its training."""
     trials = data.sampler.trials
-    seen = {"trials": len(trials), "scenes": len(trials.source)}
+    sizes = {"trials": len(trials), "scenes": len(trials.source)}
     if kind == "constant":
-        return seen | choose_constant(run.folder / kind, data)
+        return sizes | choose_constant(run.folder / kind, data)
     config = TrainConfig(
         learning_rate=settings.learning_rate,
         batch_size=16,
@@ -96,7 +96,7 @@ def _train(settings: HeadSettings, run: Run, kind: Kind, data: HeadData) -> dict
         device=settings.device,
     )
     head = HeadConfig(kind=kind, width=settings.width)
-    return seen | asdict(train_head(run.folder / kind, data, head, config, reporter(run, "share of holds", kind)))
+    return sizes | asdict(train_head(run.folder / kind, data, head, config, reporter(run, "share of holds", kind)))
 
 
 def _measure(settings: HeadSettings, run: Run, kind: Kind, objects: str, filtered: bool) -> dict[str, Any]:

@@ -121,7 +121,7 @@ def network_card(
     if GOAL_NAME in config.uses:
         summary += (
             f" The observation `goal` is the grasp that the policy in `{config.uses[GOAL_NAME].policy}` finds in one "
-            "depth image, as soon as the hand has left the image. That policy must be there; its card names its "
+            "depth image, as soon as the hand has left the image. That folder must be present; its card names its "
             "training objects."
         )
     if true:

@@ -91,11 +91,11 @@ def run_pairs(
 
     for threshold in (0.0, _ALWAYS):
         runs.append(_run(folder, objects, trials, seed, threshold, split, num_envs, report))
-    (first, felt), (second, again) = runs
-    if not np.array_equal(felt, again):
+    (first, predicted), (second, again) = runs
+    if not np.array_equal(predicted, again):
         raise ConfigError("the two runs differ before the hand decides; run them with the same build and folder")
     return PairedTrials(
-        felt,
+        predicted,
         *(np.array([t.success for t in run]) for run in (first, second)),
         *(np.array([t.secure for t in run]) for run in (first, second)),
         *(np.array([t.steps for t in run]) for run in (first, second)),
@@ -118,12 +118,12 @@ def _run(
     envs = gymnasium.make_vec(
         "graspbox/Grasp-v0", min(num_envs, trials), autoreset_mode=AutoresetMode.DISABLED, **settings
     )
-    felt = np.ones(trials)
+    predicted = np.ones(trials)
 
     def watch(steps: Any) -> None:
         for trial, env in zip(steps.trial.tolist(), steps.env.tolist(), strict=True):
             if policy.attempts[env]:
-                felt[trial] = policy.attempts[env][0].probability
+                predicted[trial] = policy.attempts[env][0].probability
 
     try:
         policy.bind(Task.of(envs))
@@ -133,7 +133,7 @@ def _run(
             progress(len(results))
     finally:
         envs.close()
-    return [results[trial] for trial in range(trials)], felt
+    return [results[trial] for trial in range(trials)], predicted
 
 
 def at_threshold(pairs: PairedTrials, threshold: float) -> dict[str, Any]:

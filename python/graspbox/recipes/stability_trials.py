@@ -19,12 +19,12 @@ from graspbox.artifacts.folders import read_depth_policy
 from graspbox.envs.coding import Codec
 from graspbox.envs.scripted import ScriptedGrasp
 from graspbox.evaluation import trial_seeds
-from graspbox.models.stability.inputs import Feeling, StabilityInputs
+from graspbox.models.stability.inputs import StabilityInputs, StabilityReading
 from graspbox.perception.finder import FoundGrasp
 from graspbox.policies import DepthGrasp, GraspExecutor, Task
 from graspbox.training.array_files import ArrayTable, load_or_make_parts
 
-__all__ = ["BLOCK", "FeltTrials", "Recorder"]
+__all__ = ["BLOCK", "Recorder", "StabilityTrials"]
 
 #: Scenes per file.
 BLOCK = 8
@@ -35,13 +35,13 @@ _WAITING = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.
 
 
 @dataclass(frozen=True, eq=False)
-class FeltTrials(ArrayTable):
+class StabilityTrials(ArrayTable):
     """n grasps.
 
     Attributes
     ----------
     felt : (n, k) float32
-        Known facts and sensor readings (`graspbox.models.stability.inputs.Feeling`).
+        Known facts and sensor readings (`graspbox.models.stability.inputs.StabilityReading`).
     held, secure : (n,) bool
         Outcome of the trial: `graspbox.simulation` defines success and security.
     first : (n,) bool
@@ -107,7 +107,7 @@ class Recorder:
         *,
         progress: Callable[[int], None] = lambda _: None,
         stop: Callable[[], bool] = lambda: False,
-    ) -> FeltTrials:
+    ) -> StabilityTrials:
         """Record blocks of scenes, skipping those whose file exists.
 
         Parameters
@@ -128,29 +128,29 @@ class Recorder:
         """
         seeds = trial_seeds(self._seed, BLOCK * blocks)
 
-        def record(number: int) -> FeltTrials:
+        def record(number: int) -> StabilityTrials:
             return self._block(number, seeds[BLOCK * number : BLOCK * (number + 1)])
 
-        return load_or_make_parts(FeltTrials, folder, range(blocks), record, progress=progress, stop=stop)
+        return load_or_make_parts(StabilityTrials, folder, range(blocks), record, progress=progress, stop=stop)
 
-    def _block(self, number: int, seeds: list[int]) -> FeltTrials:
+    def _block(self, number: int, seeds: list[int]) -> StabilityTrials:
         """Render each scene, choose grasps and try all of them at once."""
         rng = np.random.default_rng([self._seed, number])
         # The same seed gives the same scene; only the hand's pose and the observations differ.
-        seen, _ = self._looking.reset(seed=seeds, options={"world_from_hand": _WAITING})  # type: ignore[arg-type]
+        rendered, _ = self._looking.reset(seed=seeds, options={"world_from_hand": _WAITING})  # type: ignore[arg-type]
         grasps: dict[int, FoundGrasp] = {}
         for scene, seed in enumerate(seeds):
             # The policy's first random numbers in an episode of this seed: it gets the same noise.
-            drawn = int(np.random.default_rng(seed).integers(2**62))
-            found = self._policy.find(scene, drawn, {"depth": seen["depth"][scene]})
+            sampled = int(np.random.default_rng(seed).integers(2**62))
+            found = self._policy.find(scene, sampled, {"depth": rendered["depth"][scene]})
             if found is not None:
                 for n, index in enumerate(_chosen(found, self._per_scene, rng)):
                     grasps[scene * self._per_scene + n] = found.other(index)
-        felt, ends = self._try([seed for seed in seeds for _ in range(self._per_scene)], grasps)
-        tried = sorted(felt)
-        size = len(felt[tried[0]]) if tried else 0
-        return FeltTrials(
-            np.array([felt[env] for env in tried], dtype=np.float32).reshape(len(tried), size),
+        vectors, ends = self._try([seed for seed in seeds for _ in range(self._per_scene)], grasps)
+        tried = sorted(vectors)
+        size = len(vectors[tried[0]]) if tried else 0
+        return StabilityTrials(
+            np.array([vectors[env] for env in tried], dtype=np.float32).reshape(len(tried), size),
             np.array([ends[env][0] for env in tried], dtype=np.bool_),
             np.array([ends[env][1] for env in tried], dtype=np.bool_),
             np.array([env % self._per_scene == 0 for env in tried], dtype=np.bool_),
@@ -160,31 +160,31 @@ class Recorder:
         self, seeds: list[int], grasps: dict[int, FoundGrasp]
     ) -> tuple[dict[int, NDArray[np.float32]], dict[int, tuple[bool, bool]]]:
         """Try a grasp in each environment that has one; returns sensor readings, and success and security."""
-        seen, _ = self._trying.reset(seed=seeds)
+        observations, _ = self._trying.reset(seed=seeds)
         drivers: dict[int, ScriptedGrasp] = {}
         for env, found in grasps.items():
-            start = self._proprio.pose(seen["proprio"][env], "hand")
+            start = self._proprio.pose(observations["proprio"][env], "hand")
             drivers[env] = self._executor.grasping(found, start)
-        feelings = {env: Feeling(self._inputs, found) for env, found in grasps.items()}
+        readings = {env: StabilityReading(self._inputs, found) for env, found in grasps.items()}
         ends: dict[int, tuple[bool, bool]] = {}
         active = sorted(drivers)
         while active:
             actions = []
             for env in active:
-                driver, now = drivers[env], {name: seen[name][env] for name in self._inputs.obs}
-                feelings[env].add(driver.time - driver.closes_at, now)
+                driver, now = drivers[env], {name: observations[name][env] for name in self._inputs.obs}
+                readings[env].add(driver.time - driver.closes_at, now)
                 actions.append(driver.follow(self._proprio.pose(now["proprio"], "hand")))
             self._trying.send(np.stack(actions), np.array(active))
             following, _, terminated, truncated, info = self._trying.recv(len(active))
             for row, env in enumerate(info["env_id"].tolist()):
                 for name, values in following.items():
-                    seen[name][env] = values[row]
+                    observations[name][env] = values[row]
                 if terminated[row] or truncated[row] or drivers[env].finished:
                     ends[env] = bool(info["is_success"][row]), bool(info["is_secure"][row])
             active = [env for env in active if env not in ends]
         # If the object leaves the table before the fingers have closed, the episode ends without readings.
-        felt = {env: feelings[env].vector() for env in ends if feelings[env].complete}
-        return felt, ends
+        vectors = {env: readings[env].vector() for env in ends if readings[env].complete}
+        return vectors, ends
 
 
 def _chosen(found: FoundGrasp, count: int, rng: np.random.Generator) -> list[int]:

@@ -140,9 +140,9 @@ def _make_unseen(objects: ObjectSet, kind: Kind, grasped: float) -> Samples:
     views = math.ceil(_UNSEEN / len(objects))
     inputs, rows = [], []
     for i, spec in enumerate(objects):
-        seen = observe(graspbox.Scene(spec.load()), kind, views, _UNSEEN_SEED + i)
-        inputs.append(seen)
-        rows += [i] * len(seen)
+        rendered = observe(graspbox.Scene(spec.load()), kind, views, _UNSEEN_SEED + i)
+        inputs.append(rendered)
+        rows += [i] * len(rendered)
     count = len(rows)
     poses, preshape = np.zeros((count, 4, 4)), np.full(count, grasped)
     return Samples(objects.names, np.concatenate(inputs), np.array(rows), poses, preshape)

@@ -1,12 +1,12 @@
 """Environments and policies for other machines: ``graspbox serve``, ``graspbox serve-policy``.
 
-| module | what it does |
+| module | purpose |
 |---|---|
-| `graspbox.remote.serving` | a server of environments: Python makes them, Rust does everything else |
-| `graspbox.remote.offer` | which object sets and hands its clients may name |
-| `graspbox.remote.policy_serving` | a server of a policy |
+| `graspbox.remote.serving` | an environment server: Python makes the environments, Rust does everything else |
+| `graspbox.remote.offer` | object sets and hands that clients may name |
+| `graspbox.remote.policy_serving` | a policy server |
 | `graspbox.remote.grasp_requests` | requests for grasps in images: their entries, as arrays and as JSON |
-| `graspbox.remote.settings`, `graspbox.remote.running` | settings, threads and end of both servers |
+| `graspbox.remote.settings`, `graspbox.remote.running` | settings, threads and shutdown of both servers |
 | `graspbox.remote.remote_policy` | a policy on a server, for `graspbox.evaluation` |
 | `graspbox.remote.ray_cluster` | servers on a Ray cluster (extra ``ray``), and a vector environment over them |
 

@@ -5,8 +5,8 @@
 | ``depth`` | (H, W), or (k, H, W) for several images | metres as floats, millimetres as integers; 0 where nothing was measured |
 | ``intrinsics`` | (3, 3) or (k, 3, 3) | pixels |
 | ``camera_pose`` | (4, 4) or (k, 4, 4), optional | ``table_from_camera``: z up, the table at z = 0, metres; by default the table is found in the image |
-| ``region`` | 4 integers, optional | left, top, right, bottom: pixels within which the object is looked for |
-| ``hand_error`` | 2 numbers, optional | how far the hand goes from where it is sent, one standard deviation: millimetres, degrees |
+| ``region`` | 4 integers, optional | left, top, right, bottom: pixels within which the object is searched |
+| ``hand_error`` | 2 numbers, optional | error of the hand's pose, one standard deviation: millimetres, degrees |
 | ``depth_scale`` | number, optional | metres per unit of ``depth`` |
 | ``count`` | integer, optional | most grasps, 1 to 100; 5 by default |
 | ``seed`` | integer, optional | seed of the refinement |
@@ -37,7 +37,7 @@ __all__ = ["ENTRIES", "answer_of", "decide", "from_json", "to_json"]
 
 #: Entries of a request.
 ENTRIES = ("depth", "intrinsics", "camera_pose", "region", "hand_error", "depth_scale", "count", "seed")
-#: Most images of a request, and most pixels of one: as many as a camera of 4096 x 3072 has.
+#: Most images of a request, and most pixels of one: those of a camera of 4096 x 3072.
 MAX_IMAGES, MAX_PIXELS = 16, 4096 * 3072
 #: Most grasps for an image.
 MAX_GRASPS = 100
@@ -113,8 +113,7 @@ def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        For an entry that is wrong, missing or unknown, which `GraspboxError.field` names, or an image without an
-        object.
+        For a wrong, missing or unknown entry, named in `GraspboxError.field`, or for an image without an object.
     """
     for name in request:
         if name not in ENTRIES:
@@ -140,7 +139,7 @@ def _scale(request: Mapping[str, Any]) -> float | None:
 
 
 def _region(request: Mapping[str, Any]) -> tuple[int, int, int, int] | None:
-    """Take the pixels within which the object is looked for."""
+    """Take the pixels within which the object is searched."""
     if request.get("region") is None:
         return None
     found = _array(request, "region", (4,))
@@ -213,14 +212,14 @@ def from_json(body: bytes) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        If it is no JSON object, or an array in it is wrong.
+        If it is not a JSON object, or an array in it is wrong.
     """
     try:
         found = json.loads(body)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"the body is not JSON: {error}") from None
     if not isinstance(found, dict):
-        raise ConfigError("the body is JSON, but no object; send {'depth': ..., 'intrinsics': ...}")
+        raise ConfigError("the body is JSON, but not an object; send {'depth': ..., 'intrinsics': ...}")
     request: dict[str, Any] = {}
     for name, value in found.items():
         with about(name[:_MAX_NAME]):

@@ -1,6 +1,6 @@
-"""What a server offers: the object sets and hands that clients may name.
+"""The offer of a server: object sets and hands that clients may name.
 
-A client names an offered set, a part of one, or the name that the server gave to one. It names no path.
+A client names an offered set, a part of one, or the name that the server gave to one. Paths are refused.
 """
 
 from collections.abc import Iterable, Sequence
@@ -36,7 +36,7 @@ class _Procedural:
 
 
 class Offer:
-    """What clients may name.
+    """Object sets and hands that clients may name.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ class Offer:
         kind, _, rest = text.partition(":")
         if equals:
             if not name or name in self._aliases or name.partition(":")[0] in _SETS:
-                raise ConfigError(f"objects has {text!r}; write NAME=SET, with a name that no other set has")
+                raise ConfigError(f"objects has {text!r}; write NAME=SET, with a unique name")
             object_sets.load(target)
             self._aliases[name] = target
         elif kind == "procedural":
             families, seeds = object_sets.families_and_seeds(rest, text)
-            # No family begins with a digit; without a range of seeds every seed may be named.
+            # No family begins with a digit; without a range of seeds every seed is allowed.
             ranged = rest.rpartition(":")[2][:1].isdigit()
             self._procedural.append(_Procedural(frozenset(families), seeds if ranged else None))
         elif kind == "ycb":
@@ -94,17 +94,17 @@ class Offer:
         Raises
         ------
         ObjectSetError
-            For anything that is not offered, and for too many objects.
+            For objects that are not offered, and for too many objects.
         """
         names: list[str] = [given] if isinstance(given, str) else given
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise ObjectSetError(f"objects is {shown(given)}; give names of object sets")
-        # Everything below takes time for each name, and other clients wait meanwhile.
+        # The work below grows with the number of names, and other clients wait meanwhile.
         if len(names) > MAX_OBJECTS:
             raise ObjectSetError(f"objects has {len(names)} names; this server takes at most {MAX_OBJECTS} objects")
         self._check_count(names)
         found = object_sets.load([self._aliases.get(name, name) for name in names], scale=scale, mass=mass)
-        # The client reads its own names in errors, not those of folders here.
+        # Errors show the client's own names instead of local folders.
         return replace(found, name=",".join(names))
 
     def _check_count(self, names: Iterable[str]) -> None:

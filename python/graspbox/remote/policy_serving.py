@@ -1,9 +1,9 @@
-"""A server of a policy, for clients of openpi's protocol and for plain HTTP.
+"""Policy server, for clients of openpi's protocol and for plain HTTP.
 
-What a client gets depends on what it sends. ``depth`` with ``intrinsics`` is a request for grasps
-(`graspbox.remote.grasp_requests`). Observations of an environment are answered with ``actions``; each connection has a
-policy of its own then, bound to one environment, and ``{"reset": True}`` beside the observations begins an episode.
-Those policies share their networks.
+The request determines the answer. ``depth`` with ``intrinsics`` is a request for grasps
+(`graspbox.remote.grasp_requests`). Observations of an environment are answered with ``actions``; each connection then
+has a policy of its own, bound to one environment, and ``{"reset": True}`` with the observations begins an episode.
+These policies share their networks.
 """
 
 import json
@@ -31,14 +31,14 @@ from graspbox.remote.settings import PolicyServerSettings
 
 __all__ = ["PolicyServer", "PolicyServerSettings"]
 
-#: Entries that say how an observation is meant.
+#: Entries other than observations.
 _CONTROL = ("reset", "seed")
-#: Longest sentence of an error that a client is told, characters.
+#: Longest error message sent to a client, characters.
 _MAX_SENTENCE = 4096
 
 
 class PolicyServer(RunningServer):
-    """A server that runs: clients get decisions of a policy until it is stopped.
+    """A running server: clients get decisions of a policy until it is stopped.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class PolicyServer(RunningServer):
         self._policy = str(policy)
         prototype = policies.load(self._policy)
         if prototype.obs is not None and "state" in _names(prototype):
-            raise ConfigError(f"the policy {prototype.name!r} reads the state, which no camera gives")
+            raise ConfigError(f"the policy {prototype.name!r} reads the state, which no camera measures")
         self._env_id = settings.env_id or prototype.env_id or IDS[0]
         if self._env_id not in IDS:
             raise ConfigError(f"there is no environment {self._env_id!r}; choose from {', '.join(IDS)}")
-        # Policies that derive from it decide otherwise than in one image, or have no scorer.
+        # Subclasses do not decide on one image, or have no scorer.
         decides = type(prototype) is DepthGrasp
         self._grasper = ImageGrasper(self._policy) if decides else None
         self._name, self._folders = prototype.name, _folders(self._policy)
@@ -78,7 +78,7 @@ class PolicyServer(RunningServer):
         return self._grasper is not None
 
     def _made_of(self, prototype: Policy) -> "_Actors | GraspboxError":
-        """Make what acts; the error, where the policy finds grasps in images although it does not act."""
+        """Make the actors; return the error if the policy does not act but finds grasps in images."""
         try:
             return _Actors(prototype, self._env_id)
         except GraspboxError as error:
@@ -127,12 +127,12 @@ class PolicyServer(RunningServer):
                 job.answer(answer)
         except GraspboxError as error:
             job.refuse(type(error).__name__, error.field, self._told(error))
-        except BaseException as error:  # a panic of the core is no Exception, and would end this thread
+        except BaseException as error:  # a panic of the core is not an Exception, and would end this thread
             told = f"the decision failed, please report it: {type(error).__name__}: {self._told(error)}"
             job.refuse("InternalError", "", told)
 
     def _told(self, error: BaseException) -> str:
-        """Name the policy instead of its folder, which is nobody's business elsewhere."""
+        """Replace the policy's folder by its name, since clients should not learn local paths."""
         text = str(error)
         for folder in self._folders:
             text = text.replace(f"{folder}/", f"{self._name}/")
@@ -151,7 +151,7 @@ class PolicyServer(RunningServer):
 
 
 def _folders(policy: str) -> list[str]:
-    """Names of the folder of a policy, as errors may hold them."""
+    """Spellings of a policy's folder that may occur in errors."""
     if policy in policies.names():
         return []
     found = folder_of(policy)
@@ -174,7 +174,7 @@ class _Actors:
 
     def __init__(self, policy: Policy, env_id: str) -> None:
         settings = {**policy.settings, **({} if policy.obs is None else {"obs": policy.obs})}
-        # Made for its spaces alone.
+        # Made only for its spaces.
         env = gymnasium.make_vec(env_id, 1, objects="procedural:can:0", **settings)
         self._task = Task.of(env)
         env.close()
@@ -185,13 +185,13 @@ class _Actors:
         self.confident = first.confidence(0) is not None
 
     def _new(self) -> Policy:
-        # Never bound itself, so copies have no state in common.
+        # The original is never bound, so copies share no state.
         policy = deepcopy(self._policy)
         policy.bind(self._task)
         return policy
 
     def of(self, connection: int) -> "_Actor":
-        """Find the policy of a connection, which asks for one action after the other."""
+        """Find the policy of a connection, which requests one action at a time."""
         with self._lock:
             found = self._actors.get(connection)
         if found is None:
@@ -201,7 +201,7 @@ class _Actors:
         return found
 
     def forget(self, connection: int) -> None:
-        """Drop the policy of a connection that ended."""
+        """Drop the policy of an ended connection."""
         with self._lock:
             self._actors.pop(connection, None)
 
@@ -263,7 +263,7 @@ def _checked_row(name: str, value: Any, space: Any) -> Any:
         raise ConfigError(f"the observation {name!r} is {given}; {wanted}")
     with np.errstate(all="ignore"):
         row = np.ascontiguousarray(found, dtype=space.dtype)[None]
-    # What is no longer finite as the type of the space, and what that type cannot tell.
+    # Overflow of the space's type, and values that an integer type cannot represent.
     if not (np.isfinite(row).all() and (found.dtype == row.dtype or np.isfinite(found).all())):
         raise ConfigError(f"the observation {name!r} holds numbers that are not finite; give finite {space.dtype}")
     return row

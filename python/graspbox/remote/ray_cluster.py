@@ -1,6 +1,6 @@
 """Environment servers on a Ray cluster: one actor per server, and a vector environment over all of them.
 
-Nothing here steps an environment: the actors run `graspbox.remote.EnvironmentServer`, and the client talks to them over
+This module steps no environment: the actors run `graspbox.remote.EnvironmentServer`, and the client talks to them over
 WebSockets, past Ray.
 """
 
@@ -25,7 +25,7 @@ __all__ = ["RayServers", "RayVectorEnv", "ray_servers"]
 
 #: Seconds within which all servers must run. Ray starts a process for each, which imports graspbox.
 _START = 120.0
-#: In a cluster connections rarely break off; a server that was restarted comes back within this time, seconds.
+#: Connections within a cluster rarely break; a restarted server returns within this time, seconds.
 _REMOTE = RemoteConfig(reconnect="restore", grace=15.0)
 
 
@@ -56,7 +56,7 @@ class _Server:
 
 
 def _address() -> tuple[str, int]:
-    """Address of the present node, and a port that is free there."""
+    """Address of the current node, and a free port there."""
     host = _ray().util.get_node_ip_address()
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with closing(socket.socket(family)) as found:
@@ -67,27 +67,27 @@ def _address() -> tuple[str, int]:
 class RayServers:
     """Environment servers as actors of a Ray cluster, until `close`; also a context manager.
 
-    Several clients may use them: give each `remote`. Each server listens at the address of its node, at a port that is
-    free, and lets in who knows a token that is made here. There is no TLS (``ServerSettings(insecure=True)``): whoever
-    can read the traffic between the nodes can read the token and all that is sent, and whoever may use the cluster can
-    ask Ray for the token. Use it within a network that you trust, as Ray itself must be used.
+    Several clients may use them: give each `remote`. Each server listens at the address of its node, at a free
+    port, and admits clients with a token that is made here. There is no TLS (``ServerSettings(insecure=True)``): anyone
+    who can read the traffic between the nodes can read the token and all data, and every user of the cluster can ask
+    Ray for the token. Use it only within a trusted network, as Ray itself.
 
     Parameters
     ----------
     servers : int, optional
-        How many; they are dealt out to the nodes in turn. By default one per node that has CPUs.
+        Number of servers; they are assigned to the nodes in turn. By default one per node that has CPUs.
     cpus_per_server : int, optional
         CPUs that Ray reserves for a server, which steps with as many threads; by default all CPUs of its node, in equal
         parts where a node has several servers.
     settings : ServerSettings, optional
-        What the servers offer, and bounds; by default the object sets that are installed on the nodes. Host, port,
+        Offer and bounds of the servers; by default the object sets installed on the nodes. Host, port,
         token and threads are set here.
     remote : RemoteConfig, optional
-        How clients use the servers: everything but addresses and token; by default ``reconnect="restore"`` with a grace
+        Client settings, without addresses and token; by default ``reconnect="restore"`` with a grace
         of 15 s. A server whose process ends is restarted at the same address. Until then, and for good where its node
-        is lost, its environments go on on the other servers, or on the new one if there is no other.
+        is lost, its environments continue on the other servers, or on the new one if there is no other.
     address : str, optional
-        The cluster, where this process is not connected to one; as of ``ray.init``.
+        The cluster, if this process is not connected to one; as of ``ray.init``.
 
     Raises
     ------
@@ -126,7 +126,7 @@ class RayServers:
     def _start(
         self, servers: int | None, cpus: int | None, token: str, settings: ServerSettings | None
     ) -> Sequence[str]:
-        """Start the actors; their addresses."""
+        """Start the actors and return their addresses."""
         ray = self._ray
         affinity = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy
         places = _places(ray.nodes(), servers, cpus)
@@ -190,7 +190,7 @@ def _places(nodes: Sequence[dict[str, Any]], servers: int | None, cpus: int | No
 
 
 class RayVectorEnv(VectorWrapper):
-    """A vector environment whose servers end with it; methods of graspbox's own are those of ``unwrapped``.
+    """A vector environment whose servers end with it; graspbox's own methods are on ``unwrapped``.
 
     Parameters
     ----------
@@ -230,11 +230,11 @@ def ray_servers(
     Parameters
     ----------
     num_envs : int
-        Number of environments. They are dealt out to the servers in equal parts.
+        Number of environments. They are divided equally among the servers.
     env_id : str
         The environment.
     servers, cpus_per_server, settings, remote, address
-        As of `RayServers`, which also says who may use the servers.
+        As of `RayServers`, which also documents access control.
     **keywords
         Of the environment, such as ``objects`` and ``obs``.
 

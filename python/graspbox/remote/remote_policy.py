@@ -1,4 +1,4 @@
-"""A policy on a server, as `graspbox evaluate ws://HOST:PORT` measures it: anything that speaks openpi's protocol."""
+"""Policies on servers that speak openpi's protocol, for `graspbox evaluate ws://HOST:PORT`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,25 +23,25 @@ _MOST_SETS, _LONGEST = 1000, 1000
 class RemotePolicy(Policy):
     """Asks a server for the actions of each environment, one connection per environment.
 
-    A server of graspbox also tells the hand that its policy knows, the object sets from which it learned, and whether
-    it states a probability of success.
+    A graspbox server also reports the policy's hand, the object sets from which it learned, and whether it states a
+    probability of success.
 
     Parameters
     ----------
     url : str
         ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
     obs : str or sequence of str, optional
-        Observations to send; by default those that the server's metadata name (``observations``).
+        Observations to send; by default ``observations`` of the server's metadata.
     keys : mapping of str to str, optional
         Names under which the server expects observations, by our names.
     chunk : int
-        Actions of an answer that are executed before the server is asked again; an answer must hold as many.
+        Actions executed per answer before the next query; an answer must have at least as many.
     actions : str
         Name of the actions in an answer.
     token : str, optional
         The server's token; by default the environment variable ``GRASPBOX_TOKEN``, else none.
     ca : path, optional
-        Certificates to trust beside those of the public authorities, in PEM.
+        Certificates to trust besides those of the public authorities, in PEM.
     extra : mapping, optional
         Entries sent with every observation, such as a prompt.
 
@@ -50,7 +50,7 @@ class RemotePolicy(Policy):
     ConnectionLostError
         If the server cannot be reached.
     ConfigError
-        If it does not let this client in, is no server of a policy, or nothing says which observations it needs.
+        If it refuses this client, is not a policy server, or the observations that it needs are unknown.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class RemotePolicy(Policy):
         return _core.PolicyClient(self._url, token=self._token, ca=self._ca)
 
     def _checked(self, metadata: Any) -> Mapping[str, Any]:
-        """Refuse the first frame of what is no server of a policy."""
+        """Refuse the first frame of any other server than a policy server."""
         if not isinstance(metadata, Mapping):
             raise ConfigError(f"the server {self._url} begins with {shown(metadata)}; a server of a policy sends a map")
         if metadata.get("protocol") == "graspbox":
@@ -127,7 +127,7 @@ class RemotePolicy(Policy):
 
     def _bind(self, task: Task) -> None:
         if self._hand is not None and (hand := load_hand(task.hand).name) != self._hand:
-            raise ConfigError(f"the policy {self.name!r} knows the hand {self._hand!r}, not {hand!r}")
+            raise ConfigError(f"the policy {self.name!r} was trained for the hand {self._hand!r}, not {hand!r}")
         self._stated = [None] * task.num_envs
         while len(self._clients) < task.num_envs:
             self._clients.append(self._connect())
@@ -138,11 +138,11 @@ class RemotePolicy(Policy):
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         self._pending[env].clear()
         self._active[env] = True
-        # A server that is not ours knows nothing of episodes.
+        # Only graspbox servers know episodes.
         self._starts[env] = {"reset": True, "seed": seed} if self._ours else {}
 
     def act(self, observation: Any) -> Actions:
-        """Execute what is left of the last answers, and ask for more where nothing is."""
+        """Execute the remaining actions; query the server where none are left."""
         actions = self._zeros()
         asked = [env for env in range(self.task.num_envs) if self._active[env] and not self._pending[env]]
         for env in asked:
@@ -181,9 +181,9 @@ class RemotePolicy(Policy):
         return {self._keys.get(name, name): np.ascontiguousarray(value) for name, value in found.items()}
 
     def _chunk_of(self, answer: Any) -> list[NDArray[np.float32]]:
-        """Take the actions of an answer, as many as are executed."""
+        """Take the actions to execute from an answer."""
         if isinstance(answer, str):
-            # A server of openpi sends a traceback, which ends with the error.
+            # An openpi server sends a traceback, which ends with the error.
             last = (answer.strip() or "it does not say which").splitlines()[-1]
             raise ConfigError(f"the server {self._url} reports an error: {last}")
         if not isinstance(answer, Mapping) or self._name not in answer:

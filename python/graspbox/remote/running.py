@@ -1,4 +1,4 @@
-"""A server that runs: threads that answer what needs Python, draining, the end."""
+"""Running servers: threads that answer requests that need Python, draining, shutdown."""
 
 import ctypes
 import threading
@@ -11,20 +11,20 @@ from graspbox import _core
 
 __all__ = ["DRAIN", "PAUSE", "RunningServer"]
 
-#: Seconds in which running calls end when a server is told to stop.
+#: Seconds granted to running calls when a server stops.
 DRAIN = 10.0
-#: Seconds for which a thread waits for something to answer before it looks whether the server has stopped.
+#: Seconds for which a thread waits for a request before it checks whether the server has stopped.
 PAUSE = 0.25
 #: Seconds that an idle thread needs to end.
 _JOIN = 2.0
-#: Seconds after which free memory is given back: a millisecond if there is little, 15 ms for 100 MB.
+#: Seconds between returns of free memory: a millisecond if there is little, 15 ms for 100 MB.
 _TRIM = 10.0
 
 
 def _give_back_memory() -> None:
-    """Give free memory back to the system: glibc keeps what ended sessions had, in pieces between what others have.
+    """Return free memory to the system: glibc keeps the memory of ended sessions, fragmented among that of others.
 
-    Another C library has no such function.
+    Other C libraries have no such function.
     """
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
@@ -64,7 +64,7 @@ class RunningServer(ABC):
         return self._listener.metrics()
 
     def start(self) -> Self:
-        """Answer clients, in threads of their own."""
+        """Start the threads that answer clients."""
         for worker in self._workers:
             worker.start()
         return self
@@ -75,21 +75,21 @@ class RunningServer(ABC):
             time.sleep(PAUSE)
 
     def drain(self) -> None:
-        """Let nobody begin any more, and end `wait`. A signal handler may call it."""
+        """Stop accepting sessions and end `wait`. A signal handler may call it."""
         self._draining = True
         self._listener.drain()
 
     def hurry(self) -> None:
-        """Let `stop` wait no longer. A signal handler may call it."""
+        """Make `stop` return without waiting. A signal handler may call it."""
         self._hurried = True
 
     def stop(self, patient: bool = True) -> bool:
-        """End everything; running calls are waited for, 10 s at most, unless `patient` is false.
+        """End all sessions; waits for running calls, 10 s at most, unless `patient` is false.
 
         Returns
         -------
         bool
-            Whether all of them had ended.
+            Whether all of them ended.
         """
         self.drain()
         # Not in the core: a second signal must be noticed meanwhile.

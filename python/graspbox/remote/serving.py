@@ -1,6 +1,6 @@
-"""A server of environments: Python makes them, Rust does everything else.
+"""Environment server: Python makes the environments, Rust does everything else.
 
-A client may name only what the server offers: object sets, or parts of them, and hands. It names no path.
+A client may name only offered object sets, or parts of them, and hands. Paths are refused.
 """
 
 import json
@@ -30,7 +30,7 @@ __all__ = ["EnvironmentServer"]
 _MAKERS = 2
 #: Keywords that concern the client alone.
 _LOCAL = ("remote", "num_threads", "copy", "prepare_files")
-#: Longest sentence of an error that a client is told, characters.
+#: Longest error message sent to a client, characters.
 _MAX_SENTENCE = 4096
 #: Longest name of a field.
 _MAX_FIELD = 100
@@ -75,17 +75,17 @@ def space_of(space: gymnasium.Space[Any]) -> dict[str, Any]:
 
 
 class EnvironmentServer(RunningServer):
-    """A server that runs: clients make environments on it until it is stopped.
+    """A running server: clients make environments on it until it is stopped.
 
     Parameters
     ----------
     settings : ServerSettings, optional
-        Address, bounds, and what is offered.
+        Address, bounds, and the offer.
 
     Raises
     ------
     ConfigError, ObjectSetError
-        For a setting that is wrong, an address that cannot be used, or an object set that does not exist.
+        For an invalid setting, an unusable address, or an unknown object set.
     """
 
     def __init__(self, settings: ServerSettings | None = None) -> None:
@@ -107,7 +107,7 @@ class EnvironmentServer(RunningServer):
             job.accept(core.local_pool, core.weights.tolist(), picture, json.dumps(description_of(core, environment)))
         except _WrongField as wrong:
             job.refuse(type(wrong.error).__name__, wrong.field, str(wrong.error)[:_MAX_SENTENCE])
-        except BaseException as error:  # a panic of the core is no Exception, and would end this thread
+        except BaseException as error:  # a panic of the core is not an Exception, and would end this thread
             job.refuse("InternalError", "", f"the environments could not be made: {type(error).__name__}: {error}")
 
     def _made(self, request: Mapping[str, Any]) -> tuple[GraspCore, str]:
@@ -116,7 +116,7 @@ class EnvironmentServer(RunningServer):
         Raises
         ------
         _WrongField
-            For what is wrong with it.
+            If the request is invalid.
         """
         environment, given = request.get("environment", IDS[1]), dict(request.get("keywords") or {})
         with _about("environment"):
@@ -150,7 +150,7 @@ class EnvironmentServer(RunningServer):
 
 
 class _WrongField(Exception):  # noqa: N818 (it wraps the error)
-    """An error of a request, and the field that it is about."""
+    """An error of a request, and the field that it concerns."""
 
     def __init__(self, error: GraspboxError, field: str) -> None:
         super().__init__(str(error))
@@ -159,12 +159,12 @@ class _WrongField(Exception):  # noqa: N818 (it wraps the error)
 
 @contextmanager
 def _about(field: str) -> Iterator[None]:
-    """Say which field an error is about: the one that it names, or the keyword with which its sentence begins."""
+    """Add the field that an error concerns: the one that it names, or the keyword with which its message begins."""
     try:
         yield
     except GraspboxError as error:
         leading = re.match(r"[`\w.]+", str(error))
         words = leading[0].strip("`").split(".") if leading else []
-        # Perhaps behind the name of a config.
+        # The name of a config may precede it.
         field = error.field or next((word for word in words if word in keywords(Settings)), field)
         raise _WrongField(error, field[:_MAX_FIELD]) from error

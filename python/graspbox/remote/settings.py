@@ -45,21 +45,21 @@ class ListenerSettings:
     Attributes
     ----------
     host, port : str and int
-        Where to listen; port 0 is any that is free.
+        Address to listen on; port 0 is any free port.
     token : str, optional
-        What clients must know: at least 16 characters of printable ASCII.
+        Secret that clients must send: at least 16 characters of printable ASCII.
     tls_cert, tls_key : path, optional
         Certificate chain and private key, PEM files.
     origins : sequence of str
         Origins of browser pages that may connect, such as ``http://localhost:8080``.
     insecure : bool
-        Allows an address beyond this machine without TLS and token.
+        Allows an address reachable from other machines without TLS and token.
     max_sessions, max_message : int
         Most sessions, largest message in bytes.
     idle_timeout : float
         Seconds without a command or request after which a session ends.
     threads : int, optional
-        Threads that work for clients; by default ``GRASPBOX_THREADS``, else all.
+        Threads that serve clients; by default ``GRASPBOX_THREADS``, else all.
     """
 
     host: str = "127.0.0.1"
@@ -80,12 +80,12 @@ class ListenerSettings:
         return _core.num_threads(self.threads)
 
     def check(self) -> None:
-        """Refuse wrong types and values, files that cannot be read, and what would let in who does not belong.
+        """Refuse wrong types and values, unreadable files, and settings that would admit unauthorized clients.
 
         Raises
         ------
         ConfigError
-            The message begins with the name of the field, where it is one.
+            The message begins with the name of the field, if it concerns one.
         FileError
             For a file that cannot be read.
         """
@@ -116,7 +116,7 @@ class ListenerSettings:
             )
 
     def to_json(self) -> str:
-        """Write what the core needs of them."""
+        """Return the settings for the core, as JSON."""
         own = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in _PYTHON}
         own |= {"threads": self.num_threads, "origins": list(self.origins)}
         own = {name: str(value) if isinstance(value, Path) else value for name, value in own.items()}
@@ -125,7 +125,7 @@ class ListenerSettings:
 
 @dataclass(frozen=True)
 class ServerSettings(ListenerSettings):
-    """Settings of a server of environments; those of any server are documented in `ListenerSettings`.
+    """Settings of an environment server; those of any server are documented in `ListenerSettings`.
 
     Attributes
     ----------
@@ -146,11 +146,11 @@ class ServerSettings(ListenerSettings):
     max_grace: float = 300.0
 
     def check(self) -> None:
-        """Refuse as `ListenerSettings.check`, and hands that do not exist, and an empty offer."""
+        """As `ListenerSettings.check`; also refuse unknown hands and an empty offer."""
         super().check()
         for name in ("objects", "hands"):
             if not getattr(self, name):
-                raise ConfigError(f"{name} is empty; name what clients may use")
+                raise ConfigError(f"{name} is empty; name those that clients may use")
         for hand in self.hands:
             if hand not in Hand.names():
                 raise ConfigError(f"there is no hand {hand!r} to offer; choose from {', '.join(Hand.names())}")
@@ -158,14 +158,14 @@ class ServerSettings(ListenerSettings):
 
 @dataclass(frozen=True)
 class PolicyServerSettings(ListenerSettings):
-    """Settings of a server of a policy; those of any server are documented in `ListenerSettings`.
+    """Settings of a policy server; those of any server are documented in `ListenerSettings`.
 
     Attributes
     ----------
     env_id : str, optional
         The environment whose observations clients send; by default the policy's own, else ``graspbox/GraspPose-v0``.
     threads : int
-        Decisions that are made at once.
+        Concurrent decisions.
     """
 
     port: int = 8000
@@ -175,7 +175,7 @@ class PolicyServerSettings(ListenerSettings):
 
 
 def _check_origin(origin: str) -> None:
-    """Refuse what no browser sends as its origin: it would never match."""
+    """Refuse an origin that no browser sends: it would never match."""
     found = _ORIGIN.fullmatch(origin)
     if found is None or (found[1], found[3]) in _LEFT_OUT:
         near = _ORIGIN.match(origin.lower() if "://" in origin else f"http://{origin.lower()}")
@@ -195,7 +195,7 @@ def _check_file(file: FilePath) -> None:
 
 
 def _check_type(name: str, value: Any, hint: Any) -> None:
-    """Refuse a value of another type than that of a field."""
+    """Refuse a value of the wrong type for a field."""
     if hint in (int, int | None):
         if value is not None or hint is int:
             natural(value, name)
@@ -211,7 +211,7 @@ def _check_type(name: str, value: Any, hint: Any) -> None:
         raise ConfigError(f"{name} is {found}; give {_WANTED[hint]}")
 
 
-#: What an error asks for, by the annotation of a field.
+#: Value that an error asks for, by the annotation of a field.
 _WANTED: dict[Any, str] = {
     str: "a text",
     str | None: "a text or None",

@@ -156,7 +156,7 @@ def _goal_of(folder: Path, goal: str | None) -> tuple[dict[str, Use], dict[str, 
     used = folder_of(goal) if is_bare(goal) and goal not in baselines() else Path(goal)
     if not used.is_dir():
         raise ConfigError(
-            f"goal_from is {goal!r}, which is no folder of a published policy; train with one, such as policies/depth"
+            f"goal_from is {goal!r}, which is not a published policy's folder; train with one, such as policies/depth"
         )
     return {"goal": use_of(folder, used)}, {"goal_from": goal}
 

@@ -82,7 +82,7 @@ def read_parameters(
         found = yaml.safe_load(path.read_text())
         values = found[algorithm][env_id]
     except yaml.YAMLError as error:
-        raise ConfigError(f"{str(path)!r} is no YAML: {_line(error)}") from None
+        raise ConfigError(f"{str(path)!r} is not valid YAML: {_line(error)}") from None
     except (KeyError, TypeError):
         raise ConfigError(f"{str(path)!r} has no entry {algorithm!r}, {env_id!r}; add one") from None
     for change in changes:
@@ -96,7 +96,7 @@ def read_parameters(
         try:
             place[last] = yaml.safe_load(value)
         except yaml.YAMLError as error:
-            raise ConfigError(f"--set {change!r} has a value that is no YAML: {_line(error)}") from None
+            raise ConfigError(f"--set {change!r} has a value that is not valid YAML: {_line(error)}") from None
     if steps is not None:
         values["steps"] = steps
     try:

@@ -96,7 +96,9 @@ class PoseRegressor(Policy):
             )
         self._hand = load_hand(task.hand)
         if self._knows is not None and self._hand.name != self._knows:
-            raise ConfigError(f"the policy {self.name!r} knows the hand {self._knows!r}, not {self._hand.name!r}")
+            raise ConfigError(
+                f"the policy {self.name!r} was trained for the hand {self._knows!r}, not {self._hand.name!r}"
+            )
 
     def act(self, observation: Any) -> Actions:
         """Predict a pose for every environment."""

@@ -1,8 +1,8 @@
-"""Tables of arrays in ``.npz`` files, made part by part: work that was interrupted continues with the next part.
+"""Tables of arrays in ``.npz`` files, made part by part: interrupted work resumes with the next part.
 
 | name | purpose |
 |---|---|
-| `ArrayTable` | base of dataclasses whose fields are arrays: save, load, put together |
+| `ArrayTable` | base of dataclasses whose fields are arrays: save, load, join |
 | `load_or_make` | one table and its file |
 | `load_or_make_parts` | a folder with a file per part |
 """
@@ -27,10 +27,10 @@ class ArrayTable:
     Attributes
     ----------
     nothing : str
-        The error where no table has a row.
+        Error message if no table has a row.
     """
 
-    nothing: ClassVar[str] = "there is nothing to put together; give some"
+    nothing: ClassVar[str] = "there are no tables to join; give some"
 
     def __len__(self) -> int:
         """Count the rows."""
@@ -38,7 +38,7 @@ class ArrayTable:
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
-        """Put tables together.
+        """Join tables.
 
         Raises
         ------
@@ -81,14 +81,14 @@ def load_or_make_parts(
     progress: Callable[[int], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Table:
-    """Read the parts of a table, make those whose file is not there yet, and put them together.
+    """Read the parts of a table, make those without a file, and join them.
 
     Parameters
     ----------
     kind : type
         The table's class.
     folder : Path
-        Where the files are.
+        Folder of the files.
     numbers : iterable of int
         Numbers of the parts.
     make : callable
@@ -96,7 +96,7 @@ def load_or_make_parts(
     progress : callable
         Called with the number of parts so far.
     stop : callable
-        Asked before each part that is not there yet; once it says so, no other is made or read.
+        Called before each part without a file; once it returns True, no other part is made or read.
 
     Raises
     ------

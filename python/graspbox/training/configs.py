@@ -24,8 +24,8 @@ class TrainConfig:
         of that family that adapts each weight's step by the sign of its gradient alone.
     schedule : str
         One of `SCHEDULES`. ``warmup_cosine``: the learning rate rises over the first 2 % and falls to 0 along half a
-        cosine, which ends with the steps or with the time, whichever comes first. ``epoch_cosine``: it falls along
-        half a cosine over the steps, at validations alone. ``constant``: it stays.
+        cosine, which ends with the steps or the time, whichever comes first. ``epoch_cosine``: it falls along
+        half a cosine over the steps, at validations alone. ``constant``: no decay.
     learning_rate : float
         Greatest learning rate; of ``delta_bar_delta`` the first step of each weight.
     weight_decay : float
@@ -33,28 +33,27 @@ class TrainConfig:
     momentum : float
         Of ``momentum`` and ``nesterov``.
     clip_norm : float or None
-        Greatest norm of the gradient; None leaves it as it is.
+        Greatest norm of the gradient; None disables clipping.
     batch_size : int
         Samples per step.
     max_steps : int
-        Steps after which training stops.
+        Number of steps after which training stops.
     validate_every : int
         Steps between validations, each of which writes a checkpoint.
     log_every : int or None
         Steps between rows of the log; None for rows at validations alone.
     patience : int
-        Validations without a better measure after which training stops.
+        Validations without improvement after which training stops.
     improvement : float
         A measure is better if it exceeds the best by more than this share of its size.
     keep : {"best", "last"}
         Which weights are the result: those of the best validation, or the last ones.
     max_seconds : float
-        Seconds of training, those before interruptions included, after which it stops.
+        Seconds of training, including those before interruptions, after which it stops.
     seed : int
         Seed of weights and batches.
     device : str
-        Where the network is trained, as torch names it: ``cpu``, ``cuda``, ``cuda:1``. Results are the same bits only
-        on the same device.
+        Device, as torch names it: ``cpu``, ``cuda``, ``cuda:1``. Results are bit-identical only on the same device.
     """
 
     optimizer: Optimizer = "adamw"

@@ -1,4 +1,4 @@
-"""Options that the commands of ``graspbox train`` share, and their results; without torch."""
+"""Options shared by the commands of ``graspbox train``, and their results; without torch."""
 
 import json
 from collections.abc import Callable
@@ -18,13 +18,13 @@ class Options:
     """Options of every training."""
 
     out: Path
-    """Folder of the run; a run in it that was interrupted, or got more time, is continued."""
+    """Folder of the run; a run in it that was interrupted, or is given more time, is continued."""
     resume: bool = True
-    """Continue the run in the folder; with --no-resume the folder must hold none."""
+    """Continue the run in the folder; with --no-resume the folder must not have one."""
     seed: int = 0
     """Seed of all random numbers."""
     device: str = "cpu"
-    """Where networks are trained, as torch names it: cpu, cuda, cuda:1. Another device rounds differently."""
+    """Training device, as torch names it: cpu, cuda, cuda:1. Another device rounds differently."""
     torch_threads: int = 1
     """Threads of the networks on the CPU; another number rounds differently."""
     json: bool = False
@@ -37,14 +37,14 @@ class Options:
         self._at_least(seed=0, torch_threads=1)
 
     def _at_least(self, **bounds: int) -> None:
-        """Refuse numbers that are too small; None is left alone."""
+        """Refuse numbers that are too small; None is accepted."""
         for name, least in bounds.items():
             value = getattr(self, name)
             if value is not None and value < least:
                 raise ConfigError(f"--{name.replace('_', '-')} is {value}; give {least} or more")
 
     def _positive(self, *names: str) -> None:
-        """Refuse numbers that are not positive and finite; None is left alone."""
+        """Refuse numbers that are not positive and finite; None is accepted."""
         for name in names:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
@@ -87,7 +87,7 @@ class Outcome:
     results : JSON value
         Printed by ``--json``.
     text : str
-        The same for people.
+        Human-readable results.
     status : int
         Exit status: 0; 1 if the target was not reached; 130 if the run was interrupted and saved.
     """

@@ -1,11 +1,11 @@
-"""The directory of a run, which an interruption leaves ready to be continued: trainings, their stages, their results.
+"""Run directories, resumable after an interruption: trainings, their stages, their results.
 
 | file | contents |
 |---|---|
 | ``settings.json`` | settings that determine the results; a run with other settings is refused |
 | ``log.txt``       | lines with the time |
-| ``clock.json``    | seconds of work so far, those before interruptions included |
-| ``NAME.jsonl``    | rows of results, each on the disk before the work goes on |
+| ``clock.json``    | seconds of work so far, including those before interruptions |
+| ``NAME.jsonl``    | rows of results, each flushed to disk before work continues |
 | ``NAME.json``     | results of the stage ``NAME``, whose folder is ``NAME`` |
 
 One process at a time works in a directory. Data sets and demonstrations keep their settings in their manifests, and
@@ -29,11 +29,11 @@ from graspbox.errors import ConfigError
 __all__ = ["Rows", "Run", "changes", "read_settings", "refuse", "refuse_changes"]
 
 _SETTINGS, _CLOCK, _LOG = "settings.json", "clock.json", "log.txt"
-#: Files of a directory in which nothing was made yet.
+#: Files of a directory without results yet.
 _NOTHING_MADE = {_SETTINGS, _CLOCK, _LOG, ".lock", "tensorboard"}
 #: Least time between two lines of progress, and between two records of the clock, seconds.
 _EVERY = 10.0
-#: Differences that a refusal names.
+#: Differences listed by a refusal.
 _NAMED = 3
 
 
@@ -48,17 +48,17 @@ class Run:
         Settings that determine the results, as JSON holds them. Time limits do not belong here: a run continues with
         more time.
     resume : bool
-        Continue the run in the directory; otherwise the directory must hold none.
+        Continue the run in the directory; otherwise the directory must not have one.
     limit : float
-        Seconds that the work may take, those before interruptions included.
+        Seconds that the work may take, including those before interruptions.
     echo : callable
         Shows each line of the log.
 
     Raises
     ------
     ConfigError
-        On entry: if the directory holds a run with other settings, or one that is not to be resumed, or if another
-        process is at work there.
+        On entry: if the directory holds a run with other settings, or a run although `resume` is false, or if another
+        process is working there.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Run:
                 refuse_changes(self.folder, read_settings(self.folder), self._settings or {})
             text = dumps(json.loads(json.dumps(self._settings or {}))) + "\n"
             if not made and not (path.exists() and path.read_bytes() == text.encode()):
-                # The time of other settings is not that of these.
+                # The clock of a run with other settings does not apply.
                 (self.folder / _CLOCK).unlink(missing_ok=True)
             write_text(path, text)
             self._start()
@@ -122,7 +122,7 @@ class Run:
         return self.seconds >= self.limit
 
     def record(self) -> None:
-        """Write down the time taken, for the process that continues the run."""
+        """Save the time taken, for the process that resumes the run."""
         write_text(self.folder / _CLOCK, f"{self.seconds:.1f}\n")
 
     def log(self, line: str) -> None:
@@ -136,14 +136,14 @@ class Run:
         self._echo(stamped)
 
     def report(self, text: str, share: float, remaining: float | None = None) -> None:
-        """Log progress every 10 seconds, with the time that is left; records the time taken.
+        """Log progress every 10 seconds, with the remaining time; saves the time taken.
 
         Parameters
         ----------
         text : str
             The progress, such as "40 of 100 scenes".
         share : float
-            How much of the work that is, 0 to 1; the limit may end it before.
+            Share of the work done, 0 to 1; the limit may end it earlier.
         remaining : float, optional
             Expected time to the end, seconds; by default from the share and the limit.
         """
@@ -158,7 +158,7 @@ class Run:
         self.log(f"{text}; {shown_time(self.seconds)} taken, {shown_time(left)} left")
 
     def counter(self, total: int, things: str) -> Callable[[int], None]:
-        """Make a function that reports how many of a number of things are done."""
+        """Return a function that reports the number of things done."""
         return lambda done: self.report(f"{done} of {total} {things}", done / max(total, 1))
 
     def rows(self, name: str) -> "Rows":
@@ -166,16 +166,16 @@ class Run:
         return Rows(self.folder / f"{name}.jsonl")
 
     def stage(self, name: str, limit: float, work: "Callable[[Run], Mapping[str, Any]]") -> dict[str, Any]:
-        """Do a stage unless it is done, and give its results, with ``seconds``.
+        """Run a stage unless it is done, and return its results, with ``seconds``.
 
         Parameters
         ----------
         name : str
-            Its name; no other stage of the run has it.
+            Its name, unique within the run.
         limit : float
             Seconds that it may take.
         work : callable
-            Does it in a run of its own, in the folder of its name, and gives results that JSON can hold.
+            Does the work in a run of its own, in the folder of its name, and returns results that JSON can hold.
         """
         path = self.folder / f"{name}.json"
         if path.exists():
@@ -197,17 +197,17 @@ class Run:
 
 
 class Rows:
-    """Rows of JSON in a file; each is on the disk when `append` returns.
+    """Rows of JSON in a file; `append` flushes each to disk.
 
     Parameters
     ----------
     path : Path
-        The file. An incomplete last line, which an interruption left, is removed.
+        The file. An incomplete last line, left by an interruption, is removed.
 
     Raises
     ------
     ConfigError
-        If the file holds something else.
+        If the file has other contents.
     """
 
     def __init__(self, path: Path) -> None:
@@ -217,7 +217,7 @@ class Rows:
         try:
             self.rows: list[dict[str, Any]] = [dict(json.loads(line)) for line in whole.splitlines()]
         except (ValueError, TypeError):
-            raise ConfigError(f"{str(path)!r} holds no rows of a run; name another folder") from None
+            raise ConfigError(f"{str(path)!r} has no rows of a run; name another folder") from None
         if len(whole) < len(content):
             os.truncate(path, len(whole))
 
@@ -239,7 +239,7 @@ class Rows:
         self.rows.append(dict(row))
 
     def keep(self, worth: Callable[[dict[str, Any]], bool]) -> None:
-        """Keep some rows, such as those up to the checkpoint from which a run continues."""
+        """Keep some rows, such as those up to the checkpoint from which a run resumes."""
         kept = [row for row in self.rows if worth(row)]
         if len(kept) < len(self.rows):
             write_text(self.path, "".join(json.dumps(row) + "\n" for row in kept))
@@ -247,7 +247,7 @@ class Rows:
 
 
 def read_settings(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the settings of a run off its directory.
+    """Read the settings of a run from its directory.
 
     Raises
     ------
@@ -261,7 +261,7 @@ def read_settings(folder: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def refuse_changes(place: str | os.PathLike[str], before: Any, now: Any, advice: str = "name another folder") -> None:
-    """Refuse to continue with other settings than those that a run, a data set or a file was begun with.
+    """Refuse to continue a run, a data set or a file with settings other than those it was begun with.
 
     Parameters
     ----------
@@ -270,12 +270,12 @@ def refuse_changes(place: str | os.PathLike[str], before: Any, now: Any, advice:
     before, now : mapping
         The settings, as JSON holds them; they are compared field by field.
     advice : str
-        The last words of the message.
+        End of the message.
 
     Raises
     ------
     ConfigError
-        If they differ: it names the first three fields that do, and both values of each.
+        If they differ: the message has the first three differing fields, with both values.
     """
     refuse(place, list(changes(*(json.loads(json.dumps(settings)) for settings in (before, now)))), advice)
 

@@ -7,9 +7,9 @@ A training has a run directory (`graspbox.training.runs`):
 | ``settings.json`` | its `TrainConfig`, and other settings that determine the weights |
 | ``losses.jsonl``  | rows: step, seconds, mean training losses since the last row; at validations their measures too |
 | ``tensorboard/``  | the same for TensorBoard |
-| ``weights.pt``    | the weights that it keeps: those with the best validation measure so far, or the last ones |
+| ``weights.pt``    | the weights kept: those with the best validation measure so far, or the last ones |
 | ``checkpoint.pt`` | network, optimizer and random numbers at the last validation, from which it continues |
-| ``results.json``  | how it ended; without a checkpoint beside it, the training is not continued |
+| ``results.json``  | how it ended; without a checkpoint, the training is not continued |
 
 The loop is our own. PyTorch Ignite 0.5.5 and Lightning Fabric 2.6.6 were tried with the same contract, and end with the
 same bits after an interruption too, once random numbers are added to their checkpoints. They take 90 and 89 lines of
@@ -51,14 +51,14 @@ _EXTENDED = ("max_seconds", "patience", "device")
 
 @dataclass(frozen=True)
 class TrainProgress:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes
     ----------
     step : int
         Steps made.
     seconds : float
-        Time that they took, with validations and those before interruptions.
+        Time taken, including validations and earlier runs of the same training.
     share : float
         Fraction of the budget used: of the steps or of the time, whichever is more.
     best : float
@@ -90,7 +90,7 @@ class Trained:
     step : int
         Steps made.
     seconds : float
-        Time that they took, with validations.
+        Time taken, including validations.
     best : float
         Best validation measure.
     """
@@ -107,8 +107,8 @@ class Trainer(Generic[Batch]):
     Parameters
     ----------
     net : Module
-        The network, made from the seed of the configuration. It moves to the device, and is left there with the
-        weights that are kept.
+        The network, made from the seed of the configuration. It moves to the device, and remains there with the
+        weights kept.
     folder : Path
         Folder of the training.
     config : TrainConfig
@@ -179,7 +179,7 @@ class Trainer(Generic[Batch]):
         return found
 
     def _loop(self, ahead: ThreadPoolExecutor, log: "_Log", progress: Callable[[TrainProgress], None]) -> str:
-        """Train until a limit is reached; tells which."""
+        """Train until a limit is reached; returns its name."""
         config, reason, self._started = self._config, "", time.monotonic() - self._seconds
         coming = ahead.submit(self._batch, self._step)
         while not reason:
@@ -201,7 +201,7 @@ class Trainer(Generic[Batch]):
         return reason
 
     def _restore(self, rows: Rows) -> None:
-        """Continue from the checkpoint, if there is one, and drop the rows that were logged after it."""
+        """Continue from the checkpoint, if any, discarding rows logged after it."""
         path = self._folder / "checkpoint.pt"
         if path.exists():
             saved = torch.load(path, map_location=self._config.device, weights_only=True)
@@ -212,7 +212,7 @@ class Trainer(Generic[Batch]):
         rows.keep(lambda row: row["step"] <= self._step)
 
     def _reason(self) -> str:
-        """Tell why training stops here; empty where it does not."""
+        """Return why training stops here; empty if it does not."""
         config = self._config
         if self._step >= config.max_steps:
             return "steps"
@@ -279,7 +279,7 @@ class Trainer(Generic[Batch]):
         return measures
 
 
-#: Where a training is, as its checkpoint names it.
+#: State of a training, as named in its checkpoint.
 _STATE = ("step", "seconds", "best", "since")
 
 
@@ -345,7 +345,7 @@ def moved(batch: Any, device: str | torch.device) -> Any:
 
 
 def device_of(net: nn.Module) -> torch.device:
-    """Tell where a network is; the CPU for one without weights."""
+    """Return the device of a network; the CPU for one without weights."""
     first = next(net.parameters(), None)
     return torch.device("cpu") if first is None else first.device
 
@@ -362,12 +362,12 @@ def load_weights(net: nn.Module, path: Path) -> None:
     Raises
     ------
     ConfigError
-        If there are none, or they are another network's.
+        If there are none, or they belong to another network.
     """
     if not path.exists():
         raise ConfigError(f"there are no weights {path}; train the network first")
     try:
         net.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
     except RuntimeError as error:
-        raise ConfigError(f"{path} holds the weights of another network: {str(error).splitlines()[0]}") from error
+        raise ConfigError(f"{path} holds the weights of another network; train this one in another folder") from error
     net.eval()

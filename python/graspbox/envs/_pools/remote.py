@@ -1,7 +1,7 @@
 """Environments on a server, with the methods of a pool of this process.
 
 Every call is one command and its answer over a WebSocket; ``docs/reference/protocol.md`` specifies both. Arrays are
-those of the server, bit for bit, and errors have its sentences.
+those of the server, bit for bit, and errors have its messages.
 """
 
 import time
@@ -20,11 +20,11 @@ from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError, Int
 
 __all__ = ["PROTOCOL", "OnlyPool", "RemotePool", "lost"]
 
-#: Version of the protocol; the server tells its own in its first frame.
+#: Version of the protocol; the first frame has the server's.
 PROTOCOL = 1
-#: Commands whose answers hold observations; there is one of them at a time.
+#: Commands whose answers have observations; one of them runs at a time.
 _ROWS = ("reset", "step", "observe", "set_state")
-#: What is read of the description of environments.
+#: Entries of the description of environments used here.
 _DESCRIBED = ("autoreset", "has_files", "images", "objects", "tables")
 #: Seconds for which a cancelled call may still bring its answer.
 _GRACE = 0.5
@@ -47,12 +47,12 @@ class RemotePool:
     ConnectionLostError
         If the server cannot be reached.
     ConfigError, ObjectSetError, HandError, MissingExtraError
-        As the same environments in this process, and for what the server does not offer.
+        As the same environments in this process, and for objects and hands that the server does not offer.
     """
 
     def __init__(self, url: str, config: RemoteConfig, request: dict[str, Any]) -> None:
         self.url, self.num_envs = url, int(request["num_envs"])
-        #: Beside every command whose answer holds observations.
+        #: Extra fields of every command whose answer has observations.
         self._shared: dict[str, bool] = {}
         ca = None if config.ca_file is None else str(config.ca_file)
         self._client = _core.Client(url, token=config.token(), ca=ca, grace=float(config.grace))
@@ -66,10 +66,10 @@ class RemotePool:
             self._shared = {"shm": True}
 
     def _check_server(self) -> None:
-        """Refuse a server that is none of ours, or of another version."""
+        """Refuse a server other than graspbox, or of another version."""
         hello = self.hello
         if not isinstance(hello, dict) or hello.get("protocol") != "graspbox":
-            raise ConfigError(f"{self.url} is no server of environments; start one with 'graspbox serve'")
+            raise ConfigError(f"{self.url} is not an environment server; start one with 'graspbox serve'")
         theirs, ours = hello.get("protocol_version"), PROTOCOL
         if theirs != ours:
             version = hello.get("version")
@@ -79,15 +79,15 @@ class RemotePool:
             )
         limits = hello.get("limits")
         if not isinstance(limits, dict) or not isinstance(limits.get("max_grace"), int | float):
-            raise ConfigError(f"the first frame of {self.url} has no limits; this is no server of graspbox")
+            raise ConfigError(f"the first frame of {self.url} has no limits; this is not a graspbox server")
 
     def _description_in(self, made: dict[str, Any]) -> dict[str, Any]:
-        """Take the description of the environments; its entries are those that are read here."""
+        """Take the description of the environments; all entries used here are required."""
         found = made.get("description")
         missing = [name for name in _DESCRIBED if not isinstance(found, dict) or name not in found]
         if not isinstance(found, dict) or missing:
             raise ConfigError(
-                f"{self.url} describes its environments without {missing[0]}; this is no server of graspbox"
+                f"{self.url} describes its environments without {missing[0]}; this is not a graspbox server"
             )
         return found
 
@@ -97,7 +97,7 @@ class RemotePool:
         return self._client.submit(command, {**fields, **shared})
 
     def end(self, number: int) -> dict[str, Any]:
-        """Wait for the answer to a command, and raise the error that it may hold."""
+        """Wait for the answer to a command, and raise its error, if any."""
         try:
             answer: dict[str, Any] = self._client.wait(number)
         except KeyboardInterrupt:
@@ -106,7 +106,7 @@ class RemotePool:
         return checked(answer)
 
     def abandon(self, number: int) -> None:
-        """Cancel a command for whose answer nobody waits; it ends before any later command begins."""
+        """Cancel a command and ignore its answer; it ends before any later command begins."""
         try:
             for late in (number, self._client.submit("cancel", {})):
                 self._client.forget(late)
@@ -114,7 +114,7 @@ class RemotePool:
             return
 
     def answer(self, command: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Send a command and wait for its answer, which may hold an error."""
+        """Send a command and return its answer, even if that is an error."""
         found: dict[str, Any] = self._client.wait(self.begin(command, fields))
         return found
 
@@ -128,7 +128,7 @@ class RemotePool:
         return self.end(self.begin(command, fields))
 
     def _cancel(self, number: int) -> None:
-        """Tell the server that nobody waits any more: environments that it has not reached stay as they are."""
+        """Cancel a command on the server: environments that it has not reached stay unchanged."""
         numbers = [number, self._client.submit("cancel", {})]
         until = time.monotonic() + _GRACE
         while numbers and time.monotonic() < until:
@@ -154,7 +154,7 @@ class RemotePool:
         return stepped_of(self.call("recv", {"count": count}), None)
 
     def get_state(self, env: int) -> bytes:
-        """Return all that the future of an environment depends on."""
+        """Return the complete state of an environment."""
         found: bytes = self.call("get_state", {"env_id": env})["state"]
         return found
 
@@ -168,12 +168,12 @@ class RemotePool:
         return frames
 
     def cameras(self) -> Cameras:
-        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
+        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera at present, by name."""
         found = self.call("cameras", {})["cameras"]
         return {name: (one["intrinsics"], one["world_from_camera"]) for name, one in found.items()}
 
     def prepare(self, progress: bool, delay: float, skip_errors: bool) -> None:
-        """Prepare all objects on the server; its bar is not seen here."""
+        """Prepare all objects on the server; the progress bar is not shown here."""
         try:
             self.call("prepare", {})
         except GraspboxError:
@@ -186,7 +186,7 @@ class RemotePool:
         return found
 
     def close(self) -> None:
-        """End the session; a server that is gone needs no word."""
+        """End the session; does nothing if the server is lost."""
         try:
             self._client.submit("close", {})
         except GraspboxError:
@@ -194,7 +194,7 @@ class RemotePool:
 
 
 class OnlyPool(RemotePool):
-    """The session on the only server: errors of a lost server name the environments, as those of one of several do."""
+    """The session on a single server; errors of a lost server name the environments."""
 
     _made = False
 
@@ -224,7 +224,7 @@ class OnlyPool(RemotePool):
 
 
 def lost(error: Exception, envs: range, made: bool = True) -> ConnectionLostError:
-    """Name the environments that are on a lost server, or were to be made on it, in its error."""
+    """Add the environments on a lost server, or to be made on it, to its error."""
     which = f"environments {envs[0]} to {envs[-1]} are" if len(envs) > 1 else f"environment {envs.start} is"
     return ConnectionLostError(f"{error}; {which} {'' if made else 'to be '}on it")
 
@@ -240,13 +240,13 @@ def checked(answer: dict[str, Any]) -> dict[str, Any]:
     Raises
     ------
     GraspboxError
-        Of the class that it names, with its sentence.
+        Of the named class, with the server's message.
     """
     error = answer.get("error")
     if error is None:
         return answer
     if not isinstance(error, dict) or not isinstance(name := error.get("type"), str):
-        raise InternalError(f"the server reports an error that is none: {shown(error)}")
+        raise InternalError(f"the server reports an invalid error: {shown(error)}")
     if name == "KeyboardInterrupt":
         raise KeyboardInterrupt
     kind, message = getattr(errors, name, None), str(error.get("message"))

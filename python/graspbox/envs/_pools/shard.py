@@ -1,6 +1,6 @@
-"""The environments of one of several servers, and how they go on elsewhere when it is lost.
+"""The environments of one of several servers, and their restoration on another one when it is lost.
 
-With ``reconnect="restore"`` a shard saves the states of its environments every ``checkpoint`` commands, and remembers
+With ``reconnect="restore"`` a shard saves the states of its environments every ``checkpoint`` commands, and logs
 the commands since then. On another server it restores the states and repeats the commands: the results are the same.
 """
 
@@ -33,11 +33,11 @@ class Shard:
     #: Saved states (None where no episode has begun), and the commands since then.
     states: list[bytes | None] = field(default_factory=list)
     log: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
-    #: Environments that were sent and have not come back, and the command that waits for the next one.
+    #: Environments with pending steps, and the command that waits for the next one.
     away: set[int] = field(default_factory=set)
     arrived: list[Stepped] = field(default_factory=list)
     waiting: int | None = None
-    #: A command was interrupted, or failed: nobody knows how far it came, until `settle`.
+    #: A command was interrupted, or failed: its progress is unknown until `settle`.
     unsettled: bool = False
 
     @property
@@ -47,15 +47,15 @@ class Shard:
 
     @property
     def restores(self) -> bool:
-        """Whether another server takes the place of one that is lost."""
+        """Whether another server replaces a lost one."""
         return self.remote.reconnect == "restore"
 
     def named(self, error: Exception) -> ConnectionLostError:
-        """Name its environments in an error."""
+        """Add its environments to an error."""
         return lost(error, self.envs)
 
     def begin(self, command: str, fields: dict[str, Any]) -> int | None:
-        """Send a command; None if the server is gone, which `end` finds out too."""
+        """Send a command; None if the server is lost, which `end` then reports."""
         try:
             return self.pool.begin(command, fields)
         except ConnectionLostError as error:
@@ -90,15 +90,15 @@ class Shard:
         return answer
 
     def abandon(self, number: int | None) -> None:
-        """Cancel a command for whose answer nobody waits."""
+        """Cancel a command and ignore its answer."""
         self.unsettled = True
         if number is not None:
             self.pool.abandon(number)
 
     def settle(self) -> list[bool | None]:
-        """Find out where the environments are after a command that was interrupted or failed.
+        """Synchronize with the environments after a command that was interrupted or failed.
 
-        Those that were on their way have come back afterwards, or were called back. States are saved anew.
+        Pending steps have ended or been cancelled afterwards. States are saved anew.
 
         Returns
         -------
@@ -111,7 +111,7 @@ class Shard:
             except ConnectionLostError as error:
                 if not self.restores:
                     raise self.named(error) from None
-                # There they are as they were before that command.
+                # The other server has the states before that command.
                 self.away.clear()
                 self._restore(error)
 
@@ -123,7 +123,7 @@ class Shard:
             2 * len(envs) + 2
         ):  # an environment comes back once; its error, or one of the cancelled, is one more
             if pool.answer("recv", {"count": 1}).get("error", {}).get("field") == "count":
-                break  # none is on its way any more
+                break  # no step is pending
         states = self._states()
         over: list[bool | None] = []
         for env, state in zip(envs, states, strict=True):
@@ -154,7 +154,7 @@ class Shard:
         return self.end(self.begin(command, fields), command, fields)
 
     def next_arrival(self) -> Stepped | None:
-        """Return the next environment that comes back, within a tenth of a second."""
+        """Return the next step that ends within a tenth of a second."""
         if self.arrived:
             return self._taken(self.arrived.pop(0))
         try:
@@ -177,7 +177,7 @@ class Shard:
         return stepped
 
     def _save(self) -> None:
-        """Save the states of all environments; where that fails, the log goes on."""
+        """Save the states of all environments; if that fails, the log continues to grow."""
         try:
             self.states = self._states()
         except ConnectionLostError:
@@ -185,12 +185,12 @@ class Shard:
         self.log.clear()
 
     def _restore(self, error: ConnectionLostError) -> None:
-        """Make the environments on another server, as they were after the last command that was answered."""
+        """Make the environments on another server, in their state after the last answered command."""
         lost, reasons = self.pool.url, [str(error)]
         for url in [*(other for other in self.remote.urls if other != lost), lost]:
             try:
                 pool = RemotePool(url, self.remote, self.request)
-            except (ConnectionLostError, ConfigError) as reason:  # it is gone too, or has no room
+            except (ConnectionLostError, ConfigError) as reason:  # it is lost too, or full
                 reasons.append(str(reason))
                 continue
             try:
@@ -216,7 +216,7 @@ class Shard:
             for _ in asked["env_ids"] if name == "send" else ():
                 stepped = stepped_of(pool.call("recv", {"count": 1}), None)
                 env = int(stepped[0]["env"][0])
-                # What was on its way has still to be received; of an environment that can only be the last step.
+                # Pending steps are still to be received; each environment has at most one, its last.
                 if env in self.away and last[env] == index:
                     arrived.append(stepped)
         self.arrived, self.waiting = arrived, None

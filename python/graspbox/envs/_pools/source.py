@@ -1,4 +1,4 @@
-"""Where environments on servers come from: what is asked of the servers, and what they tell."""
+"""Remote environments: requests to servers and their answers."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -36,7 +36,7 @@ KINDS: dict[type, tuple[str, bool]] = {
 }
 #: Keywords that concern the client alone.
 _LOCAL = ("remote", "num_threads", "copy", "prepare_files")
-#: Keywords that choose objects; a server is told of those that have not their default.
+#: Keywords that choose objects; those with a value other than the default are sent to the server.
 _CHOICE: tuple[Literal["scale", "mass", "split"], ...] = ("scale", "mass", "split")
 
 
@@ -46,7 +46,7 @@ def kind_of(environment: str, vector: bool) -> type:
     Raises
     ------
     ConfigError
-        For an id that does not exist.
+        For an unknown id.
     """
     for kind, found in KINDS.items():
         if found == (environment, vector):
@@ -76,7 +76,7 @@ class RemoteSource:
         hand = settings["hand"]
         if not isinstance(hand, str):
             raise ConfigError(f"hand is {shown(hand)}; environments on a server take a hand by its name")
-        _core.num_threads(settings["num_threads"])  # is checked, although nothing runs here
+        _core.num_threads(settings["num_threads"])  # only validated: nothing runs here
         self._objects = objects
         self._choice: dict[str, Any] = {name: settings[name] for name in _CHOICE}
         object_sets.check_sizes(settings["scale"], settings["mass"])
@@ -98,7 +98,7 @@ class RemoteSource:
         self.has_files, self.count = described["has_files"], described["objects"]
 
     def images(self, cameras: CamerasConfig) -> list[spaces.Image]:
-        """Rows of the images, as the server has them."""
+        """Rows of the images, as described by the server."""
         rows: list[spaces.Image] = self._pool.description["images"]
         return rows
 
@@ -112,12 +112,12 @@ class RemoteSource:
         Raises
         ------
         ObjectSetError, MissingExtraError
-            If the set has another name here, or is not here.
+            If the set has another name on this machine, or is missing.
         """
         return object_sets.load(self._objects, **self._choice)
 
     def close(self) -> None:
-        """Give the environments back."""
+        """Return the environments to the server."""
         self._pool.close()
 
     def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> RemotePool | SpreadPool:
@@ -149,6 +149,6 @@ def _keywords(settings: Settings) -> dict[str, Any]:
             value = dict(value)
         found[name] = plain(value, name)
     if settings["render_mode"] is not None:
-        # The window is here; the server takes the pictures.
+        # The window is on this machine; the server renders the pictures.
         found["render_mode"] = "rgb_array"
     return found

@@ -1,7 +1,7 @@
-"""Environments spread over several servers, stepped at once, with the methods of one pool.
+"""Environments spread over several servers, stepped in parallel, with the methods of one pool.
 
-Seeds, masks and options are split by environment, so that results are those of one pool. What a pool of this process
-refuses is refused here, before any server moves anything.
+Seeds, masks and options are split by environment, so that results are those of one pool. Arguments that a local pool
+refuses are refused here, before any server steps an environment.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ class SpreadPool:
     Parameters
     ----------
     remote : RemoteConfig
-        The servers. Environments are dealt out in equal parts, in order.
+        The servers. Environments are divided equally, in order.
     request : dict
         Environment id, number, objects and keywords.
 
@@ -50,14 +50,14 @@ class SpreadPool:
         self.description = self._shards[0].pool.description
         self._begun, self._over = (np.zeros(self.num_envs, dtype=np.bool_) for _ in range(2))
         self._autoreset = self.description["autoreset"]
-        #: Environments that were sent and not received, and those of them that have come back.
+        #: Environments sent and not received, and those of them whose step has ended.
         self._away: set[int] = set()
         self._arrived: list[tuple[Shard, Stepped]] = []
 
     def _each(self, asked: Sequence[tuple[Shard, str, dict[str, Any]]]) -> list[dict[str, Any]]:
         """Send a command to several shards, and wait for all answers; the first error is raised at the end.
 
-        After an error, and after an interruption, which cancels what still runs, `_settle` finds out who has moved.
+        After an error or an interruption, which cancels the running commands, `_settle` synchronizes the environments.
         """
         running: list[tuple[Shard, int | None]] = []
         answers: list[dict[str, Any]] = []
@@ -82,7 +82,7 @@ class SpreadPool:
         return answers
 
     def _settle(self) -> None:
-        """Find out where the environments are whose last command did not end well: some may have moved."""
+        """Synchronize with the environments whose last command failed: some may have been stepped."""
         for shard in self._shards:
             if shard.unsettled:
                 over = shard.settle()
@@ -147,7 +147,7 @@ class SpreadPool:
         return found
 
     def get_state(self, env: int) -> bytes:
-        """Return all that the future of an environment depends on."""
+        """Return the complete state of an environment."""
         shard = self._shard_of(env)
         found: bytes = shard.call("get_state", {"env_id": env - shard.first})["state"]
         return found
@@ -169,7 +169,7 @@ class SpreadPool:
         return np.concatenate(frames)
 
     def cameras(self) -> Cameras:
-        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera as it stands, by name."""
+        """Intrinsics (3, 3) and world_from_camera (num_envs, 4, 4) of every camera at present, by name."""
         self._settle()
         found = [shard.call("cameras", {})["cameras"] for shard in self._shards]
         return {
@@ -214,7 +214,7 @@ class SpreadPool:
             seen.add(env)
 
     def _check_actions(self, envs: Sequence[int], actions: NDArray[np.float32]) -> None:
-        """Refuse what a server would refuse: by then others would have moved."""
+        """Refuse actions that one server would refuse after others had stepped."""
         self._check_here(envs)
         blocked = self._autoreset == "disabled" and self._over.any()
         if self._begun.all() and not blocked and np.isfinite(actions).all():
@@ -233,7 +233,7 @@ class SpreadPool:
                 raise ConfigError(f"the action of environment {env} holds {value} at index {bad[0]}; nothing was moved")
 
     def _stepped(self, found: Sequence[Stepped], shards: Sequence[Shard], out: Buffers) -> Stepped:
-        """Put together the steps of several shards."""
+        """Join the steps of several shards."""
         now = self._joined([one for one, _ in found], shards, out)
         ended = [(last, shard) for (_, last), shard in zip(found, shards, strict=True) if last is not None]
         # In the mode `same_step` the next episode has begun already.
@@ -244,7 +244,7 @@ class SpreadPool:
         return now, self._joined([last for last, _ in ended], [shard for _, shard in ended], None)
 
     def _joined(self, found: Sequence["_core.EnvArrays"], shards: Sequence[Shard], out: Buffers) -> "_core.EnvArrays":
-        """Put rows of several shards together; their environments get their numbers here."""
+        """Join rows of several shards and renumber their environments."""
         for arrays, shard in zip(found, shards, strict=True):
             arrays["env"] = arrays["env"] + shard.first
         joined: _core.EnvArrays = _concatenated(found, out or {})
@@ -261,7 +261,7 @@ def _shard(url: str, first: int, last: int, remote: RemoteConfig, request: dict[
 
 
 def _concatenated(found: Sequence[Any], out: dict[str, Any]) -> Any:
-    """Put arrays together, entry by entry."""
+    """Join arrays, entry by entry."""
     joined: dict[str, Any] = {}
     for name, values in found[0].items():
         parts = [one[name] for one in found]

@@ -189,7 +189,7 @@ def train_scorer(
 
 def _measures(net: nn.Module, kept: list[_Sampled]) -> dict[str, float]:
     """Return AUC, mean cross-entropy, and success rates: of each scene's best-scored trial, and of all trials."""
-    batches = [moved(drawn.batch, device_of(net)) for drawn in kept]
+    batches = [moved(sampled.batch, device_of(net)) for sampled in kept]
     logits = torch.cat([deciding(net(b.cells, b.poses, b.preshape)).cpu() for b in batches]).double()
     targets: Tensor = torch.cat([deciding(d.batch.targets) for d in kept])
     scene_of = np.concatenate([d.scene_of for d in kept])

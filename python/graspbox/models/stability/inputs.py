@@ -24,11 +24,11 @@ from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.finder import FoundGrasp
 
-__all__ = ["FEEL_TIMES", "Feeling", "StabilityInputs", "check_times"]
+__all__ = ["FEEL_TIMES", "StabilityInputs", "StabilityReading", "check_times"]
 
 #: Sensing times, seconds after closing began: once the hand has closed, and half a second, 10 cm, into the lift.
 FEEL_TIMES = (1.3, 1.8)
-#: Columns of ``proprio`` that hold the arm's position, not sensations of the hand.
+#: Columns of ``proprio`` that hold the arm's position, not sensor readings of the hand.
 _ARM = ("hand_position", "hand_rotation", "hand_velocity", "hand_spin", "preshape")
 #: Number of best grasps whose mean score tells whether there are alternatives.
 _OTHERS = 10
@@ -89,10 +89,10 @@ class StabilityInputs:
         if "tactile" not in spaces.tables(hand)["absent"]:
             self.obs = ("proprio", "tactile")
 
-    def sensed(self, seen: Mapping[str, Any]) -> NDArray[np.float32]:
+    def sensed(self, observation: Mapping[str, Any]) -> NDArray[np.float32]:
         """Read the hand's sensors now: joints, actuators, loads, and tactile forces; (m,)."""
-        parts = [self._codec.column(seen["proprio"], name) for name in self._columns]
-        parts += [np.asarray(seen[name], dtype=np.float64) for name in self.obs[1:]]
+        parts = [self._codec.column(observation["proprio"], name) for name in self._columns]
+        parts += [np.asarray(observation[name], dtype=np.float64) for name in self.obs[1:]]
         return np.concatenate(parts).astype(np.float32)
 
     def known(self, found: FoundGrasp) -> NDArray[np.float32]:
@@ -119,7 +119,7 @@ class StabilityInputs:
         return np.concatenate([own, hand[2, [3, 0, 1, 2]], shape]).astype(np.float32)
 
 
-class Feeling:
+class StabilityReading:
     """Collects the sensor readings of one grasp.
 
     Parameters
@@ -133,20 +133,20 @@ class Feeling:
     def __init__(self, inputs: StabilityInputs, found: FoundGrasp) -> None:
         self.found = found
         self._inputs, self._known = inputs, inputs.known(found)
-        self._felt: list[NDArray[np.float32]] = []
+        self._readings: list[NDArray[np.float32]] = []
 
     @property
     def complete(self) -> bool:
         """Whether all sensing times have been read."""
-        return len(self._felt) == len(self._inputs.times)
+        return len(self._readings) == len(self._inputs.times)
 
-    def add(self, time: float, seen: Mapping[str, Any]) -> bool:
+    def add(self, time: float, observation: Mapping[str, Any]) -> bool:
         """Read the sensors `time` seconds after closing began; returns whether all times are read."""
-        if self.complete or time < self._inputs.times[len(self._felt)] - 1e-9:
+        if self.complete or time < self._inputs.times[len(self._readings)] - 1e-9:
             return False
-        self._felt.append(self._inputs.sensed(seen))
+        self._readings.append(self._inputs.sensed(observation))
         return self.complete
 
     def vector(self) -> NDArray[np.float32]:
         """Return the facts known and the readings at each time, (k,)."""
-        return np.concatenate([self._known, *self._felt])
+        return np.concatenate([self._known, *self._readings])

@@ -27,7 +27,7 @@ class StabilityNet(nn.Module):  # type: ignore[misc]
     Parameters
     ----------
     inputs : int
-        Length of the vector of `graspbox.models.stability.inputs.Feeling`.
+        Length of the vector of `graspbox.models.stability.inputs.StabilityReading`.
     width : int
         Units of each of the two hidden layers.
     """
@@ -46,14 +46,14 @@ class StabilityNet(nn.Module):  # type: ignore[misc]
             nn.Linear(width, 1),
         )
 
-    def standardize(self, felt: NDArray[np.float32]) -> None:
+    def standardize(self, readings: NDArray[np.float32]) -> None:
         """Set mean and scale of the inputs from (n, k) examples."""
-        self.mean.copy_(torch.from_numpy(felt.mean(axis=0)))
-        self.scale.copy_(torch.from_numpy(np.maximum(felt.std(axis=0), _LEAST)))
+        self.mean.copy_(torch.from_numpy(readings.mean(axis=0)))
+        self.scale.copy_(torch.from_numpy(np.maximum(readings.std(axis=0), _LEAST)))
 
-    def forward(self, felt: Tensor) -> Tensor:
+    def forward(self, readings: Tensor) -> Tensor:
         """Return the logit (n,) that each grasp holds."""
-        inputs = ((felt - self.mean) / self.scale).clamp(-_FURTHEST, _FURTHEST)
+        inputs = ((readings - self.mean) / self.scale).clamp(-_FURTHEST, _FURTHEST)
         return self.layers(inputs)[:, 0]
 
 
@@ -76,23 +76,23 @@ class StabilityGraph(nn.Module):  # type: ignore[misc]
         self.nets = nn.ModuleList([net.eval() for net in nets])
         self._slope, self._offset = calibration
 
-    def forward(self, felt: Tensor) -> Tensor:
+    def forward(self, readings: Tensor) -> Tensor:
         """Return the probability that each grasp holds."""
-        logits = torch.stack([net(felt) for net in self.nets]).mean(0)
+        logits = torch.stack([net(readings) for net in self.nets]).mean(0)
         return torch.sigmoid(logits * self._slope + self._offset)
 
 
-def logits_of(nets: Sequence[StabilityNet], felt: NDArray[np.float32]) -> NDArray[np.float64]:
+def logits_of(nets: Sequence[StabilityNet], readings: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the mean logit (n,) of an ensemble for (n, k) examples, before calibration."""
     with torch.no_grad():
-        inputs = torch.from_numpy(np.ascontiguousarray(felt, dtype=np.float32))
+        inputs = torch.from_numpy(np.ascontiguousarray(readings, dtype=np.float32))
         logits = torch.stack([net.eval()(inputs) for net in nets]).mean(0)
         return np.asarray(logits.numpy(), dtype=np.float64)
 
 
 def train_stability(
     folder: Path,
-    felt: NDArray[np.float32],
+    readings: NDArray[np.float32],
     held: NDArray[np.bool_],
     validation: tuple[NDArray[np.float32], NDArray[np.bool_]],
     config: TrainConfig,
@@ -104,7 +104,7 @@ def train_stability(
 
     Parameters
     ----------
-    felt, held : (n, k) float32, (n,) bool
+    readings, held : (n, k) float32, (n,) bool
         Input vectors, and whether the grasp held.
     validation : pair of arrays
         The same for other objects; the weights with the lowest cross-entropy there are kept.
@@ -118,15 +118,15 @@ def train_stability(
     ConfigError
         If there are no examples, or the folder is a run with other settings.
     """
-    if not len(felt) or not len(validation[0]):
+    if not len(readings) or not len(validation[0]):
         raise ConfigError("there are no grasps to learn from, or none to validate with; record more trials")
     torch.manual_seed(config.seed)
-    net = StabilityNet(felt.shape[1], width)
-    net.standardize(felt)
-    inputs, targets = torch.from_numpy(felt), torch.from_numpy(held.astype(np.float32))
+    net = StabilityNet(readings.shape[1], width)
+    net.standardize(readings)
+    inputs, targets = torch.from_numpy(readings), torch.from_numpy(held.astype(np.float32))
 
     def batch(number: int) -> tuple[Tensor, Tensor]:
-        rows = np.random.default_rng([config.seed, number]).integers(len(felt), size=config.batch_size)
+        rows = np.random.default_rng([config.seed, number]).integers(len(readings), size=config.batch_size)
         return inputs[rows], targets[rows]
 
     def losses(net: nn.Module, batch: tuple[Tensor, Tensor]) -> dict[str, Tensor]:
@@ -138,7 +138,7 @@ def train_stability(
         loss = float(functional.binary_cross_entropy_with_logits(logits, truth))
         return {"minus_cross_entropy": -loss, "auc": auc(logits.numpy().astype(np.float64), validation[1])}
 
-    settings = {"inputs": felt.shape[1], "width": width, "trials": len(felt), "validation": len(validation[0])}
+    settings = {"inputs": readings.shape[1], "width": width, "trials": len(readings), "validation": len(validation[0])}
     trainer = Trainer(net, folder, config, batch=batch, losses=losses, validate=validate, settings=settings)
     trained = trainer.run(progress)
     return net.cpu(), trained
