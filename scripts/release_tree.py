@@ -4,8 +4,8 @@
 
 The links and pictures of README.md are relative, so that they work in a checkout. A package index renders the page
 alone, so this program makes them absolute in the copy: links lead to ``URL/blob/REF/PATH``, pictures to
-``URL/raw/REF/PATH``. ``[project.urls]`` of the copy's pyproject.toml names the same address, which is written nowhere
-else. ``make release`` runs this program and builds the wheel and the source distribution.
+``URL/raw/REF/PATH``. ``[project.urls]`` of the copy's pyproject.toml gets the same address, which is not stored in the
+repository. ``make release`` runs this program and builds the wheel and the source distribution.
 """
 
 import argparse
