@@ -1,8 +1,8 @@
-"""Attack a server of environments, and one of a policy: whether they crash, hang, or keep memory or sessions.
+"""Attack an environment server and a policy server, and check that neither crashes, hangs, or leaks memory or sessions.
 
-Beside every attack an honest client steps an environment and measures its round trips. The whole campaign is
-``--messages 1000000 --kills 100``. The servers are started here, listen at 127.0.0.1, and are ended at the end; the
-table goes to the terminal, the figures to ``--out``.
+During every attack an honest client steps an environment and measures its round trips. The whole campaign is
+``--messages 1000000 --kills 100``. The script starts the servers at 127.0.0.1 and ends them; it prints a
+table and writes the figures to ``--out``.
 """
 
 import argparse
@@ -49,12 +49,12 @@ class Served:
         self.url = next(word for word in line.split() if word.startswith("ws://")).rstrip(",;")
 
     def memory(self) -> float:
-        """Memory that is in use, MB."""
+        """Return the used memory, MB."""
         lines = Path(f"/proc/{self.process.pid}/status").read_text().splitlines()
         return int(next(line for line in lines if line.startswith("VmRSS")).split()[1]) / 1024
 
     def metric(self, name: str) -> int:
-        """One of its gauges."""
+        """Return one of its gauges."""
         text = http(self.url, "GET /metrics HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n").decode()
         return int(next(line.split()[1] for line in text.splitlines() if line.startswith(f"graspbox_{name} ")))
 
@@ -110,7 +110,7 @@ class Honest:
         assert self.process.stdout.readline() == "ready\n"
 
     def end(self) -> list[float]:
-        """Stop it; its round trips in milliseconds."""
+        """Stop it and return its round trips, milliseconds."""
         try:
             out, _ = self.process.communicate("\n", timeout=60)
             return [float(x) for x in json.loads(out)]
@@ -126,7 +126,7 @@ def rest(_url: str, _rng: random.Random, count: int) -> int:
 
 
 def beside(served: Served, policy: bool, attack: Any, seed: int, count: int) -> dict[str, Any]:
-    """Make an attack, again and again for some seconds, beside an honest client."""
+    """Repeat an attack for some seconds, while an honest client runs."""
     client, started = Honest(served.url, policy), time.monotonic()
     sent, failure = 0, ""
     try:
@@ -152,7 +152,7 @@ def beside(served: Served, policy: bool, attack: Any, seed: int, count: int) -> 
 
 
 def campaign(served: Served, plan: list[tuple[str, Any, int]], policy: bool, seed: int, rounds: int) -> dict[str, Any]:
-    """Make all attacks of a plan in every round, after a rest with which they are compared."""
+    """Run all attacks of a plan in every round, after a rest as baseline."""
     print(f"{'attack':<38}{'sent':>9}{'s':>8}{'calls':>7}{'p50 ms':>9}{'p99 ms':>9}{'max ms':>9}{'MB':>8}")
     rows: dict[str, Any] = {}
     after: list[float] = []
@@ -175,7 +175,7 @@ def campaign(served: Served, plan: list[tuple[str, Any, int]], policy: bool, see
     worst = {name: row["p99_ms"] / base for name, row in rows.items() if row["p99_ms"] and row["sent"]}
     return {
         "attacks": rows,
-        # The parts of messages without end count as none.
+        # Parts of endless messages do not count.
         "messages": sum(row["sent"] for name, row in rows.items() if not name.startswith("continuations")),
         "failures": sum(bool(row["failure"]) for row in rows.values()),
         "crashed": False,
@@ -183,7 +183,7 @@ def campaign(served: Served, plan: list[tuple[str, Any, int]], policy: bool, see
         "environments_left": served.metric("environments"),
         "connections_left": served.settled("connections", 1, 20.0) - 1,
         "memory_mb": [round(memory, 1) for memory in after],
-        # What the first round leaves is kept for reuse; a leak goes on growing.
+        # Memory of the first round is kept for reuse; a leak continues to grow.
         "memory_growth": round(after[-1] / after[0] - 1, 4),
         "p99_ratios": {name: round(ratio, 2) for name, ratio in worst.items()},
         "worst_p99_ratio": round(max(worst.values()), 2),
@@ -194,15 +194,15 @@ def main() -> None:
     """Run the campaign."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--messages", type=int, default=100_000, help="messages to the server of environments, in each round"
+        "--messages", type=int, default=100_000, help="messages to the environment server, in each round"
     )
-    parser.add_argument("--kills", type=int, default=10, help="client processes that are killed, in each round")
+    parser.add_argument("--kills", type=int, default=10, help="client processes killed in each round")
+    parser.add_argument("--connections", type=int, default=200, help="connections of each attack on connections")
     parser.add_argument(
-        "--connections", type=int, default=200, help="connections of each attack that counts connections"
+        "--policy-folder", default="", help="folder of a policy whose server to attack too, such as policies/depth"
     )
-    parser.add_argument("--policy-folder", default="", help="a policy to attack too, such as policies/depth")
     parser.add_argument(
-        "--rounds", type=int, default=2, help="rounds of all attacks; the growth of memory is that after the first"
+        "--rounds", type=int, default=2, help="rounds of all attacks; memory growth counts from the second"
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=None, help="file for the figures, JSON")

@@ -1,12 +1,12 @@
-"""Measure servers of environments and policies beside local ones, and beside what others offer, in one run.
+"""Compare environment and policy servers with local environments and policies, and with other projects, in one run.
 
     python scripts/bench_server.py                        # a table; --json FILE for the figures
     python scripts/bench_server.py --only steps calls     # some of its parts
     python scripts/bench_server.py --policy policies/depth
 
-Everything runs on this machine, over loopback; each figure is the median of at least five runs that alternate with
-those of its rivals. Peers (`server_peers.py`) run in interpreters that have them, `--peer-python PATH ...`; those that
-none has are named and left out (`pip install remote-gym`; elsewhere `openenv-core openpi-client websockets gymnasium`).
+Everything runs on this machine, over loopback; each figure is the median of at least five runs, alternating
+with its rivals. Peers (`server_peers.py`) run in interpreters that have them, `--peer-python PATH ...`; peers installed
+in none are named and left out (`pip install remote-gym`; elsewhere `openenv-core openpi-client websockets gymnasium`).
 """
 
 import json
@@ -43,7 +43,7 @@ _NOT_INSTALLED = 3
 
 @dataclass
 class Args:
-    """What to measure."""
+    """Measurements."""
 
     only: tuple[str, ...] = ()
     """Parts: steps, calls, clients, memory, policy, acting. All by default."""
@@ -52,7 +52,7 @@ class Args:
     policy: str = ""
     """Folder of a policy, for the parts policy and acting."""
     peer_python: tuple[str, ...] = ()
-    """Interpreters in which peers are installed, beside this one."""
+    """Interpreters with installed peers, besides this one."""
     json: Path | None = None
     """Write the figures into this file."""
     rows: tyro.conf.Suppress[list[dict[str, Any]]] = field(default_factory=list)
@@ -73,7 +73,7 @@ def served(*options: str, command: str = "serve") -> Iterator[tuple[int, str]]:
 
 
 def alternating(work: dict[str, Callable[[], float]], runs: int) -> dict[str, list[float]]:
-    """Run each in turn; what they return, by name."""
+    """Run each in turn and return their results by name."""
     found: dict[str, list[float]] = {name: [] for name in work}
     for name in work:
         work[name]()  # to warm up
@@ -84,7 +84,7 @@ def alternating(work: dict[str, Callable[[], float]], runs: int) -> dict[str, li
 
 
 def expert_actions(obs: str, steps: int) -> Any:
-    """Actions of the expert in the environments of `stepping`."""
+    """Return actions of the expert in the environments of `stepping`."""
     env = gymnasium.make_vec("graspbox/Grasp-v0", WIDE, objects=OBJECTS, obs="state")
     policy = graspbox.policies.load("expert")
     policy.bind(Task.of(env))
@@ -101,7 +101,7 @@ def expert_actions(obs: str, steps: int) -> Any:
 
 
 def rate(env: Any, actions: Any) -> float:
-    """Environment steps per second of a vector environment under given actions."""
+    """Measure environment steps per second of a vector environment under given actions."""
     env.reset(seed=0)
     started = time.perf_counter()
     for action in actions:
@@ -110,7 +110,7 @@ def rate(env: Any, actions: Any) -> float:
 
 
 def steps(args: Args) -> None:
-    """Environment steps per second of 64 environments under the expert: local, remote, through shared memory."""
+    """Measure steps per second of 64 environments under the expert: local, remote, through shared memory."""
     for obs in ("state", "depth"):
         actions = expert_actions(obs, 150)
         keywords = {"objects": OBJECTS, "obs": obs, "image_size": 64}
@@ -129,7 +129,7 @@ def steps(args: Args) -> None:
 
 
 def peer_round_trips(name: str, pythons: Iterable[str], count: int) -> list[float] | None:
-    """Microseconds of a peer's calls, in the first interpreter that has it; None if none has."""
+    """Measure a peer's calls, microseconds, in the first interpreter that has it; None if none has."""
     program = str(Path(server_peers.__file__))
     for python in pythons:
         call = [python, program, name, "--calls", str(count)]
@@ -142,7 +142,7 @@ def peer_round_trips(name: str, pythons: Iterable[str], count: int) -> list[floa
 
 
 def calls(args: Args) -> None:
-    """Round trips of calls without physics: one environment beside the peers, and 64 with depth images."""
+    """Measure round trips of calls without physics: one environment and the peers, and 64 with depth images."""
     with ExitStack() as stack:
         _, url = stack.enter_context(served("--objects", "procedural"))
         shared = RemoteConfig((url,), shm=True)
@@ -172,7 +172,7 @@ def calls(args: Args) -> None:
 
 
 def clients(args: Args) -> None:
-    """Many clients of one environment against one of many; two servers of one thread against one of two."""
+    """Compare many clients of one environment with one of many, and two servers of one thread with one of two."""
 
     def vector(url: Any) -> float:
         env: Any = gymnasium.make_vec("graspbox/Grasp-v0", WIDE, objects=OBJECTS, remote=url)
@@ -202,14 +202,14 @@ def clients(args: Args) -> None:
 
 
 def resident(process: int) -> float:
-    """Resident memory of a process, MiB."""
+    """Return the resident memory of a process, MiB."""
     text = Path(f"/proc/{process}/status").read_text()
     found = re.search(r"VmRSS:\s+(\d+) kB", text)
     return float(found[1]) / 1024 if found else float("nan")
 
 
 def memory(args: Args) -> None:
-    """Memory of an idle session of 16 environments."""
+    """Measure the memory of an idle session of 16 environments."""
     with served("--objects", "procedural") as (process, url):
         envs = []
 
@@ -226,7 +226,7 @@ def memory(args: Args) -> None:
 
 
 def policy(args: Args) -> None:
-    """Grasps for an image of 480 x 640: what the wire adds, and eight clients at once against one."""
+    """Measure grasps for an image of 480 x 640: the overhead of the wire, and eight clients at once against one."""
     if not args.policy:
         print("policy: left out, name a folder with --policy", file=sys.stderr)
         return
@@ -267,7 +267,7 @@ def policy(args: Args) -> None:
 
 
 def acting(args: Args) -> None:
-    """Answers with actions to observations: the first one of a connection, and eight clients at once against one."""
+    """Measure actions for observations: the first one of a connection, and eight clients at once against one."""
     if not args.policy:
         print("acting: left out, name a folder with --policy", file=sys.stderr)
         return

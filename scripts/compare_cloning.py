@@ -1,4 +1,4 @@
-r"""Compare a clone of demonstrations, learning from rewards alone, and the clone tuned by rewards, at equal budget.
+r"""Compare a clone of demonstrations, learning from rewards alone, and a clone tuned by rewards, at equal budget.
 
     python scripts/compare_cloning.py out/cloning
     python scripts/compare_cloning.py out/cloning_state --inputs state --steps 300000 --shown 800
@@ -6,18 +6,18 @@ r"""Compare a clone of demonstrations, learning from rewards alone, and the clon
         --objects procedural:seen:0-199 --unseen procedural:unseen:0-19 ycb
 
 Records demonstrations, and for each input (``state``; ``seeing``: depth, proprio, tactile; ``goal``: the grasp that the
-demonstrator finds in one depth image, proprio, tactile) makes
+demonstrator finds in one depth image, proprio, tactile) trains
 
 | run | method |
 |---|---|
 | ``clone-INPUT`` | behaviour cloning |
 | ``rl-INPUT`` | PPO from scratch, ``--steps`` steps |
-| ``tuned-INPUT`` | PPO from the clone, as many steps |
-| ``dense-INPUT`` | as ``tuned``, paid by ``reward="dense"`` instead of ``"firm"`` (with ``--dense``) |
+| ``tuned-INPUT`` | PPO from the clone, the same number of steps |
+| ``dense-INPUT`` | as ``tuned``, with ``reward="dense"`` instead of ``"firm"`` (with ``--dense``) |
 
 and evaluates all of them, and the demonstrator, on the same trials with unseen objects. Every step is a program of its
-own, whose command is printed and kept in ``README.md`` of the folder, beside the results and the curves; a step that is
-done is not repeated, and an interrupted one is continued, so the same command resumes.
+own, whose command is printed and kept in ``README.md`` of the folder, with the results and the curves. The same command
+resumes: finished steps are not repeated, and an interrupted one is continued.
 
 Exit status: 0, 2 for wrong arguments or a step that failed, 130 after Ctrl-C.
 
@@ -51,7 +51,7 @@ COLORS = {"rl": "tab:blue", "tuned": "tab:orange", "dense": "tab:green"}
 INPUTS = {"state": ("state",), "seeing": ("proprio", "tactile", "depth"), "goal": ("proprio", "tactile", "goal")}
 #: Seeds of the demonstrations, and of the trials of the comparison; training evaluates on others.
 SHOWN_SEED, TEST_SEED = 20_000, 90_000
-#: A policy that begins at random has to explore, and may move fast.
+#: A randomly initialised policy has to explore, and may move fast.
 SCRATCH = (
     "demonstrations=0",
     "value_warmup=0",
@@ -66,11 +66,11 @@ class Settings:
     """Arguments of a comparison."""
 
     folder: tyro.conf.Positional[Path]
-    """Where everything goes."""
+    """Folder of all results."""
     inputs: tuple[str, ...] = ("state", "seeing")
     """Observations of the policies: state, seeing, goal."""
     demonstrator: str = "expert"
-    """Policy that shows how: a name, or a folder; for the input `goal` the folder of one that looks once."""
+    """Demonstrating policy: a name, or a folder; for the input `goal` the folder of one that looks once."""
     objects: tuple[str, ...] = OBJECTS
     """Object sets to learn from, the split `train` of each."""
     unseen: tuple[str, ...] = UNSEEN
@@ -78,7 +78,7 @@ class Settings:
     max_episode_steps: int = 50
     """Steps of an episode, 0.2 s each."""
     shown: int = 800
-    """Demonstrations, all of them of the kind that is kept."""
+    """Demonstrations of the kept kind."""
     keep: str = "secure"
     """Demonstrations to keep: secure successes, every success (`success`), or all."""
     noise: float = 0.1
@@ -90,7 +90,7 @@ class Settings:
     episodes: int = 500
     """Trials of the comparison."""
     evaluations: int = 10
-    """Evaluations of each run that learns from rewards, after the one at its start."""
+    """Evaluations of each run that learns from rewards, without the one at its start."""
     watched: int = 100
     """Trials of each of them, and of the clone's; with other objects than those of the comparison."""
     seed: int = 0
@@ -102,13 +102,13 @@ class Settings:
 
 
 def call(words: list[str], output: bool) -> subprocess.CompletedProcess[str]:
-    """Run a program; its output is kept, or shown."""
+    """Run a program; its output is saved, or shown."""
     return subprocess.run(words, stdout=subprocess.PIPE if output else None, text=True)
 
 
 @dataclass(frozen=True)
 class Step:
-    """A program to run; it is done once `result` names the same command. With `output` it holds its output too."""
+    """A program to run; it is done once `result` has the same command. With `output`, `result` has its output too."""
 
     name: str
     command: tuple[str, ...]
@@ -116,12 +116,12 @@ class Step:
     output: bool = False
 
     def text(self) -> str:
-        """Write the command as it is typed."""
+        """Return the command as typed in a shell."""
         words = ("python", *self.command) if self.command[0].endswith(".py") else self.command
         return shlex.join(words)
 
     def run(self) -> bool:
-        """Run it, unless it is done; tells whether it was run."""
+        """Run it, unless it is done; returns whether it ran."""
         if self.result.exists() and json.loads(self.result.read_text())["command"] == self.text():
             return False
         console.print(self.text())
@@ -138,7 +138,7 @@ class Step:
 
 
 def steps_of(settings: Settings) -> list[Step]:
-    """All steps, in order."""
+    """Return all steps, in order."""
     folder, shown = settings.folder, settings.folder / "shown"
     observed = dict.fromkeys(name for given in settings.inputs for name in INPUTS[given])
     words = ["graspbox", "record", settings.demonstrator, "--out", str(shown), "--split", "train"]
@@ -177,7 +177,7 @@ def _runs(settings: Settings, given: str, shown: Path) -> list[Step]:
 
 
 def _environment(settings: Settings, given: str) -> tuple[str, ...]:
-    """Parameters of the environment that differ from those of the file."""
+    """Return parameters of the environment that differ from the file's."""
     found: list[str] = []
     if settings.objects != OBJECTS:
         found.append(f"env.objects=[{', '.join(f'{name!r}' for name in settings.objects)}]")
@@ -222,7 +222,7 @@ def test_policies(settings: Settings) -> None:
 
 
 def results(folder: Path) -> dict[str, dict[str, Any]]:
-    """Results of the comparison so far, by the name of the run."""
+    """Return the results of the comparison so far, by the name of the run."""
     paths = sorted(folder.glob("*.test.json"))
     return {path.name.removesuffix(".test.json"): json.loads(path.read_text())["policy"] for path in paths}
 

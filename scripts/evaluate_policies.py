@@ -5,15 +5,15 @@
 
 A policy is an argument of `graspbox.policies.load` (a name or a folder), ``completed_planner=FOLDER`` (the planner on
 the output of the completion in a policy's folder), ``nearest=DATA`` (a grasp that held in the most similar scene of a
-data set), ``filtered=FOLDER`` or ``unfiltered=FOLDER`` (a head with or without its collision
-filter), or a policy of one depth image that refines its grasps twice: ``refined=FOLDER``; without a component:
-``unrefined=FOLDER`` its refinement, ``geometric=FOLDER`` its head, ``plain=FOLDER`` both; that expects hand errors of
-up to 10 mm and 10 degrees: ``tolerant=FOLDER``; or with ground truth for a component: ``true_completion=FOLDER``,
-``true_scorer=FOLDER`` (simulation), ``true_both=FOLDER``.
-``--stressed`` names the policies measured under all conditions; the others run under the first alone.
+data set), ``filtered=FOLDER`` or ``unfiltered=FOLDER`` (a head with or without its collision filter), or a variant of a
+policy of one depth image: ``refined=FOLDER`` (two refinements), ``unrefined=FOLDER`` (no refinement),
+``geometric=FOLDER`` (no head), ``plain=FOLDER`` (neither), ``tolerant=FOLDER`` (expects hand errors of up to 10 mm and
+10 degrees), or with ground truth for a component: ``true_completion=FOLDER``, ``true_scorer=FOLDER`` (simulation),
+``true_both=FOLDER``. ``--stressed`` names the policies measured under all conditions; the others run under the first
+alone.
 
-All policies get the same trials: object, pose and noise follow from the seed, and objects from which one of them
-learned are left out for all. The folder then has ``results.jsonl`` with every trial, ``evaluation.md`` with the tables,
+All policies get the same trials: object, pose and noise follow from the seed, and training objects of any of them are
+left out for all. The folder then has ``results.jsonl`` with every trial, ``evaluation.md`` with the tables,
 and ``policies.png``, ``conditions.png`` and ``reliability.png``. The same command resumes after an interruption. Exit
 status: 0 at the end, 2 for wrong arguments, 130 for an interruption.
 
@@ -79,9 +79,9 @@ class Settings:
     objects: tuple[str, ...] = ("procedural:unseen:0-19", "ycb/test")
     """Object sets; /SPLIT keeps one split."""
     trials: int = 1000
-    """Trials of each policy on each object set under each condition."""
+    """Trials of each policy, on each object set, under each condition."""
     seeds: tuple[int, ...] = (0,)
-    """Seeds of the trials, each of which gives as many."""
+    """Seeds; each gives `trials` trials."""
     json: bool = False
     """Print the results as JSON, and nothing else, on standard output."""
 
@@ -121,7 +121,7 @@ def load(spec: str) -> policies.Policy:
     if kind in ORACLES:
         return DepthOracle(Path(path), ORACLES[kind])
     known = ", ".join(("completed_planner", *_HEADS, "nearest", "tolerant", *VARIANTS, *ORACLES))
-    raise ConfigError(f"there is no policy {spec!r}; before = stands one of {known}")
+    raise ConfigError(f"there is no policy {spec!r}; choose the prefix before = from {known}")
 
 
 def jobs(settings: Settings) -> Iterator[dict[str, Any]]:
@@ -137,7 +137,7 @@ def jobs(settings: Settings) -> Iterator[dict[str, Any]]:
 def unknown_objects(
     sets: tuple[str, ...], loaded: Iterable[policies.Policy]
 ) -> tuple[dict[str, object_sets.ObjectSet], dict[str, int]]:
-    """Load the objects of each set from which no policy learned; also count those that are left out, where some are."""
+    """Load the objects of each set from which no policy learned; also count the objects left out, if any."""
     learned = sorted({name for policy in loaded for name in policy.learned_from})
     kept, left_out = {}, {}
     for given in sets:
@@ -190,10 +190,10 @@ def run(settings: Settings, command: str) -> list[Measured]:
     loaded = {spec: load(spec) for spec in settings.policies}
     wanted = list(jobs(settings))
     for job in wanted:
-        # Before the work, not after hours of it.
+        # Checked before the work, not after hours of it.
         settings_of(job["condition"], loaded[job["policy"]].env_id or IDS[0])
     objects, left_out = unknown_objects(settings.objects, loaded.values())
-    # Policies that are added later must leave the same objects out.
+    # Policies added later must leave out the same objects.
     given = {"trials": settings.trials} | ({"left_out": left_out} if left_out else {})
     keys = ("condition", "policy", "objects", "seed")
     with Run(settings.out, given) as run:
@@ -254,7 +254,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         rows = run(settings, shlex.join(["python", "scripts/evaluate_policies.py", *given]))
     except KeyboardInterrupt:
-        console.print("interrupted; the same command continues")
+        console.print("interrupted; the same command resumes")
         return 130
     except (GraspboxError, OSError) as error:
         console.print(f"error: {error}", markup=False)

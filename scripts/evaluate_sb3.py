@@ -1,11 +1,11 @@
-"""Evaluate what ``graspbox train sb3`` or ``graspbox train clone`` trained, on objects and trials of your choice.
+"""Evaluate a policy of ``graspbox train sb3`` or ``graspbox train clone`` on objects and trials of your choice.
 
     python scripts/evaluate_sb3.py out/train/ppo --split test --episodes 500 --baselines
     python scripts/evaluate_sb3.py out/train/ppo --best --objects procedural:mug:0-99
 
-Judge a policy on trials by which neither it nor its hyperparameters were selected: other seeds, other objects. A set
-has a test split only if it is large enough: ``procedural:mug`` names ten objects, of which none is in that split;
-``procedural:mug:0-99`` has 11. Exit status: 0, or 2 for a folder or arguments that cannot be used.
+Use trials on which neither the policy nor its hyperparameters were selected: other seeds, other objects. Only large
+sets have a test split: ``procedural:mug`` has ten objects, none of them in that split; ``procedural:mug:0-99`` has 11.
+Exit status: 0, or 2 for an unusable folder or arguments.
 
 Needs the extras ``cli`` and ``train``.
 """

@@ -1,6 +1,6 @@
 """Compare the scripted expert of Grasp-v0 with trials of `graspbox.simulate` at the same grasp poses.
 
-In each episode the planner proposes poses for the object as it lies. One of the best three is tried twice: by
+In each episode the planner proposes poses for the resting object. One of the best three is tried twice: by
 `graspbox.simulate`, and by the expert, which moves the hand there by actions alone. An episode is left out if no pose
 is feasible, or if the trial's object, settled anew, comes to rest elsewhere.
 
@@ -24,7 +24,7 @@ from graspbox.envs.coding import object_pose
 from graspbox.envs.expert import Expert, planned
 from graspbox.programs import run_program
 
-#: The trial's object rests where the environment's does if no entry of its pose differs by more than this (m, or 1).
+#: Greatest difference between entries of the object's resting poses in trial and environment (m, or 1).
 SAME = 5e-3
 
 
@@ -52,7 +52,7 @@ def compare(env: Any, seed: int, control: str) -> dict[str, Any] | None:
 
 
 def rates(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Success rates of both, their agreement, steps per episode, and the share of steps in which the hand touches."""
+    """Return success rates of both, their agreement, steps per episode, and the share of steps with contact."""
     steps = sum(row["steps"] for row in rows)
     return {
         "episodes": len(rows),

@@ -37,14 +37,14 @@ from graspbox.scene_export import export_scene
 from graspbox.study import comparison
 from graspbox.views import ViewPlan, views
 
-#: From easy to hard: of their best 20 poses, nearly all succeed for the first and few for the last.
+#: From easy to hard: nearly all of the best 20 poses succeed for the first, and few for the last.
 PLANNED = ("procedural:kettle:0", "ycb:006_mustard_bottle", "ycb:072-a_toy_airplane", "ycb:035_power_drill")
-#: Poses to show for each: more would hide each other.
+#: Poses to show for each; more would occlude each other.
 SHOWN = 12
 #: Has both firm and failed grasps among its best poses.
 TRACED = "ycb:006_mustard_bottle"
 SWEPT = "procedural:kettle:3"
-#: Object of the depth image, and the policy that sees it.
+#: Object of the depth image, and the policy.
 SEEN, POLICY = "procedural:kettle:0", Path("policies/depth")
 #: Object of the exported scene.
 EXPORTED = "procedural:mug:3"
@@ -53,7 +53,7 @@ PLAYED, START = "ycb:025_mug", 1
 
 
 def planned(name: str, args: argparse.Namespace) -> tuple[Scene, Plan]:
-    """Let an object settle and plan for it as it rests; keeps the best poses."""
+    """Settle an object and plan for its resting pose; keeps the best poses."""
     scene = Scene(object_sets.load(name)[0].load())
     found = plan(scene.mesh, seed=args.seed, world_from_object=scene.world_from_object)
     return scene, found.best(args.poses)
@@ -81,17 +81,17 @@ def write_trials(args: argparse.Namespace) -> None:
 
 
 def write_episode(args: argparse.Namespace) -> None:
-    """Show an episode and what is observed in it."""
+    """Show an episode and its observations."""
     pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
 
 
 def write_frames(args: argparse.Namespace) -> None:
-    """Show the frames in which other programs place hands."""
+    """Show the hand frames of other programs."""
     pictures.save_hand_frames(args.out / "hand_frames.png")
 
 
 def write_grasp_image(args: argparse.Namespace) -> None:
-    """Show what a policy finds in one depth image."""
+    """Show the grasps that a policy finds in one depth image."""
     scene = Scene(object_sets.load(SEEN)[0].load())
     camera = ViewPlan("random", axis=(0.0, 0.0, 1.0), cap=1.0, distance=(0.6, 0.6))
     settings: dict[str, Any] = {"plan": camera, "count": 1, "image_size": (360, 480), "images": "depth"}
@@ -161,7 +161,7 @@ PICTURES: dict[str, Callable[[argparse.Namespace], None]] = {
 
 
 def main() -> None:
-    """Write the pictures that are asked for."""
+    """Write the requested pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(PICTURES)}; all by default")
     parser.add_argument("--out", type=Path, default=Path("docs/pictures"), help="folder of the pictures")

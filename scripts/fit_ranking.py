@@ -3,7 +3,7 @@
 For each object the planner's best poses and some random ones are tried. The run records the ranking's features of each
 pose (named by `graspbox.planning.rank_weights`) and whether it succeeded. The weights come from a logistic regression
 with one intercept per object, so that it ranks poses within objects; held-out figures come from six folds over objects.
-An interrupted run is resumed; a complete one is only fitted. Begin a new one after a change of planner or physics.
+An interrupted run resumes; a complete one is only fitted. Begin a new one after a change of planner or physics.
 
     python scripts/fit_ranking.py --out out/ranking
 
@@ -39,9 +39,9 @@ from graspbox.training.runs import Run
 Array = NDArray[np.float64]
 
 FOLDS = 6
-#: Ridge on the intercepts; it only keeps those of objects without a success, or without a failure, finite.
+#: Ridge on the intercepts; it keeps those of objects without a success, or without a failure, finite.
 INTERCEPT_RIDGE = 0.3
-#: Standard deviation below which a feature says nothing.
+#: Standard deviation below which a feature is uninformative.
 NEARLY_CONSTANT = 0.02
 
 
@@ -87,7 +87,7 @@ def fit(features: Array, success: Array, objects: NDArray[np.int64], ridge: floa
 
 
 def judge(score: Array, success: Array, objects: NDArray[np.int64]) -> dict[str, float]:
-    """Judge a score: success rate of the first pose per object, and share of its pairs in the right order."""
+    """Evaluate a score: success rate of the first pose per object, and share of its pairs in the right order."""
     first, pairs = [], []
     for number in np.unique(objects):
         mine = objects == number
@@ -109,7 +109,7 @@ def held_out(features: Array, success: Array, objects: NDArray[np.int64], ridge:
 
 
 def report(rows: list[dict[str, Any]], hand: Hand, ridge: float, seed: int) -> dict[str, Any]:
-    """Fit the weights and judge them; returns all figures."""
+    """Fit the weights and evaluate them; returns all figures."""
     rows = [row for row in rows if row["success"]]
     features = np.array([x for row in rows for x in row["features"]])
     success = np.array([float(x) for row in rows for x in row["success"]])
@@ -138,7 +138,7 @@ def report(rows: list[dict[str, Any]], hand: Hand, ridge: float, seed: int) -> d
 
 
 def show(facts: dict[str, Any], hand: Hand) -> None:
-    """Print the weights beside the present ones, and how well each order does."""
+    """Print the new and the current weights, and the quality of each order."""
     console = Console()
     weights = Table("term", "present", "fitted", title=f"weights of the ranking for {hand.name}")
     for (name, present), fitted in zip(rank_weights(hand).items(), facts["weights"].values(), strict=True):
@@ -152,7 +152,7 @@ def show(facts: dict[str, Any], hand: Hand) -> None:
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Folder of the run; objects that it has tried are not tried again.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run; objects already tried are skipped.")],
     objects: Annotated[str, typer.Option(help="Object set; its training split is used.")] = "procedural:2000-2003",
     hand: Annotated[str, typer.Option(help="Hand: a name, or its two files with a comma between.")] = "reflex",
     top: Annotated[int, typer.Option(min=0, help="The planner's best poses of each object.")] = 8,

@@ -1,10 +1,10 @@
 """Write the generated parts of docstrings and pages: tables of environments and data sets, the command line.
 
-    python scripts/generate_docs.py            # rewrite what is out of date
-    python scripts/generate_docs.py --check    # name what is out of date, and exit with 1
+    python scripts/generate_docs.py            # rewrite outdated files
+    python scripts/generate_docs.py --check    # list outdated files, and exit with 1
 
 A table is between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in the docstring of a module or in a page, where
-NAME is one of `tables`. The section Parameters of the constructors is written as a whole. Everything comes from the
+NAME is one of `tables`. The section Parameters of the constructors is generated completely. Everything comes from the
 core's tables (`graspbox.envs.spaces.tables`), from `graspbox.envs.settings`, from `graspbox.dataset.schema` and from
 the commands of `graspbox.cli`: a new observation, reward term, info entry, keyword or column is a row there. ``make
 fmt`` runs this program, ``make lint`` its check.
@@ -164,7 +164,7 @@ def term_table(control: str) -> str:
 
 
 def info_table(control: str) -> str:
-    """Info of a control mode; what Python adds to the core's entries comes last."""
+    """Info of a control mode; entries added by Python come last."""
     types = {"float64": "float", "int64": "int"}
     rows = [
         (row["name"], types.get(row["dtype"], row["dtype"]), row["unit"], row["meaning"])
@@ -180,7 +180,7 @@ def data_table(columns: Iterable[schema.Column]) -> str:
 
 
 def option_values(kind: Any, info: Any) -> str:
-    """Describe the values of an argument or option: nothing for a flag, else their type, bounds or meaning."""
+    """Describe the values of an argument or option: empty for a flag, else their type, bounds or meaning."""
     options = [part for part in get_args(kind) if part is not NoneType]
     if isinstance(kind, UnionType):  # an option without a default
         return option_values(options[0], info)
@@ -195,7 +195,7 @@ def option_values(kind: Any, info: Any) -> str:
     text = {int: "integer", float: "number", str: "text", Path: "path"}[kind]
     if info.min is None:
         return text
-    # The greatest seed of 64 bits tells a reader nothing.
+    # The greatest seed of 64 bits is not informative.
     bounded = info.max is not None and info.max < 2**32
     return f"{text}, {info.min} to {info.max}" if bounded else f"{text}, at least {info.min}"
 
@@ -230,7 +230,7 @@ def command_sections() -> str:
 
 
 def tables() -> dict[str, Callable[[], str]]:
-    """Every table that a marker can name."""
+    """Return every table that a marker can name."""
     found: dict[str, Callable[[], str]] = {
         "images": image_table,
         "trials of a data set": partial(data_table, schema.TRIALS),
@@ -256,7 +256,7 @@ TABLES = tables()
 
 
 def with_tables(text: str) -> str:
-    """Replace what is between the markers."""
+    """Replace the text between the markers."""
 
     def replaced(match: re.Match[str]) -> str:
         name = match.group(1)
@@ -297,7 +297,7 @@ def with_parameters(text: str, constructor: Constructor) -> str:
 
 
 def generated(path: Path) -> str:
-    """Return a file as it should be."""
+    """Return the up-to-date text of a file."""
     text = with_tables(path.read_text())
     for constructor in CONSTRUCTORS:
         if constructor.file == path.name:
@@ -306,7 +306,7 @@ def generated(path: Path) -> str:
 
 
 def outdated(write: bool = False) -> list[Path]:
-    """Find the files whose tables are not those of the core, and rewrite them if asked to."""
+    """Find the files with outdated tables, and rewrite them unless `check`."""
     found = []
     for path in (*sorted(FOLDER.glob("*.py")), *PAGES):
         new = generated(path)

@@ -1,9 +1,9 @@
-"""Measure how long a policy of one depth image takes to decide, step by step, with onnxruntime and with torch.
+"""Measure the decision time of a policy of one depth image, step by step, with onnxruntime and with torch.
 
     python scripts/measure_decision.py policies/depth --decisions 50
 
-The backends take turns on the same images. A table gives medians of wall time and of processor time (all threads), in
-milliseconds; processor time changes little where other programs compete for the cores.
+The backends alternate on the same images. A table gives medians of wall time and of processor time (all threads), in
+milliseconds; processor time changes little if other programs compete for the cores.
 """
 
 import argparse
@@ -28,7 +28,7 @@ STEPS = ("crop", "complete", "propose", "score", "refine", "average")
 
 
 def finder_of(folder: Path, backend: Backend, num_threads: int | None, error: PoseNoise | None) -> GraspFinder:
-    """Load the policy's finder with one backend, for a hand that errs if an error is given."""
+    """Load the policy's finder with one backend, tolerating hand errors if an error is given."""
     config = read_depth_policy(folder)
     found = load_finder(folder, config, load_hand(config.hand), backend=backend, num_threads=num_threads)
     return found if error is None else found.tolerating(error)

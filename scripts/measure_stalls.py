@@ -22,7 +22,7 @@ from graspbox.programs import run_program
 
 
 def measure(objects: str, num_envs: int, obs: str, steps: int, episode: int, prepare: bool) -> dict[str, float]:
-    """Step an environment; seconds of the preparation, of the reset, and of the median and the slowest step."""
+    """Step an environment; returns seconds of the preparation, the reset, and the median and slowest step."""
     envs = gym.make_vec(
         "graspbox/Grasp-v0", num_envs=num_envs, objects=objects, obs=obs, image_size=64, max_episode_steps=episode
     )

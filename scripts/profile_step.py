@@ -35,8 +35,8 @@ from graspbox.programs import run_program
 TRIAL_OBJECTS, TRIAL_POSES = ("ycb:025_mug", "ycb:013_apple"), 5
 RANDOM_STEPS = 40
 
-#: Functions by the ends of their names, as callgrind prints them. Where the compiler puts one into its caller, its row
-#: is 0, and the caller's is larger.
+#: Functions by the ends of their names, as callgrind prints them. The row of an inlined function is 0, and its caller's
+#: is larger.
 STEP, WORLD = "Solver::step", "World::step"
 FIND, SEARCH = "Solver::find_contacts", "PersistentQueryDispatcher<M,C>>::contact_manifold_convex_convex"
 EVALUATE, DIFFERENTIATE = "Problem::evaluate", "Problem::differentiate"
@@ -49,7 +49,7 @@ _COST = re.compile(r"^\s*([\d,]+) \([^)]*\)\s+([*>])\s+(.*?)(?: \([\d,]+x\))?(?:
 
 
 def trials(path: str | None) -> float:
-    """Try planner poses on one thread; the number of simulated seconds."""
+    """Try planner poses on one thread; returns the number of simulated seconds."""
     seconds = 0.0
     for item in object_sets.load(list(TRIAL_OBJECTS)):
         scene = graspbox.Scene(item.load())
@@ -84,7 +84,7 @@ def expert_actions() -> np.ndarray:
 
 
 def expert(path: str | None) -> float:
-    """Step through saved actions on one thread; the number of env-steps. Without a file it saves them."""
+    """Step through saved actions on one thread; returns the number of env-steps. Without a file it saves them."""
     if path is None:
         raise ValueError("the actions of the expert are missing")
     envs, actions = environments("state", threads=1), np.load(path)
@@ -95,7 +95,7 @@ def expert(path: str | None) -> float:
 
 
 def random(path: str | None) -> float:
-    """Take random actions on one thread; the number of env-steps."""
+    """Take random actions on one thread; returns the number of env-steps."""
     envs, source = environments("voxels", threads=1), np.random.default_rng(0)
     envs.reset(seed=0)
     for _ in range(RANDOM_STEPS):
@@ -105,7 +105,7 @@ def random(path: str | None) -> float:
 
 @dataclass(frozen=True)
 class Work:
-    """What is profiled: how it runs, what is counted, per what, and whether the expert's actions are needed."""
+    """A profiled workload: its function, the counted calls, their unit, and whether it needs the expert's actions."""
 
     run: Callable[[str | None], float]
     counted: str
@@ -122,14 +122,14 @@ WORK = {
 
 @dataclass
 class Counts:
-    """Instructions: of functions with all that they call, and of calls by caller and callee."""
+    """Instructions: of functions with their callees, and of calls by caller and callee."""
 
     total: dict[str, int]
     calls: dict[tuple[str, str], int]
     units: float
 
     def whole(self, *ends: str) -> int:
-        """Sum over the functions whose names end so."""
+        """Sum over the functions whose names have this ending."""
         return sum(cost for name, cost in self.total.items() if name.endswith(ends))
 
     def within(self, caller: str | tuple[str, ...], *ends: str) -> int:
@@ -138,7 +138,7 @@ class Counts:
 
 
 def count(name: str, folder: Path) -> Counts:
-    """Run a piece of work under callgrind."""
+    """Run a workload under callgrind."""
     work, out, actions = WORK[name], folder / "callgrind.out", folder / "actions.npy"
     if work.needs_actions:
         np.save(actions, expert_actions())
@@ -207,7 +207,7 @@ def main(name: str) -> None:
 def program() -> None:
     """Parse the arguments and run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("work", choices=list(WORK), help="what is profiled")
+    parser.add_argument("work", choices=list(WORK), help="workload to profile")
     parser.add_argument("--actions", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.actions is None:

@@ -3,12 +3,11 @@
     python scripts/publish_sb3.py out/clone --out policies/clone
     python scripts/publish_sb3.py out/tuned --out policies/tuned --best --objects procedural:unseen:0-19 ycb/test
 
-Takes the folder of a run of ``graspbox train sb3`` or ``graspbox train clone``. The ONNX file holds all that the run
-does to observations and actions; it must act as the model does on observations of the environment, else nothing is
-published. The folder is then evaluated, and its card tells how the policy was made, with the commands, and what it
-can do.
+Takes the folder of a run of ``graspbox train sb3`` or ``graspbox train clone``. The ONNX file includes all
+transformations of observations and actions; nothing is published unless it acts like the model on observations of the
+environment. The folder is then evaluated, and its card has the training commands and the scores.
 
-Exit status: 0, 2 for arguments that cannot be used, 130 after Ctrl-C.
+Exit status: 0, 2 for unusable arguments, 130 after Ctrl-C.
 
 Needs the extras ``cli`` and ``train``, and ``ycb`` for these objects.
 """
@@ -53,15 +52,15 @@ class Settings:
     seed: int = 0
     """Seed of the trials."""
     num_envs: int = 16
-    """Environments stepped together; results do not depend on it."""
+    """Environments stepped in parallel; results do not depend on it."""
     parameters: Path = PARAMETERS
-    """File of parameters; what the run has otherwise is part of its command on the card."""
+    """File of parameters; differences of the run appear in its command on the card."""
     json: bool = False
     """Print JSON, and nothing else, on standard output."""
 
 
 def check(settings: Settings) -> None:
-    """Refuse arguments that cannot be used, before the work."""
+    """Refuse unusable arguments before the work."""
     if not 1 <= settings.trials <= MAX_TRIALS:
         raise ConfigError(f"--trials is {settings.trials}; give 1 to {MAX_TRIALS}")
     if settings.seed < 0:
@@ -73,7 +72,7 @@ def check(settings: Settings) -> None:
 
 
 def learned_from(made: list[Made], chosen_on: str | None) -> list[str]:
-    """Name the object sets from which a policy learned, and the split by which it was chosen among checkpoints."""
+    """Name a policy's training object sets, and the split on which its checkpoint was selected."""
     found: list[str] = []
     names: tuple[str, ...] = ()
     for one in made:
@@ -86,7 +85,7 @@ def learned_from(made: list[Made], chosen_on: str | None) -> list[str]:
 
 
 def publish(settings: Settings, command: str) -> list[Score]:
-    """Export, evaluate and describe a policy; gives its scores."""
+    """Export, evaluate and describe a policy; returns its scores."""
     check(settings)
     sb3.require()
     import torch

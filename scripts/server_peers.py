@@ -2,7 +2,7 @@
 
     python scripts/server_peers.py remote-gym --calls 1000      # microseconds per call, as JSON
 
-Peers need packages that exclude each other, so each runs in an interpreter that has its own (`bench_server.py
+Peers need conflicting packages, so each runs in an interpreter of its own (`bench_server.py
 --peer-python`); the observation is that of ``Grasp-v0``: 88 float32. Exit status 3: the peer is not installed.
 """
 
@@ -57,7 +57,7 @@ def async_vector_env() -> Iterator[Peer]:
 
 
 def free_port() -> int:
-    """Find a port that is free."""
+    """Find a free port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -82,7 +82,7 @@ def _serve_openpi(port: int) -> None:
 
 @contextmanager
 def _served(name: str) -> Iterator[int]:
-    """Run a peer's server and its child processes until they are no longer needed; gives its port."""
+    """Context manager: run a peer's server and its child processes; yields its port."""
     port = free_port()
     call = [sys.executable, __file__, name, "--serve", str(port)]
     with subprocess.Popen(call, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True) as server:
@@ -192,7 +192,7 @@ SERVERS = {"openpi-client": _serve_openpi, "remote-gym": _serve_remote_gym, "Ope
 
 
 def round_trips(call: Peer, count: int) -> list[float]:
-    """Microseconds of calls, after a tenth of them to warm up."""
+    """Measure calls, microseconds, after a tenth of them to warm up."""
     for _ in range(count // 10):
         call()
     times = []

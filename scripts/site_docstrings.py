@@ -1,8 +1,8 @@
 """An extension of Griffe for the documentation site: docstrings of the package as Markdown.
 
 Doctests become code blocks. Names in single backticks, such as ```Policy``` or ```graspbox.load_mesh```, become links
-to their documentation where the site has it. Sections that numpy's style does not know, such as the tables of an
-environment, become headings. `mkdocs.yml` names this file.
+to their documentation if the site has it. Sections outside numpy's style, such as the tables of an environment, become
+headings. `mkdocs.yml` names this file.
 """
 
 import re
@@ -15,7 +15,7 @@ _DOCTEST = re.compile(r"^(?P<indent> *)>>> .*(?:\n(?P=indent)\S.*)*", re.MULTILI
 #: A section of a docstring, and the sections that Griffe reads.
 _SECTION = re.compile(r"^(?P<title>\S[^\n]*)\n-{3,}$", re.MULTILINE)
 _KNOWN = ("Attributes", "Examples", "Methods", "Notes", "Parameters", "Raises", "Returns", "Warns", "Yields")
-#: A name in single backticks that is in no code block.
+#: A name in single backticks outside code blocks.
 _NAME = re.compile(r"(?<![`\w])`(?P<name>[A-Za-z_][\w.]*)`(?!`)")
 
 
@@ -25,7 +25,7 @@ def fenced(text: str) -> str:
 
 
 def titled(text: str) -> str:
-    """Turn sections that numpy's style does not know into headings."""
+    """Turn sections outside numpy's style into headings."""
     return _SECTION.sub(lambda found: found[0] if found["title"] in _KNOWN else f"## {found['title']}", text)
 
 
@@ -43,7 +43,7 @@ def linked(text: str, place: griffe.Object) -> str:
 
 
 def _resolved(name: str, place: griffe.Object) -> str:
-    """Path of a name in the scope of an object, or an empty text."""
+    """Return the path of a name in the scope of an object, or an empty text."""
     first, _, rest = name.partition(".")
     if first in place.members and not isinstance(place.members[first], griffe.Attribute):
         return f"{place.path}.{name}"

@@ -2,11 +2,11 @@
 
 Poses of an object are tried in ranking order, over plans with different seeds and no pose twice, until one succeeds. An
 object is left out after 2,000 different feasible poses without a success; the list gives the reason: too flat, too
-large, too heavy. An interrupted run is resumed; begin a new one after a change of planner or physics.
+large, too heavy. An interrupted run resumes; begin a new one after a change of planner or physics.
 
     python scripts/sweep_graspable.py --out out/graspable --list python/graspbox/data/ycb_graspable.txt
 
-The exit status is 1 if an object is left out for none of these reasons, or stays in only because it does not have 2,000
+The exit status is 1 if an object is left out for none of these reasons, or kept only because it has fewer than 2,000
 poses; inspect these. Needs the extras ``cli`` and ``ycb``.
 """
 
@@ -31,11 +31,11 @@ from graspbox.training.runs import Run
 
 #: Poses without a success after which an object counts as not graspable.
 ENOUGH = 2000
-#: Poses per call: few while a success is likely, then more, because threads idle only at the end of a call.
+#: Poses per call: few while a success is likely, then more, since threads idle only at the end of a call.
 FIRST_BATCH, LARGEST_BATCH = 2, 64
 #: Plans per object: bounds the sweep of an object with few poses per plan.
 MOST_PLANS = 100
-#: Later plans make more variations of each pose, to find poses that the first plan lacks.
+#: Later plans vary each pose more often, to find poses missing from the first plan.
 MORE = PlanConfig(poses=PoseConfig(variations=32))
 
 #: Length of a distal pad, metres: from above, fingers touch a lower object only with their tips.
@@ -100,7 +100,7 @@ def sweep(spec: ObjectSpec, progress: Progress) -> dict[str, Any]:
 
 
 def write_list(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write the names of the graspable objects, and in comments why others are left out."""
+    """Write the names of the graspable objects, and in comments the reasons for the others."""
     everything = all(row["graspable"] is not False for row in rows)
     lines = ["# YCB objects that the ReFlex hand can grasp; made by scripts/sweep_graspable.py."]
     lines.append("# Left out: none" if everything else "# Left out:")
@@ -116,7 +116,7 @@ def write_list(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Folder of the run; objects that it has tried are not tried again.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run; objects already tried are skipped.")],
     list_file: Annotated[Path, typer.Option("--list", help="File for the names of the graspable objects.")],
     objects: Annotated[str, typer.Option(help="The object set to sweep.")] = "ycb",
     as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON.")] = False,

@@ -5,12 +5,12 @@
     python scripts/plot_sb3.py out/train/ppo
     python scripts/evaluate_sb3.py out/train/ppo
 
-This is ``graspbox train sb3 ALGORITHM --out FOLDER``, whose options it takes: ``graspbox train sb3 --help``. What it
-does reads from top to bottom in ``train`` of `graspbox.sb3.training`; for a program of your own the parts are
+This is ``graspbox train sb3 ALGORITHM --out FOLDER``, with the same options: ``graspbox train sb3 --help``. The code is
+``train`` of `graspbox.sb3.training`; programs of your own can use its parts:
 
-| part | what it is |
+| part | purpose |
 |---|---|
-| `graspbox.sb3.running.make_env`, ``normalized`` | environments as Stable-Baselines3 takes them |
+| `graspbox.sb3.running.make_env`, ``normalized`` | environments for Stable-Baselines3 |
 | `graspbox.sb3.Extractor` | a features extractor for images, voxels and points |
 | `graspbox.sb3.running.RunCallback` | evaluations on held-out objects, checkpoints, the end of a run |
 

@@ -1,4 +1,4 @@
-"""What the tests of the environments share: cheap objects, and actions that lead to contact."""
+"""Helpers of the environment tests: cheap objects, and actions that lead to contact."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What all Python tests share."""
+"""Fixtures of all Python tests."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""A small data set that several test modules read."""
+"""A small data set shared by several test modules."""
 
 import os
 import subprocess
@@ -8,7 +8,7 @@ from typing import Any
 
 from graspbox import dataset
 
-#: Objects of two splits; what is tried on them takes well under a second each.
+#: Objects of two splits; trials take well under a second per object.
 OBJECTS = ["procedural:can:0-1", "procedural:box:1"]
 
 

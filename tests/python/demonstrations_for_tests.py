@@ -1,4 +1,4 @@
-"""What tests of demonstrations share."""
+"""Helpers of the demonstration tests."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""A WebSocket server that says what it is told to: for clients that meet something else than a server of graspbox."""
+"""A scripted WebSocket server, for clients that connect to a server other than graspbox."""
 
 import base64
 import hashlib

@@ -1,8 +1,8 @@
 """Golden values: 200 labels and 20 episodes of each environment, remade and compared bit by bit.
 
 ``python tests/python/golden.py`` compares, ``--write`` remakes ``tests/fixtures/golden.json``. A change that keeps
-physics, observations and rewards leaves the file as it is. A change that moves them on purpose remakes it in a commit
-of its own, which says how many values moved and why.
+physics, observations and rewards leaves the file unchanged. A deliberate change of them remakes it in a commit of its
+own, which states how many values changed and why.
 
 Labels are simulated from the poses in the file and episodes act by the actions in it, so that neither a changed planner
 nor a changed expert hides a changed simulation; the planner's own poses are compared beside them. Floating-point
@@ -61,7 +61,7 @@ def scene_and_plan(name: str) -> tuple[graspbox.Scene, graspbox.Plan]:
 
 
 def planned(plan: graspbox.Plan, scene: graspbox.Scene) -> dict[str, Any]:
-    """Poses as they are kept: full precision, and what they depend on."""
+    """Return the stored poses: full precision, with their settings."""
     return {
         "world_from_object": hexed(scene.world_from_object),
         "poses": [hexed(pose[:3]) for pose in plan.poses],
@@ -94,7 +94,7 @@ class Recorder:
             self._hashes[name].update(digest(values).encode())
 
     def step(self, observation: dict[str, NDArray[Any]], reward: float, info: dict[str, Any]) -> None:
-        """Add what a step returned."""
+        """Add the results of a step."""
         self._show(observation)
         self._rewards.append(reward)
         self._terms.append({name: float(value) for name, value in info["reward_terms"].items() if name in TERMS})
@@ -141,7 +141,7 @@ def episode(env: Any, seed: int, actions: Any) -> dict[str, Any]:
 
 
 def made(env_id: str, index: int, **settings: Any) -> Any:
-    """Make the environment of an episode: the odd ones vary what can vary."""
+    """Make the environment of an episode: odd ones randomise all factors."""
     kwargs = {"randomization": "standard" if index % 2 else None, "reward": "dense", "objects": OBJECTS, **settings}
     return gymnasium.make(env_id, **kwargs, cameras=CAMERAS).unwrapped
 

@@ -1,4 +1,4 @@
-"""Attacks on a server of environments: each sends what no honest client would, and returns how often it did."""
+"""Attacks on an environment server: each sends malformed or abusive messages, and returns their number."""
 
 import contextlib
 import random
@@ -246,7 +246,7 @@ def closes(url: str, rng: random.Random, count: int) -> int:
 
 
 def resumed_away(url: str, rng: random.Random, count: int) -> int:
-    """Sessions whose client takes up another one instead; only that other one may stay."""
+    """Sessions whose client resumes another one instead; only that other one may stay."""
     with Peer(url) as first:
         ticket = first.call("make", objects=CAN, grace=1.0)
         for _ in range(count):
@@ -280,7 +280,7 @@ def silent(url: str, rng: random.Random, count: int) -> int:
 
 
 def requests(url: str, rng: random.Random, count: int) -> int:
-    """Heads that are too large or none, and requests that nobody answers."""
+    """Headers that are too large or missing, and requests without an answer."""
     heads = [
         "GET / HTTP/1.1\r\n" + "X: " + "y" * 100_000 + "\r\n\r\n",
         "GET / HTTP/1.1\r\n" + "X: y\r\n" * 5000 + "\r\n",
@@ -298,7 +298,7 @@ def requests(url: str, rng: random.Random, count: int) -> int:
     return count
 
 
-#: What a client does when it is killed.
+#: Activity of a client when it is killed.
 _VICTIM = """
 import sys
 sys.path.insert(0, {folder!r})
@@ -334,7 +334,7 @@ def kill(url: str, rng: random.Random, count: int) -> int:
 
 
 def resets(url: str, rng: random.Random, count: int) -> int:
-    """Reset connections, instead of closing them, with a command on its way."""
+    """Reset connections, instead of closing them, with a pending command."""
     for _ in range(count):
         peer = Peer(url)
         peer.submit("make", objects=CAN, num_envs=1)

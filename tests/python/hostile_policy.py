@@ -1,4 +1,4 @@
-"""Attacks on a server of a policy: observations and requests for grasps that no honest client would send."""
+"""Attacks on a policy server: malformed or abusive observations and grasp requests."""
 
 import base64
 import contextlib
@@ -16,7 +16,7 @@ __all__ = ["POLICY_ATTACKS", "grasps", "post"]
 
 
 def post(url: str, body: bytes, kind: str = "application/json", length: int | None = None, token: str = "") -> bytes:
-    """POST to ``/grasps``; the whole answer, or what came of it before the server fell silent."""
+    """POST to ``/grasps``; the answer, possibly cut off by the server."""
     lines = [
         "POST /grasps HTTP/1.1",
         f"Host: {urlsplit(url).netloc}",

@@ -1,4 +1,4 @@
-"""A client that can misbehave: the handshake and the frames of a WebSocket, and msgpack, written by hand."""
+"""A client that can violate the protocol: the handshake and the frames of a WebSocket, and msgpack, written by hand."""
 
 import base64
 import os
@@ -51,7 +51,7 @@ _NUMBERS = {
     0xD2: "i",
     0xD3: "q",
 }
-#: Format of a length, and what it is of, by the first byte.
+#: Format of a length, and its type, by the first byte.
 _LENGTHS = {
     0xC4: ("B", "bin"),
     0xC5: ("H", "bin"),

@@ -1,4 +1,4 @@
-"""A server on this machine that speaks as much of the Hugging Face hub as huggingface_hub needs to load and push."""
+"""A local server with the part of the Hugging Face hub's API that huggingface_hub needs to load and push."""
 
 import base64
 import hashlib
@@ -15,7 +15,7 @@ Repositories = dict[str, dict[str, dict[str, bytes]]]
 
 
 class Hub(ThreadingHTTPServer):
-    """The server; ``repositories`` holds what it serves, a commit being a hash of its files."""
+    """The server; ``repositories`` has its contents, a commit being a hash of its files."""
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)

@@ -1,4 +1,4 @@
-"""Signals at a moment that is known: when the work of another process has begun, on however busy a machine."""
+"""Signals at a known moment: once the work of another process has begun, even on a busy machine."""
 
 import os
 import signal
@@ -11,19 +11,19 @@ from typing import NamedTuple
 
 __all__ = ["Ended", "interrupted", "train_despite_kills"]
 
-#: A shell starts what it puts in the background deaf to Ctrl-C, and Python leaves it so.
+#: A shell starts background processes with Ctrl-C ignored, and Python keeps this.
 _PRELUDE = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 def ready():
     print("ready", file=sys.stderr, flush=True)
 """
-#: Seconds after which a process counts as one that does not end. Whoever calls gives it work of hours.
+#: Seconds after which a process counts as one that does not end. Callers give it work of hours.
 _PATIENCE = 120
 
 
 class Ended(NamedTuple):
-    """How a process ended, and what it wrote after its work had begun."""
+    """Exit status of a process, and its output after its work had begun."""
 
     status: int
     stdout: str
@@ -49,7 +49,7 @@ def interrupted(code: str) -> Ended:
             process.send_signal(signal.SIGINT)
             output, errors = process.communicate(timeout=_PATIENCE)
         except subprocess.TimeoutExpired:
-            raise AssertionError("the process goes on after Ctrl-C") from None
+            raise AssertionError("the process continues after Ctrl-C") from None
         finally:
             process.kill()
     return Ended(process.returncode, output, errors)

@@ -1,4 +1,4 @@
-"""The adapters in ``scripts/adapters``, driven by the programs that they are for.
+"""The adapters in ``scripts/adapters``, driven by the programs that they adapt to.
 
 Each program counts the trials of one scripted grasp, which succeeds sometimes, and graspbox counts them too. The
 programs need virtual environments of their own: ``make test-adapters`` and ``make test-lerobot``.
@@ -252,7 +252,7 @@ def test_vla_eval_counts_the_same_successes(env_id: str, tmp_path: Path) -> None
 
 
 def lerobot_eval(out: Path, *arguments: str, episodes: int = 14) -> dict[str, Any]:
-    """Run the real ``lerobot-eval`` with the policy of `lerobot_policy_top_down`; gives what it writes."""
+    """Run the real ``lerobot-eval`` with the policy of `lerobot_policy_top_down`; returns its output."""
     command = [
         str(Path(sys.executable).with_name("lerobot-eval")),
         "--env.type=graspbox",
@@ -334,7 +334,7 @@ def test_lerobot_records_what_it_evaluates(tmp_path: Path) -> None:
 
 @needs_lerobot
 def test_lerobot_makes_environments_of_a_hub_file() -> None:
-    """What LeRobot does with a downloaded ``env.py``; without the download."""
+    """LeRobot's use of a downloaded ``env.py``, without the download."""
     from lerobot.envs import utils
 
     module = imported(ADAPTERS / "lerobot/env.py")

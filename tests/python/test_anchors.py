@@ -1,4 +1,4 @@
-"""Anchors of grasps: poses come back from their nearest anchor, weights are those of interpolation, and mirrors."""
+"""Anchors of grasps: poses are recovered from their nearest anchor; interpolation weights; mirroring."""
 
 import numpy as np
 import pytest
@@ -78,7 +78,7 @@ def test_a_mirrored_grasp_has_the_mirrored_anchor() -> None:
 
 
 def test_mirrored_scenes_have_mirrored_reach() -> None:
-    """What the hand reaches in a scene, the mirrored hand reaches in the mirrored scene."""
+    """Anchors reachable in a scene are, mirrored, reachable in the mirrored scene."""
     grid = HandGrid()
     assert (grid.swept == grid.swept[:, :, ::-1]).all()
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Tables of arrays in files: saved, put together, continued."""
+"""Tables of arrays in files: saving, joining, resuming."""
 
 from dataclasses import dataclass
 from pathlib import Path

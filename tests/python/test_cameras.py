@@ -1,4 +1,4 @@
-"""What environments see: images by name, the cameras that take them, and pictures to look at."""
+"""Images of environments: images by name, their cameras, and rendered pictures."""
 
 import json
 from collections.abc import Sequence
@@ -203,7 +203,7 @@ def test_a_state_brings_its_images_back(objects: _core.Objects) -> None:
     fewer = pool(objects, replace(cameras, cameras=(FRONT,), images=("rgb",)))
     with pytest.raises(errors.ConfigError, match="cameras"):
         fewer.set_state(0, envs.get_state(0))
-    # As many, but a wrist's pose is no pose in the world.
+    # The same number, but a wrist camera's pose is not a pose in the world.
     fixed = replace(cameras, cameras=(FRONT, replace(PALM, mount="world")))
     with pytest.raises(errors.ConfigError, match="front, palm"):
         pool(objects, fixed).set_state(0, envs.get_state(0))
@@ -224,7 +224,7 @@ def test_cameras_and_light_vary_only_where_asked(objects: _core.Objects) -> None
     ours, theirs = (p.reset([0, 1, 2, 3])["rgb"] for p in (plain, lit))  # type: ignore[typeddict-item]
     np.testing.assert_array_equal(_core.poses_of_cameras(lit)["front"][1], fronts)
     assert all(not np.array_equal(a, b) for a, b in zip(ours, theirs, strict=True))
-    # Nothing but what is seen varies: the draws of the start are the same.
+    # Only the images vary: the sampled initial states are the same.
     np.testing.assert_array_equal(plain.poses(), lit.poses())
     np.testing.assert_array_equal(plain.poses(), moved.poses())
 
@@ -252,7 +252,7 @@ def test_voxels_are_those_of_the_depth_images(objects: _core.Objects) -> None:
         k, poses = placed[camera]
         known[camera] = graspbox.occupancy(shown[key][..., 0], k, poses, 24, origin, 0.36, far=2.0)
     agree = (shown["voxels_palm"][0] == known["palm"]).mean()
-    # The least depth that a camera sees is no argument of `occupancy`.
+    # The camera's least depth is not an argument of `occupancy`.
     assert agree > 0.995
     assert (shown["voxels"][0] == np.maximum(known["front"], known["palm"])).mean() > 0.995
     assert {0, 1, 2} == set(np.unique(shown["voxels"]))

@@ -21,7 +21,7 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 def run_json(*arguments: str | Path) -> Any:
-    """Run a command that must work, and read what it prints."""
+    """Run a command that must work, and return its output."""
     result = run(*arguments, "--json")
     assert result.returncode == 0, result.stderr
     return json.loads(result.stdout)
@@ -168,7 +168,7 @@ def test_bench_lists_work_value_unit(monkeypatch: pytest.MonkeyPatch) -> None:
             at_least = row["unit"] in ("1/s", "%")
             assert (row["ratio"] >= 1) == (row["value"] >= row["goal"] if at_least else row["value"] <= row["goal"])
     assert all(row["value"] > 0 for row in rows if row["unit"] != "%")
-    # So early the hand is still on its way; a can is on few of the pixels.
+    # The hand is still approaching; a can is on few of the pixels.
     early = bench.idle(rows)
     assert any(sentence.startswith("steps in contact, 2 envs, expert: 0.0 %") for sentence in early)
     assert not bench.idle([{**row, "value": 50.0} for row in rows])

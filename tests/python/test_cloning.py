@@ -99,7 +99,7 @@ def test_a_batch_is_learned_by_heart(shown: Path, algorithm: str, obs: Any) -> N
         optimizer.step()
         errors.append(error.item())
     assert errors[-1] < 2e-3 < 0.05 < errors[0]
-    # What a deterministic policy does is what was learned.
+    # A deterministic policy reproduces the learned actions.
     policy = script_policy(model, env)
     arrays = (
         {name: rows.numpy() for name, rows in observations.items()} if isinstance(obs, tuple) else observations.numpy()

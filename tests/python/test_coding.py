@@ -1,4 +1,4 @@
-"""Poses are read off states and written as actions alike for both environments and every control mode."""
+"""Poses are read from states and encoded as actions alike for both environments and every control mode."""
 
 import doctest
 from typing import Any

@@ -45,7 +45,7 @@ BAD: tuple[Any, ...] = (
 
 
 def read(config: Any) -> Any:
-    """Send a config to the core, and read what it understood."""
+    """Send a config to the core, and return the parsed fields."""
     return json.loads(_core._config(type(config).__name__, to_json(config)))
 
 

@@ -1,4 +1,4 @@
-"""What every environment must do, over every registered id and observation, in this process and on a server."""
+"""Requirements of every environment: each registered id and observation, in this process and on a server."""
 
 import pickle
 import warnings

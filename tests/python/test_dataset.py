@@ -227,7 +227,7 @@ def test_a_killed_worker_is_reported(made: Path, tmp_path: Path) -> None:
 
 
 def test_full_disk_loses_nothing(made: Path, tmp_path: Path) -> None:
-    """The kernel says that there is no space; what was complete stays, and the same call resumes."""
+    """The disk is full; complete shards stay, and the same call resumes."""
     name = sorted(path.name for path in (made / "trials").iterdir())[2]
     (tmp_path / "trials").mkdir()
     (tmp_path / "trials" / name).symlink_to("/dev/full")

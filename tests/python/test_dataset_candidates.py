@@ -1,4 +1,4 @@
-"""Candidate poses: each source gives what its name says, for every hand, and nothing that collides."""
+"""Candidate poses: each source is true to its name, for every hand, and gives no colliding pose."""
 
 from functools import cache
 

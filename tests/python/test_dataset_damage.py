@@ -1,4 +1,4 @@
-"""Data sets that are damaged, incomplete or not what they say: each file is named, and none is used or overwritten."""
+"""Damaged, incomplete or inconsistent data sets: each file is named, and none is used or overwritten."""
 
 import json
 import random

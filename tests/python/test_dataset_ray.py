@@ -35,7 +35,7 @@ def test_two_nodes_make_the_same_bytes(cluster: Any, tmp_path: Path) -> None:
 
 
 def test_errors_come_back_from_the_nodes(cluster: Any, tmp_path: Path) -> None:
-    """What a worker refuses is the error that a local worker would raise."""
+    """Errors of a worker are those of a local worker."""
     from graspbox import PlanConfig
 
     with pytest.raises(errors.ConfigError, match="clearance"):

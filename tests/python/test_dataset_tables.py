@@ -154,7 +154,7 @@ def test_stored_images_are_the_rendered_ones(made: Path, table: Any) -> None:
 
 
 def test_voxels_are_those_of_occupancy(table: Any) -> None:
-    """The bulk call gives what `graspbox.occupancy` gives scene by scene; the object is where it is seen."""
+    """The bulk call equals `graspbox.occupancy` scene by scene; the object is at its place in the image."""
     some = table.take([0, 30])
     seen = dataset.render(some, image_size=48)
     cells = dataset.voxels(seen, resolution=16, side=0.4)
@@ -212,7 +212,7 @@ def test_the_best_pose_is_robust_then_secure_then_still(table: Any) -> None:
 
 
 def test_trials_to_learn_from_are_read_shard_by_shard(made: Path, table: Any) -> None:
-    """`GraspTrials.from_dataset` gives what the rows of a split hold, and knows their scenes."""
+    """`GraspTrials.from_dataset` has the values of the rows of a split, and their scenes."""
     from graspbox.models.trials import GraspTrials
 
     for split in sorted(set(table["split"].to_pylist())):

@@ -1,4 +1,4 @@
-"""Demonstrations that are damaged, incomplete or not what they say: each is named, none is used or overwritten."""
+"""Damaged, incomplete or inconsistent demonstrations: each is named, none is used or overwritten."""
 
 import json
 import random

@@ -61,7 +61,7 @@ def test_minari_loads_them(made: Demonstrations, minari: Any) -> None:
 
 
 def test_minari_records_the_same_by_itself(made: Demonstrations, minari: Any) -> None:
-    """What Minari's own `DataCollector` makes of the same actions has the same spaces, environment and arrays."""
+    """Minari's own `DataCollector` gives the same spaces, environment and arrays for the same actions."""
     pytest.importorskip("jax", reason="Minari collects with jax")
     exported = demonstrations.to_minari(made, "graspbox/expert-v0")
     collector = minari.DataCollector(exported.recover_environment(), data_format="parquet")
@@ -83,7 +83,7 @@ def test_minari_refuses_what_it_has(made: Demonstrations, minari: Any, tmp_path:
         demonstrations.to_minari(made, "graspbox/expert-v0")
     with pytest.raises(ConfigError, match="Minari does not take the id"):
         demonstrations.to_minari(made, "a b c")
-    # What cannot be written leaves nothing behind.
+    # A failed write leaves nothing behind.
     copy = tmp_path / "copy"
     shutil.copytree(made.folder, copy)
     damaged = Demonstrations(copy)
@@ -194,7 +194,7 @@ def test_lerobot_folder_is_whole_or_not_there(made: Demonstrations, lerobot: Pat
 
 @pytest.mark.skipif(
     find_spec("lerobot") is None and not os.environ.get("GRASPBOX_REQUIRE_LEROBOT"),
-    reason="lerobot pins other versions of what graspbox is tested with",
+    reason="lerobot pins other versions than those that graspbox is tested with",
 )
 def test_lerobot_loads_it(made: Demonstrations, lerobot: Path) -> None:
     """With the package itself: frames, tasks, statistics, windows of actions, batches."""

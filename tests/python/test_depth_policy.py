@@ -1,4 +1,4 @@
-"""The policy that sees one depth image: with oracles for its parts, in both environments, and what it refuses."""
+"""The policy of one depth image: with oracles for its components, in both environments, and its refusals."""
 
 from pathlib import Path
 

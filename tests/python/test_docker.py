@@ -1,4 +1,4 @@
-"""``scripts/docker`` against the program: nobody builds the image here, so its parts are checked one by one."""
+"""``scripts/docker`` against the program: the tests do not build the image, but check its parts."""
 
 import json
 import os

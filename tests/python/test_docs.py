@@ -39,7 +39,7 @@ def run_blocks(page: Path) -> int:
 
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work in a folder that has what pages name of a checkout, and keeps what their code writes.
+    """Work in a folder with the files of a checkout that pages name; it keeps the files written by their code.
 
     The published policies are installed, as pages say.
     """
@@ -109,7 +109,7 @@ def test_tables_of_docstrings_are_markdown() -> None:
 def command_lines() -> Iterator[list[str]]:
     """Words of every command in the code blocks without a language, and in the code spans, of all pages."""
     for page in documents():
-        # Language, text and what follows each block: ``` opens and closes in turn.
+        # Language, text and the text after each block: ``` opens and closes in turn.
         parts = re.split(r"^```(\w*)\n", page.read_text(), flags=re.DOTALL | re.MULTILINE)
         prose, blocks = parts[0::4], zip(parts[1::4], parts[2::4], strict=True)
         lines = [line for language, text in blocks if not language for line in text.replace("\\\n", " ").splitlines()]
@@ -206,7 +206,7 @@ def test_commands_parse() -> None:
 
 
 def test_pages_use_plain_words() -> None:
-    """Phrases that a native reader would stumble over."""
+    """Pages avoid unidiomatic phrases."""
     phrases = r"stands? in `|\bso many\b|\bmend(s|ed|ing)?\b|said beside|is gone with|goes? on where|what one runs"
     for page in documents():
         found = re.search(phrases, page.read_text())

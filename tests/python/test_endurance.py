@@ -30,7 +30,7 @@ OBJECT = {ID: slice(31, 34), "graspbox/GraspPose-v0": slice(0, 3)}
 def diverged(states: np.ndarray, failed: np.ndarray, env_id: str) -> int:
     """Count worlds that have diverged: the object is nowhere, or the episode was given up with the object in its place.
 
-    What is no number is shown as the least value; an object that is lost is off the table, or 0.5 m from its middle.
+    NaN is shown as the least value; a lost object is off the table, or 0.5 m from its middle.
     """
     place = states[:, OBJECT[env_id]]
     nowhere = (place == -1.0).all(axis=1)
@@ -107,7 +107,7 @@ def test_random_decisions_stay_within_bounds_and_memory() -> None:
 
 
 def test_async_vector_env_after_a_rollout_in_the_parent() -> None:
-    """Forked children start their own threads, and see what the native environment sees."""
+    """Forked children start their own threads, and get the observations of the native environment."""
     native: Any = gymnasium.make_vec(ID, num_envs=2, objects=OBJECTS, max_episode_steps=8)
     native.reset(seed=0)
     native.step(pressing(1, 2)[0])

@@ -1,4 +1,4 @@
-"""Environments can be pickled and copied; in a forked process and after `close` they explain themselves."""
+"""Environments can be pickled and copied; in a forked process and after `close` their errors explain the cause."""
 
 import copy
 import os

@@ -1,4 +1,4 @@
-"""``graspbox/GraspPose-v0``: what is particular to it; what all environments must do: ``test_conformance``."""
+"""``graspbox/GraspPose-v0``: its own behaviour; ``test_conformance`` has the requirements of all environments."""
 
 from typing import Any
 
@@ -178,7 +178,7 @@ def test_how_the_hand_waits_changes_nothing_else() -> None:
 
 
 def test_proprioception_after_an_attempt_tells_of_the_hand() -> None:
-    """It has closed and risen; what the arm knows of it is off by the error of calibration alone."""
+    """It has closed and risen; the arm's reading differs by the calibration error alone."""
     obs = ("proprio", "tactile")
     env: Any = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:can:0", obs=obs).unwrapped
     env.reset(seed=3)

@@ -1,4 +1,4 @@
-"""`graspbox.evaluation`: a fixed set of seeded trials, counted honestly; and ``graspbox evaluate``."""
+"""`graspbox.evaluation`: a fixed set of seeded trials, counted correctly; and ``graspbox evaluate``."""
 
 import doctest
 import json
@@ -310,7 +310,7 @@ def test_an_object_that_cannot_be_used_fails_the_command(tmp_path: Path) -> None
 
 
 def test_ctrl_c_ends_the_command() -> None:
-    """While trials run that would take hours; what was counted by then is not printed."""
+    """During trials that would take hours; partial counts are not printed."""
     ended = interrupted(
         "from graspbox import policies\n"
         "class Watched(policies.Planner):\n"

@@ -1,4 +1,4 @@
-"""The programs in ``scripts/examples`` run as they stand."""
+"""The programs in ``scripts/examples`` run unchanged."""
 
 import importlib
 import json

@@ -38,7 +38,7 @@ def made(request: pytest.FixtureRequest) -> Made:
 
 
 def test_a_grasp_is_closed_and_squeezed(made: Made) -> None:
-    """Pregrasp is the open hand, grasp where the object stops it, and squeeze goes on in the direction of closing."""
+    """Pregrasp is the open hand, grasp where the object stops it, and squeeze continues in the direction of closing."""
     _, grasps = made
     assert grasps.closed.all()
     assert grasps.success.any()

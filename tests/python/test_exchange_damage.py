@@ -1,4 +1,4 @@
-"""Files of grasps that are damaged, hostile, or something else: each is an error of one sentence."""
+"""Grasp files that are damaged, hostile, or of another kind: each is an error of one sentence."""
 
 import io
 import json

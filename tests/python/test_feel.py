@@ -1,4 +1,4 @@
-"""Feel, then lift: what the hand feels, when it opens, where it looks and what it chooses then, and its folder."""
+"""`FeelThenLift`: sensor readings, releases, second looks and choices, and its folder."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +25,7 @@ CANS = "procedural:can:0-3"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make a policy that feels."""
+    """Make a policy with a grasp-stability check."""
     made = tmp_path_factory.mktemp("feel") / "policy"
     tiny_policy.make_feel(made)
     return made
@@ -62,7 +62,7 @@ def test_it_opens_looks_past_the_hand_and_takes_another_grasp(folder: Path) -> N
     for env in range(2):
         first, second = policy.attempts[env]
         assert first.released
-        # The second grasp is lifted, whatever is felt.
+        # The second grasp is lifted, whatever the prediction.
         assert not second.released
         (only,) = once.attempts[env]
         # Until it decides, both runs are the same.

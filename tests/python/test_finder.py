@@ -1,4 +1,4 @@
-"""How grasps of a head join those that geometry proposes."""
+"""Grasps of a head joined with geometric proposals."""
 
 from dataclasses import replace
 

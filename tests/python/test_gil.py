@@ -1,4 +1,4 @@
-"""Threads, forks, signals and panics: what happens around a call into Rust."""
+"""Threads, forks, signals and panics during a call into Rust."""
 
 import os
 import subprocess
@@ -36,7 +36,7 @@ def test_panic_becomes_an_exception_and_the_pool_survives() -> None:
 
 
 def test_gil_is_released() -> None:
-    """Another Python thread goes on while Rust works."""
+    """Another Python thread continues while Rust works."""
     begun, ended = threading.Event(), threading.Event()
     during = []
 
@@ -70,7 +70,7 @@ threading.Thread(target=lambda: (calling.wait(), ready()), daemon=True).start()
 
 @pytest.mark.parametrize("deaf", [False, True], ids=["listening", "deaf"])
 def test_ctrl_c_stops_a_call(deaf: bool) -> None:
-    """A deaf call never looks at its cancel flag, and is left behind. Both would go on for a week."""
+    """A deaf call never looks at its cancel flag, and is left behind. Both would run for a week."""
     code = f"{CALLING}from graspbox import _core\ntry: calling.set(); _core._spin(1e6, deaf={deaf})\n"
     ended = interrupted(f"{code}except KeyboardInterrupt: print('stopped')\n")
     assert ended == (0, "stopped\n", "")

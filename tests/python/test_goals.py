@@ -1,4 +1,4 @@
-"""The observation ``goal``: where another policy would grasp, seen from the hand, in every environment alike."""
+"""The observation ``goal``: the grasp of another policy in the hand's frame, alike in every environment."""
 
 import doctest
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``graspbox/Grasp-v0``: what is particular to it; what every environment must do stands in ``test_conformance``."""
+"""``graspbox/Grasp-v0``: its own behaviour; ``test_conformance`` has the requirements of all environments."""
 
 import re
 from pathlib import Path

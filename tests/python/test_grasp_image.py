@@ -1,4 +1,4 @@
-"""Grasps for a depth image of one's own: files and their units, the camera's pose, the command, the picture."""
+"""Grasps for a user's own depth image: files and their units, the camera's pose, the command, the picture."""
 
 import json
 import struct

@@ -1,4 +1,4 @@
-"""The hands that come with the package: each goes through plan, trial, environments, pictures and MuJoCo."""
+"""The hands of the package: each goes through plan, trial, environments, pictures and MuJoCo."""
 
 import pickle
 from typing import Any
@@ -124,7 +124,7 @@ def test_rapier_names_itself_where_it_cannot() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_observations_have_entries_or_do_not_exist(name: str) -> None:
-    """A bug here: a space without entries, or an error that does not say what the hand lacks."""
+    """A bug here: a space without entries, or an error that does not name the missing sensor."""
     hand = graspbox.load_hand(name)
     tables = spaces.tables(hand)
     for vectors in (*tables["observations"].values(), tables["decision"]["observations"]):

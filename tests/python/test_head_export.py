@@ -1,4 +1,4 @@
-"""A published head: its folder, and that it acts as the one that was trained."""
+"""A published head: its folder, and agreement with the trained network."""
 
 import json
 from dataclasses import asdict

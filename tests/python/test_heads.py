@@ -1,4 +1,4 @@
-"""Heads: each learns a batch by heart, anchors interpolate, training resumes, and a trained head is a policy."""
+"""Heads: each overfits a batch, anchors interpolate, training resumes, and a trained head is a policy."""
 
 from dataclasses import replace
 from functools import partial
@@ -98,7 +98,7 @@ def test_scenes_without_trials_show_where_the_hand_can_go(trials: GraspTrials, g
 
 
 def test_mirrored_views_have_mirrored_trials(trials: GraspTrials, grid: HandGrid) -> None:
-    """A batch is mirrored as a whole: what is seen, and what was tried there."""
+    """A batch is mirrored as a whole: the views, and the trials."""
     drawn = sampler(trials, grid)
     assert drawn.symmetric
     view = drawn.view(0, 0)
@@ -230,7 +230,7 @@ def test_a_head_learns_one_batch_by_heart(kind: Any, trials: GraspTrials, grid: 
 
 
 def test_a_set_learns_from_failures_by_its_confidence(trials: GraspTrials, grid: HandGrid) -> None:
-    """The same pose loses confidence where what was tried near it failed."""
+    """The same pose loses confidence if trials near it failed."""
     torch.manual_seed(0)
     net = PoseNet(3, replace(SMALL, kind="set"))
     batch = sampler(trials, grid).sample(0, np.arange(4), 40)
@@ -302,7 +302,7 @@ def test_the_constant_pose_is_the_best_of_those_tried(tmp_path: Path, trials: Gr
 
 
 class Central:
-    """Knows one grasp: straight down on the middle of what is seen, after one that is inside the object."""
+    """Knows one grasp: straight down on the middle of the visible surface, after one inside the object."""
 
     def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
         """Give one grasp, or both."""

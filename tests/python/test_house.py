@@ -1,4 +1,4 @@
-"""The house: crate arrows, sizes, doc examples, dependencies, and the promises of the Makefile.
+"""Repository rules: crate arrows, sizes, doc examples, dependencies, and the targets of the Makefile.
 
 Tools check the rest: clippy the length of Rust functions (``clippy.toml``), import-linter the layers and cycles of the
 Python package (``pyproject.toml``). ``python tests/python/test_house.py`` prints the sizes.
@@ -42,7 +42,7 @@ def declared_arrows() -> dict[str, set[str]]:
 
 
 def built_arrows() -> dict[str, set[str]]:
-    """Read what cargo links, development dependencies left aside."""
+    """Read the crates that cargo links, without development dependencies."""
     command = ["cargo", "metadata", "--format-version", "1", "--no-deps", "--offline"]
     metadata = json.loads(subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout)
     prefix = "graspbox-"
@@ -57,7 +57,7 @@ def built_arrows() -> dict[str, set[str]]:
 
 
 def closure(arrows: dict[str, set[str]], crate: str) -> set[str]:
-    """Everything that ``crate`` may use: what its arrows reach."""
+    """Every crate that ``crate`` may use: all that its arrows reach."""
     reached: set[str] = set()
     front = set(arrows[crate])
     while front:

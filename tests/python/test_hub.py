@@ -17,7 +17,7 @@ from hub_server import Hub, running
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
 pytest.importorskip("huggingface_hub", reason="policies on the hub need the extra 'hub'")
 
-#: Runs a line of Python with `folder`, and gives what it prints, or the sentence of its error.
+#: Runs a line of Python with `folder`, and returns its output, or its error message.
 Python = Callable[[str], str]
 _BEGIN = """
 import sys

@@ -1,4 +1,4 @@
-"""Data, execution and reports of the reproduction of the study: what needs no torch."""
+"""Data, execution and reports of the study's reproduction: the parts without torch."""
 
 import importlib.util
 import json
@@ -152,7 +152,7 @@ def test_binary_grids_are_those_of_binvox(found: grasps.Grasps) -> None:
 
 
 def test_ternary_grids_hide_what_is_behind(found: grasps.Grasps) -> None:
-    """The camera is on the side of -x: what is opaque is nearer to it than what is unseen."""
+    """The camera is on the side of -x: visible voxels are nearer to it than unseen ones."""
     made = make_samples(OBJECTS[:1], _of_first(found), kind="ternary", mapping="one_to_one", count=2)
     grid = made.inputs[0]
     assert set(np.unique(grid)) == {TRANSPARENT, UNSEEN, OPAQUE}
@@ -215,7 +215,7 @@ def test_average_pose_is_in_the_middle() -> None:
 
 
 def test_baselines_and_their_scores(found: grasps.Grasps) -> None:
-    """Labels hold, poses far away are infeasible or touch nothing, and each baseline does what its name says."""
+    """Labels hold, poses far away are infeasible or touch nothing, and each baseline is true to its name."""
     made = make_samples(OBJECTS, found, kind="image", mapping="one_to_one")
     train, test = made[np.arange(0, 24, 2)], made[np.arange(1, 24, 2)]
     scenes = Scenes(OBJECTS)
@@ -288,7 +288,7 @@ def test_policy_finds_the_object_in_voxels() -> None:
     assert (grid[:, 32:] == TRANSPARENT).all()
     assert (grid[:, :, 32:] == TRANSPARENT).all()
     np.testing.assert_allclose(base[:3, 3], [44 / 64 * 0.4 - 0.2, 22 / 64 * 0.4 - 0.2, 0.0])
-    # With a cube twice as high, what is unseen behind the block comes into it.
+    # A cube twice as high includes the unseen space behind the block.
     seen[40:48, 20:24, 1:17] = 2
     found = cropped_voxels(seen, "ternary")
     assert found is not None

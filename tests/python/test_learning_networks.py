@@ -1,4 +1,4 @@
-"""The study's networks and losses: layers, closed forms, gradients, and that each can learn a batch by heart."""
+"""The study's networks and losses: layers, closed forms, gradients, and that each can overfit a batch."""
 
 import itertools
 import math
@@ -126,7 +126,7 @@ def test_normalization_is_algorithm_7(dtype: Any) -> None:
     assert q.isfinite().all()
     assert given.grad is not None
     assert given.grad.isfinite().all()
-    # From an output of zero the gradient is 1e12: what a learning rate of 1e-9 makes of it is a step of 1000.
+    # From an output of zero the gradient is 1e12: with a learning rate of 1e-9 the step is 1000.
     torch.testing.assert_close(given.grad[0], torch.tensor([0, 1e12, 1e12, 1e12], dtype=dtype))
 
 
@@ -251,7 +251,7 @@ def test_each_network_learns_a_batch_by_heart_with_each_loss(network: str, loss:
     turns = rotation_from_euler(angles.numpy())
     orientation = angles if chosen.size == 3 else torch.from_numpy(quaternion_from_rotation(turns)).float()
     labels = torch.cat([positions, orientation], dim=1)
-    # Dropout is tested elsewhere: at rest it is no part of the function that is fitted.
+    # Dropout is tested elsewhere: in evaluation it does not change the fitted function.
     made.eval()
     optimizer = torch.optim.Adam(made.parameters(), 3e-3)
     weights = LossWeights(1.0, 2.0)

@@ -210,7 +210,7 @@ def test_models_are_saved(tmp_path: Path) -> None:
 
 
 class Known(PoseModel):
-    """A model that predicts one pose, and keeps what it was shown."""
+    """A model that predicts one pose, and records its inputs."""
 
     pose: np.ndarray
     shown: np.ndarray

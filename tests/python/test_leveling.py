@@ -1,4 +1,4 @@
-"""A camera's pose is corrected by the table that it sees."""
+"""A camera's pose is corrected by the table in its image."""
 
 import numpy as np
 import pytest

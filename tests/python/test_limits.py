@@ -1,4 +1,4 @@
-"""Inputs that nobody can mean are refused, with a message that names them and says what to do."""
+"""Senseless inputs are refused, with a message that names them and the remedy."""
 
 import numpy as np
 import pytest

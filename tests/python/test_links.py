@@ -1,4 +1,4 @@
-"""Links, anchors and pictures of the pages lead somewhere: in a checkout, on the site and on a package index."""
+"""Links, anchors and pictures of the pages resolve: in a checkout, on the site and on a package index."""
 
 import re
 import subprocess
@@ -46,7 +46,7 @@ def anchors(page: Path) -> tuple[set[str], set[str]]:
 
 
 def dead(page: Path, target: str) -> str:
-    """Say what is wrong with a link; nothing if it leads somewhere."""
+    """Return the error of a link; empty if it resolves."""
     path, _, anchor = target.partition("#")
     found = page.parent / path if path else page
     if not found.exists():
@@ -106,7 +106,7 @@ def listed() -> set[str]:
 
 
 def is_listed(name: str, known: set[str]) -> bool:
-    """Tell whether a dotted name is in the reference: itself, or what holds it and exports it."""
+    """Tell whether a dotted name is in the reference: itself, or the object that exports it."""
     if name in known:
         return True
     holder, _, last = name.rpartition(".")
@@ -116,7 +116,7 @@ def is_listed(name: str, known: set[str]) -> bool:
 
 
 def find(name: str) -> Any:
-    """Find what a dotted name means: a module, or an attribute of one; None if there is nothing."""
+    """Resolve a dotted name: a module, or an attribute of one; None if there is nothing."""
     try:
         return import_module(name)
     except ImportError:
@@ -150,7 +150,7 @@ def test_the_reference_lists_what_guides_use() -> None:
 
 
 def test_the_reference_lists_the_public_names() -> None:
-    """What the package exports is documented, name by name or with its module."""
+    """Exports of the package are documented, by name or with their module."""
     known = listed()
     assert len(known) > 50
     public = {f"graspbox.{name}" for name in graspbox.__all__} - {"graspbox.__version__", "graspbox.GraspboxError"}

@@ -16,7 +16,7 @@ from graspbox.policies import Task
 from test_cli_files import write_box
 
 POSE, LOOP = IDS
-#: Volume of each box in cubic metres, and what it weighs at 400 kg/m3.
+#: Volume of each box in cubic metres, and its mass at 400 kg/m3.
 VOLUME, FILLED = 0.06 * 0.06 * 0.1, 400 * 0.06 * 0.06 * 0.1
 
 

@@ -1,4 +1,4 @@
-"""Meshes through the boundary: cleaning, files that lie or never end, copies, other libraries' meshes and scalars."""
+"""Meshes through the boundary: cleaning, false or endless files, copies, other libraries' meshes and scalars."""
 
 import copy
 import os
@@ -44,7 +44,7 @@ def test_arrays_are_cleaned_like_files() -> None:
     assert soup.watertight
     assert len(soup.vertices) == 8
     assert soup.mass == pytest.approx(0.4)
-    # A box without a lid weighs what it encloses; a stray vertex has no part in that, even where nothing is cleaned.
+    # The mass of a box without a lid is that of its enclosed volume; a stray vertex changes nothing, even uncleaned.
     for clean in (graspbox.CleanConfig(), None):
         lidless = graspbox.mesh_from_arrays(stray, FACES[2:], clean=clean)
         assert lidless.mass == pytest.approx(0.4)

@@ -1,4 +1,4 @@
-"""Networks that act: they do what their folder says, in their own environment, without torch."""
+"""Policies of one network: they act as their folder specifies, in their own environment, without torch."""
 
 import subprocess
 import sys

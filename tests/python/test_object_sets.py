@@ -339,7 +339,7 @@ def test_objects_of_other_sets_are_left_out() -> None:
 
 
 def test_groups_of_families_are_named_one_by_one() -> None:
-    """What a policy learned from stays the same when a family is added to a group."""
+    """A policy's training set stays the same when a family is added to a group."""
     seen = learned_sets.by_family("procedural:seen:5-30/train")
     assert "procedural:can:5-30/train" in seen
     assert not any("clamp" in name for name in seen)

@@ -68,7 +68,7 @@ def test_overlapping_shells_weigh_their_union(tmp_path: Path, caplog: pytest.Log
 
 
 def test_surfaces_with_holes_are_used_with_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Two balls without lids that overlap had, in a scene, twice the mass of what both enclose."""
+    """Two overlapping balls without lids once had, in a scene, twice the mass of their enclosed volume."""
     path = write_obj(tmp_path / "lidless.obj", *joined(ball(0.03, 0.0, 0.9), ball(0.027, 0.03, 0.9)))
     with caplog.at_level(logging.WARNING, logger="graspbox"):
         mesh = graspbox.load_mesh(path)

@@ -214,7 +214,7 @@ def test_the_largest_of_two_objects_is_taken_unless_labels_say_otherwise() -> No
     view = seen(both)
     found = crop(view.depth, view.intrinsics, view.world_from_camera)
     assert found.world_from_crop[0, 1, 3] == pytest.approx(0.06, abs=5e-3)
-    # The camera looks along +x: what is at y < 0 is in the right half of the image.
+    # The camera looks along +x: points at y < 0 are in the right half of the image.
     labels = (view.segmentation == 2) & (np.arange(128) > 70)
     other = crop(view.depth, view.intrinsics, view.world_from_camera, labels=labels)
     assert other.world_from_crop[0, 1, 3] == pytest.approx(-0.08, abs=5e-3)

@@ -1,4 +1,4 @@
-"""Networks of perception: both learn one batch by heart, from trials of scenes; choices are cautious."""
+"""Networks of perception: both overfit one batch, from trials of scenes; choices are cautious."""
 
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,7 @@ def test_scenes_follow_from_their_number() -> None:
     np.testing.assert_array_equal(first.crops.channels, again.crops.channels)
     assert first.crops.channels.shape[1:] == (3, N, N, N)
     assert not np.array_equal(first.crops.channels[:2], other.crops.channels[:2])
-    # What is seen is the surface of the object itself: within a voxel and a half of it.
+    # Visible points are on the object's surface: within a voxel and a half of it.
     solids = first.solids(CropConfig())
     for channels, solid in zip(first.crops.channels, solids, strict=True):
         near = solid >= 128
@@ -77,7 +77,7 @@ def test_a_completion_learns_one_batch_by_heart() -> None:
         optimizer.step()
     with torch.no_grad():
         found = iou(torch.sigmoid(net(batch.channels)), batch.solid)
-    # What is seen of the surface alone covers far less.
+    # The visible surface alone covers far less.
     assert float(iou(channels[:, 0], batch.solid).max()) < 0.5
     assert float(found.min()) > 0.7
 
@@ -311,7 +311,7 @@ def test_the_scorer_sees_a_trial_as_far_from_the_hand_as_the_hand_errs(tmp_path:
     )
     moved = np.linalg.inv(sure) @ erring
     assert moved.shape == (32, 4, 4)
-    # 96 numbers each: their deviation is within 30 % of what was asked for, but for one in 10,000 draws.
+    # 96 numbers each: their deviation is within 30 % of the requested one, except in one of 10,000 samples.
     assert moved[:, :3, 3].std() == pytest.approx(0.004, rel=0.3)
     turns = np.stack([moved[:, 2, 1], moved[:, 0, 2], moved[:, 1, 0]])
     assert turns.std() == pytest.approx(0.05, rel=0.3)

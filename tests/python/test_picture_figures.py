@@ -1,4 +1,4 @@
-"""Pictures show the numbers, poses and outcomes that they are made of."""
+"""Pictures show the numbers, poses and outcomes of their data."""
 
 from collections import Counter
 from dataclasses import replace

@@ -126,7 +126,7 @@ assert "matplotlib.pyplot" not in sys.modules
 import matplotlib
 print(os.environ["MPLBACKEND"], matplotlib.get_backend())
 """
-    # One that does not exist, and one that pyplot goes on to use.
+    # One that does not exist, and one that pyplot still uses.
     for chosen, backend in (("nope", "agg"), ("svg", "svg")):
         result = run(code, MPLBACKEND=chosen)
         assert result.returncode == 0, result.stderr

@@ -1,4 +1,4 @@
-"""What pictures are made of: cameras, surfaces, lines that surfaces hide, hands and glyphs of grasp poses."""
+"""Elements of pictures: cameras, surfaces, hidden lines, hands and glyphs of grasp poses."""
 
 import json
 from pathlib import Path
@@ -66,7 +66,7 @@ def test_a_lens_shows_all_points_and_fills_the_picture() -> None:
 
 
 def test_the_picture_is_where_the_lens_projects() -> None:
-    # Lines meet what the renderer shows: the columns and rows that the cube covers, and its least depth.
+    # Lines agree with the renderer: the columns and rows that the cube covers, and its least depth.
     view = View([CUBE], Camera(-70.0, 35.0), shown=CORNERS, size=(160, 120))
     projected = view.lens.project(CORNERS)
     rows, columns = np.nonzero(view.depth)

@@ -1,4 +1,4 @@
-"""Plans and outcomes can be taken apart, saved, pickled and simulated."""
+"""Plans and outcomes can be split, saved, pickled and simulated."""
 
 import contextlib
 import copy

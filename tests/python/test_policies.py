@@ -1,4 +1,4 @@
-"""`graspbox.policies`: every baseline acts where it says, and the same in every row of any number of environments."""
+"""`graspbox.policies`: every baseline acts in its environments, and the same in every row of any number of them."""
 
 import doctest
 import subprocess

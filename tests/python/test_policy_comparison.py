@@ -1,4 +1,4 @@
-"""Policies side by side: baselines that see, the robust oracle, conditions, classes of objects, tables, the script."""
+"""Comparison of policies: baselines with images, the robust oracle, conditions, object classes, tables, the script."""
 
 import json
 from pathlib import Path
@@ -174,7 +174,7 @@ def test_every_condition_makes_environments(name: str, env_id: str) -> None:
 
 
 def test_conditions_change_the_closed_loop() -> None:
-    """What happens to a grasp, and what the camera sees."""
+    """Conditions change the outcome of a grasp and the camera's image."""
 
     def felt(name: str) -> Any:
         return evaluate("planner", LOOP, "procedural:can:0", 1, 2, num_envs=1, condition=name, reward="dense").trials
@@ -294,7 +294,7 @@ def test_parts_of_a_policy_can_be_added_and_left_out() -> None:
     assert counts["plain"] < counts["unrefined"] < counts["refined"]
     assert counts["plain"] <= counts["geometric"] < counts["refined"]
     assert counts["unrefined"] <= counts[str(folder)] <= counts["refined"]
-    # Only those that were compared by their mean: the finalists, and what the last refinement added.
+    # Only those that were compared by their mean: the finalists, and the additions of the last refinement.
     assert 16 <= counts["tolerant"] <= 16 + 2 * 4 * 5
     # The truth for a part needs the state of the object.
     for kind in program.ORACLES:
@@ -303,7 +303,7 @@ def test_parts_of_a_policy_can_be_added_and_left_out() -> None:
     head = folder.with_name("head")
     for kind in ("filtered", "unfiltered"):
         evaluate(program.load(f"{kind}={head}"), "graspbox/GraspPose-v0", CANS, trials=1, num_envs=1)
-    with pytest.raises(ConfigError, match="before = stands one of"):
+    with pytest.raises(ConfigError, match="choose the prefix before = from"):
         program.load(f"blind={folder}")
 
 
@@ -340,7 +340,7 @@ def test_the_script_measures_resumes_and_writes_tables_and_pictures(
     assert all(f"`{name}`" in text for name in CLASSES)
     for name in ("policies.png", "conditions.png"):
         assert (tmp_path / name).stat().st_size > 1000
-    # What is in the log is not measured again.
+    # Logged trials are not repeated.
     monkeypatch.setattr(evaluation, "evaluate", None)
     assert module.main(words) == 0
     assert capsys.readouterr().out == first

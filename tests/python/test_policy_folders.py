@@ -1,4 +1,4 @@
-"""Folders of published policies: what they hold runs without torch, and what is wrong in them is named."""
+"""Folders of published policies: they run without torch, and errors name the faulty part."""
 
 import json
 import shutil
@@ -75,7 +75,7 @@ def test_it_chooses_what_its_networks_prefer(tiny: Path) -> None:
     first = evaluation.evaluate(policy, objects="procedural:can:0-1", trials=2, seed=0, num_envs=2)
     found = policy.found[0]
     assert found is not None
-    # What is seen of the surface is taken for the object, and the lowest grasp is chosen.
+    # The visible surface counts as the object, and the lowest grasp is chosen.
     np.testing.assert_array_equal(found.occupancy, found.volume[1])
     assert np.argmax(found.scores) == np.argmin(found.poses[:, 2, 3])
     expected = 1 / (1 + np.exp(-tiny_policy.SLOPE * found.poses[:, 2, 3]))
@@ -145,7 +145,7 @@ def linked(name: str, target: str) -> Spoil:
 
 #: Values other than JSON objects.
 _NO_OBJECTS: tuple[Any, ...] = (None, 3, [])
-#: What is spoilt: the kind of the policy, how, and what the error says beside the name of the file.
+#: Defects: the kind of the policy, the change, and the error message without the name of the file.
 SPOILT: list[tuple[str, Spoil, str]] = [
     # Formats and JSON.
     ("depth", put("format", 1), r"format is 1 \(int\), this version of graspbox reads 2; .* export it again"),
@@ -486,7 +486,7 @@ def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
     huggingface_hub = pytest.importorskip("huggingface_hub", reason="cards need the extra 'train'")
 
     class Settings:
-        """What the card reads of a training's settings."""
+        """Settings of a training that the card reads."""
 
         seed, data, objects, fresh = 3, (), ("procedural:seen:0-9", "ycb"), ("procedural:seen:10-19",)
 

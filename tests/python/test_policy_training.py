@@ -1,4 +1,4 @@
-"""``graspbox train depth``: all stages, after SIGKILL too; ONNX gives what torch gives."""
+"""``graspbox train depth``: all stages, also after SIGKILL; ONNX and torch agree."""
 
 import json
 import re

@@ -1,6 +1,6 @@
-"""The core's environments as Python sees them: arrays, buffers, errors, states, forks.
+"""The core's environments in Python: arrays, buffers, errors, states, forks.
 
-What they do is tested in ``tests/rust``.
+``tests/rust`` tests their behaviour.
 """
 
 import json

@@ -40,7 +40,7 @@ def seen(kind: Any, count: int) -> Any:
 
 
 def model_of(network: Any, loss: Any, kind: Any) -> PoseModel:
-    """Make a network that tells what it sees apart."""
+    """Make a network whose output depends on its input."""
     made = PoseModel(ModelConfig(network, loss, kind, preshape=grasps.PRESHAPE, fully_connected=(8,)), seed=1)
     inputs = seen(kind, 4)
     made.fit_scaling(inputs, np.random.default_rng(0).normal(0, 0.1, (4, 3 + made.loss.size)).astype(np.float32))

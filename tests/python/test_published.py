@@ -1,4 +1,4 @@
-"""Published policies: each folder is whole, and grasps about as often as its card says."""
+"""Published policies: each folder is complete, and its success rate is close to that of its card."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -11,9 +11,8 @@ from graspbox.artifacts.folders import load
 pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
 
 FOLDER = Path(__file__).parents[2] / "policies"
-#: Successes of 24 trials below which something is wrong, by policy; the environment that it acts in; and what it
-#: is called in tables. Cards state rates of more trials; networks differ in their last digits between processors, so
-#: that a few trials may turn.
+#: Least expected successes of 24 trials, by policy; its environment; its name in tables. Cards state rates of more
+#: trials; networks differ in their last digits between processors, so that a few outcomes may differ.
 LEAST = {
     "clone": (20, "graspbox/Grasp-v0", "clone"),
     "depth": (20, "graspbox/GraspPose-v0", "depth"),

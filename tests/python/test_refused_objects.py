@@ -1,4 +1,4 @@
-"""Objects that cannot be used are left out and named, with their file, by whatever works on a set; the rest goes on."""
+"""Unusable objects are left out and named, with their file, by all work on sets, which continues with the others."""
 
 import json
 import subprocess
@@ -21,7 +21,7 @@ from graspbox.evaluation import evaluate, trial_seeds
 from test_cli_files import write_box
 
 POSE, LOOP = IDS
-#: What is wrong with each, as its reason says.
+#: Reason of each refusal.
 BAD = {"cut": "is truncated", "empty": "no triangles", "huge": "but the open hand", "pin": "cannot be simulated"}
 
 

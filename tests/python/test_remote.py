@@ -139,7 +139,7 @@ def breaking(env: Any, before: bool) -> Any:
 
 
 def contact(seen: list[Any]) -> float:
-    """Add up what tells of contact between hand and object, ends of episodes included."""
+    """Add up the contact observations of hand and object, including ends of episodes."""
     infos = [info for *_, step in seen for info in (step, step.get("final_info", step))]
     return float(sum(np.sum(info["touches"]) + np.sum(info["reward_terms"]["contact"]) for info in infos))
 
@@ -193,7 +193,7 @@ def test_equals_environments_of_this_process_in_all_combinations(urls: Urls, cas
 
 
 def test_equality_is_to_the_bit() -> None:
-    """What `same` of these tests tells apart."""
+    """`same` of these tests detects differences."""
     array = np.zeros(2, dtype=np.float32)
     assert same({"a": (array, [np.nan])}, {"a": (array.copy(), [np.nan])})
     kept = array.copy()
@@ -232,7 +232,7 @@ SETTINGS: list[tuple[str, dict[str, Any]]] = [
 
 @pytest.mark.parametrize(("env_id", "settings"), SETTINGS, ids=lambda value: str(value)[:60])
 def test_every_setting_arrives(urls: Urls, env_id: str, settings: dict[str, Any]) -> None:
-    """It changes what is seen here, and so it does there."""
+    """It changes the observations locally, and equally on the server."""
     steps = 8 if env_id == GRASP else 3
     expected = rollout(make(env_id=env_id, **settings), steps)
     assert not same(rollout(make(env_id=env_id), steps), expected)
@@ -323,7 +323,7 @@ WAYS = pytest.mark.parametrize(
 @WAYS
 @pytest.mark.parametrize("mode", MODES)
 def test_a_copy_continues_with_the_same_bits(urls: Urls, way: Callable[[Any], Any], mode: AutoresetMode) -> None:
-    """It has sessions of its own, and is at the same step; where the original goes on, it stays."""
+    """It has sessions of its own, and is at the same step; when the original continues, it stays."""
     env = make(3, autoreset_mode=mode, remote=urls, max_episode_steps=5, randomization="standard")
     local = make(3, autoreset_mode=mode, max_episode_steps=5, randomization="standard")
     assert same(env.reset(seed=[3, 9, 4]), local.reset(seed=[3, 9, 4]))
@@ -382,7 +382,7 @@ def test_pictures_and_cameras(urls: Urls) -> None:
 
 
 def rows(step: Any) -> dict[int, Any]:
-    """Take apart what a step tells of each environment, by its number."""
+    """Split the results of a step by environment number."""
 
     def row(value: Any, i: int) -> Any:
         return {name: row(one, i) for name, one in value.items()} if isinstance(value, dict) else value[i : i + 1]

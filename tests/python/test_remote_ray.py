@@ -144,7 +144,7 @@ def test_servers_are_on_both_nodes_and_know_a_token(cluster: Any) -> None:
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("servers", [1, 2])
 def test_a_server_that_dies_changes_nothing(cluster: Any, expected: Any, servers: int) -> None:
-    """Its environments go on on the other server, or on the one that Ray starts in its place."""
+    """Its environments continue on the other server, or on the one that Ray starts in its place."""
     remote = RemoteConfig(reconnect="restore", grace=60.0 if servers == 1 else 2.0, checkpoint=3)
     env = ray_servers(5, servers=servers, cpus_per_server=1, remote=remote, **KEYWORDS)
     url = env.servers.remote.urls[-1]

@@ -1,4 +1,4 @@
-"""Clients of servers: how they name them, and what Gymnasium and Stable-Baselines3 do with their environments."""
+"""Clients of servers: addresses, and remote environments in Gymnasium and Stable-Baselines3."""
 
 import pickle
 import warnings
@@ -102,7 +102,7 @@ def test_a_spec_keeps_the_servers(urls: Urls) -> None:
 
 @pytest.mark.parametrize("obs", ["state", ("rgb", "depth_palm", "proprio")])
 def test_views_and_numeric_infos(urls: Urls, obs: Any) -> None:
-    """Buffers stay the same arrays, and hold what copies hold."""
+    """Buffers stay the same arrays, with the contents of copies."""
     settings: dict[str, Any] = {"obs": obs, "info": "numeric", "autoreset_mode": "SameStep", "max_episode_steps": 3}
     local = make(3, **settings)
     expected = rollout(local, 5)
@@ -166,7 +166,7 @@ def wrapped(env: Any) -> Any:
 
 
 def test_wrappers_of_gymnasium(urls: Urls) -> None:
-    """Statistics of episodes but for their times, and what is computed from observations and rewards."""
+    """Statistics of episodes except their times, and values computed from observations and rewards."""
     seen = []
     for remote in (None, urls):
         env = wrapped(make(3, remote=remote, autoreset_mode="NextStep"))

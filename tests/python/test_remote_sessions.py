@@ -1,4 +1,4 @@
-"""Sessions on servers: what is sent and received, connections that break, servers that go, and who is refused what."""
+"""Sessions on servers: sending and receiving, broken connections, lost servers, and refusals."""
 
 import os
 import signal
@@ -79,7 +79,7 @@ def test_bits_continue_after_a_lost_connection(urls: Urls, count: int, before: b
 
 
 def until(done: Callable[[], bool]) -> None:
-    """Wait for what happens in the background; ten seconds count as never."""
+    """Wait for a condition in the background; ten seconds count as never."""
     for _ in range(1000):
         if done():
             return
@@ -143,7 +143,7 @@ LOST: list[tuple[AutoresetMode, int, int, float]] = [
 
 @pytest.mark.parametrize("lost", LOST, ids=str)
 def test_environments_are_restored_on_another_server(urls: Urls, lost: Any) -> None:
-    """As if nothing had happened: also partial resets, states and what was set since the states were saved."""
+    """As if nothing had happened: also partial resets, states and settings since the states were saved."""
     mode, which, checkpoint, grace = lost
     settings: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 4, "obs": ("state", "depth")}
     with served() as server:
@@ -183,7 +183,7 @@ def interrupted(env: Any, which: int, call: Callable[[], Any]) -> None:
 @pytest.mark.parametrize("command", ["step", "reset", "send"])
 @pytest.mark.parametrize("which", [0, 1])
 def test_a_call_that_was_interrupted_is_not_forgotten(urls: Urls, which: int, command: str) -> None:
-    """Servers after the one that was waited for had moved, unknown to what restores them: later bits were wrong."""
+    """Servers after the awaited one had stepped, unknown to the restoration: later bits were wrong."""
     with served() as server:
         config = RemoteConfig((urls[0], server.url), reconnect="restore", checkpoint=50, grace=0.0)
         env, local = begun(remote=config, max_episode_steps=4), begun(max_episode_steps=4)
@@ -196,7 +196,7 @@ def test_a_call_that_was_interrupted_is_not_forgotten(urls: Urls, which: int, co
             "reset": lambda: env.reset(seed=8, options={"reset_mask": np.array([True, False, True, True, True])}),
         }
         interrupted(env, which, calls[command])
-        # Wherever each environment is now, it goes on from there.
+        # Each environment continues from its current state.
         for index, state in enumerate(env.call("get_state")):
             local.set_state(index, state)
         assert same(env.step(actions[3]), local.step(actions[3]))
@@ -229,7 +229,7 @@ def test_environments_that_have_not_begun_are_known_after_an_interruption(urls: 
 
 
 def test_a_signal_ends_a_call_over_several_servers(urls: Urls) -> None:
-    """As a user sends it: the call ends at once, and the environments go on from wherever they are."""
+    """As a user sends it: the call ends at once, and the environments continue from their current states."""
     env = make(128, POSE, remote=RemoteConfig(urls, reconnect="restore"))
     env.reset(seed=3)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
@@ -467,7 +467,7 @@ def door(guarded: EnvironmentServer, tmp_path: Path) -> RemoteConfig:
     ],
 )
 def test_what_a_server_does_not_offer(door: RemoteConfig, asked: dict[str, Any], kind: Any, sentence: str) -> None:
-    """It says what there is, and another client can have it."""
+    """It reports the free number, and another client can use it."""
     with pytest.raises(kind, match=sentence):
         make(**{"remote": door, "objects": "cans", **asked})
     env = make(3, remote=door, objects="cans")

@@ -1,4 +1,4 @@
-"""Pictures and videos of environments, and images that reach an agent."""
+"""Pictures and videos of environments, and image observations."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -92,7 +92,7 @@ def test_images_come_in_the_size_and_from_the_cameras_that_were_asked() -> None:
     intrinsics, pose = env.unwrapped.cameras()["above"]
     np.testing.assert_allclose(pose[:3, 3], above.eye, atol=1e-12)
     np.testing.assert_allclose(intrinsics[:2, 2], (20, 12))
-    # The middle of the image looks straight down: at the table or at what stands above it.
+    # The middle of the image looks straight down: at the table or at an object above it.
     assert 0.2 < observation["depth"][12, 20, 0] <= 0.8
     with pytest.raises(errors.ConfigError, match="back"):
         make(obs="depth_back")
@@ -148,7 +148,7 @@ def test_a_grasp_pose_can_be_seen_and_pictured() -> None:
     # Just above the object.
     action = np.array([0, 0, 0, 1, 0, 0, 0, -1, 0, -1], dtype=np.float32)
     again = env.step(action)[0]
-    # The observation that ends the episode shows what the attempt left, and the hand.
+    # The final observation shows the object after the attempt, and the hand.
     assert (again["segmentation"] > 2).any()
     assert (again["depth"] != observation["depth"]).any()
     after: Any = env.render()

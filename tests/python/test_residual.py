@@ -1,4 +1,4 @@
-"""Corrections of another policy's grasps: their bounds, what the agent sees, and that no correction changes nothing."""
+"""Corrections of another policy's grasps: bounds, the agent's observations, and no change by zero corrections."""
 
 import doctest
 from dataclasses import replace

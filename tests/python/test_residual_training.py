@@ -86,7 +86,7 @@ def test_the_buffer_keeps_what_was_seen_once(tmp_path: Path) -> None:
 
 
 def test_rewards_move_the_correction(tmp_path: Path) -> None:
-    """PPO learns, from a reward of its own, the direction in which that lies; what it sees reaches the network."""
+    """PPO learns, from a reward of its own, the direction of the target; its observations reach the network."""
     env = make_residual_env(4, base(), CONFIG, objects="procedural:can:0")
     env.seed(0)
 

@@ -1,4 +1,4 @@
-"""The directory of a run: one at a time, continued with the same settings alone, stages with their time and results."""
+"""Run directories: one process at a time, resumed only with the same settings, stages with their time and results."""
 
 import json
 import subprocess

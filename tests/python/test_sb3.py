@@ -1,4 +1,4 @@
-"""`graspbox.sb3`: Stable-Baselines3 sees what it sees of single environments. Needs the extra ``train``."""
+"""`graspbox.sb3`: vector environments equal single ones for Stable-Baselines3. Needs the extra ``train``."""
 
 import pickle
 import subprocess

@@ -145,7 +145,7 @@ def test_what_cannot_be_published_is_refused(tmp_path: Path, monkeypatch: pytest
 
 
 class Outside(BaseFeaturesExtractor):  # type: ignore[misc]
-    """Leaves torch on its way, as a network does that crops what it sees by other means."""
+    """Leaves torch during its forward pass, like a network that crops its input by other means."""
 
     def __init__(self, space: Any) -> None:
         super().__init__(space, space.shape[0])

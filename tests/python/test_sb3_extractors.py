@@ -35,7 +35,7 @@ def policy_of(env: Any) -> Any:
 
 @pytest.mark.parametrize("obs", IMAGES)
 def test_it_learns_to_tell_starts_apart(obs: str) -> None:
-    """Overfits 8 pictures: gradients reach every parameter, and what differs in the pictures reaches the features."""
+    """Overfits 8 pictures: gradients reach every parameter, and differences of the pictures reach the features."""
     env = make(obs)
     env.seed(0)
     seen = np.concatenate([env.reset(), env.reset()])

@@ -1,4 +1,4 @@
-"""Scripted motions of the hand: taking a grasp back, and leaving the image of a camera."""
+"""Scripted motions of the hand: releasing a grasp, and leaving a camera's image."""
 
 from typing import Any
 
@@ -81,7 +81,7 @@ def test_a_hand_that_leaves_the_image_is_not_rendered_there(name: str) -> None:
         hand = codec.pose(seen["proprio"], "hand")
         stops = view.leave(hand, 0.0)
         assert view.sees(hand, 0.0) == bool(stops)
-        # What is in the image is always known to be; a hand close to its border may count as seen.
+        # A hand in the image is always detected; one close to its border may count as visible.
         assert stops or not (seen["segmentation"] >= HAND_LABEL).any()
         motion = ScriptedMotion([hand, *stops], 0.0)
         while not motion.finished:

@@ -101,7 +101,7 @@ def test_the_sweep_stops_at_a_success_and_says_why_others_leave(
 
 
 def with_closed_output(words: list[str]) -> "subprocess.CompletedProcess[str]":
-    """Run a program whose output nobody reads, as of ``head`` that has read enough."""
+    """Run a program whose output is not read, as by ``head`` after its last line."""
     reader, writer = os.pipe()
     os.close(reader)
     try:

@@ -1,4 +1,4 @@
-"""``graspbox serve`` as a process: what it prints, how it ends, who may come in."""
+"""``graspbox serve`` as a process: output, exit status, access control."""
 
 import json
 import os
@@ -207,7 +207,7 @@ def test_the_certificates_of_the_guide(tmp_path: Path) -> None:
 
 
 def test_the_counters_are_open_metrics() -> None:
-    """Prometheus reads the format that the header names; they are shown to who knows the token."""
+    """Prometheus reads the format that the header names; they require the token."""
     with EnvironmentServer(ServerSettings(port=0, token="a-token-of-some-length")) as server:
         url = f"{server.url.replace('ws', 'http', 1)}/metrics"
         request = urllib.request.Request(url, headers={"Authorization": "Bearer a-token-of-some-length"})
@@ -286,7 +286,7 @@ def test_pages_of_foreign_origins_are_refused() -> None:
 
 
 def test_a_folder_of_meshes_is_offered_under_a_name(tmp_path: Path) -> None:
-    """Clients name what the server calls it; the path stays on the server."""
+    """Clients use the server's name for it; the path stays on the server."""
     corners = [(0, 0, 0), (0.06, 0, 0), (0, 0.06, 0), (0, 0, 0.06)]
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
     vertices = "".join("v {} {} {}\n".format(*corner) for corner in corners)

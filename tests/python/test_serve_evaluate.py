@@ -1,4 +1,4 @@
-"""``graspbox evaluate`` with environments or a policy on a server: the trials of this machine, and no silent option."""
+"""``graspbox evaluate`` with environments or a policy on a server: the same trials as locally, no ignored option."""
 
 import json
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ def belongs(token: Path) -> tuple[str, ...]:
 
 
 def run(*words: str) -> Any:
-    """Read what ``graspbox evaluate`` prints, but for its times."""
+    """Return the output of ``graspbox evaluate``, without its times."""
     done = CliRunner().invoke(typer_app, ["evaluate", *words, *TRIALS, "--json"], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)

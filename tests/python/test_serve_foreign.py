@@ -1,4 +1,4 @@
-"""Clients that meet another server than they expect: a sentence that says so, and no traceback."""
+"""Clients connected to an unexpected server: an error of one sentence, and no traceback."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What clients of a server may name: the sets that it offers and their parts, and no more than it takes."""
+"""The offer of a server: clients may name its sets and their parts, up to its limits."""
 
 import time
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Settings of servers and clients: values of wrong types, and files that cannot be used, are refused by name."""
+"""Settings of servers and clients: values of wrong types, and unusable files, are refused by name."""
 
 import logging
 from collections.abc import Iterator

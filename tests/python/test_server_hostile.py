@@ -1,6 +1,6 @@
-"""Clients that attack a server: it goes on, frees what they had, and answers an honest client as before.
+"""Clients that attack a server: it continues, frees their resources, and answers an honest client as before.
 
-A few of each attack; ``scripts/attack_server.py`` makes millions, and measures the honest client's round trips.
+A few runs of each attack; ``scripts/attack_server.py`` makes millions, and measures the honest client's round trips.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ def gauge(metrics: str, name: str) -> int:
 
 
 def until(done: Callable[[], bool]) -> None:
-    """Wait for what happens in the background; for ever is half a minute."""
+    """Wait for a condition in the background; half a minute counts as never."""
     for _ in range(3000):
         if done():
             return
@@ -42,7 +42,7 @@ def until(done: Callable[[], bool]) -> None:
 
 @dataclass
 class Honest:
-    """A server, and a client of it that has begun before anybody attacks."""
+    """A server, and a client that begins before the attacks."""
 
     server: EnvironmentServer
     peer: Peer

@@ -1,4 +1,4 @@
-"""Keywords of the environments: known to type checkers, to `inspect` and to whoever misspells one."""
+"""Keywords of the environments: known to type checkers and `inspect`, and suggested after a misspelling."""
 
 import inspect
 from dataclasses import replace
@@ -42,7 +42,7 @@ def test_signatures_name_every_keyword_with_its_default(env: Any) -> None:
 
 
 def test_defaults_are_those_that_environments_have() -> None:
-    """What is left out and what is given as the signature says it are the same environment."""
+    """Omitted keywords and explicit defaults give the same environment."""
     for env_id, kind in ((GRASP, settings.GraspSettings), (POSE, settings.GraspPoseSettings)):
         given = {name: row.default for name, row in settings.keywords(kind).items()}
         plain: Any = gymnasium.make(env_id).unwrapped
@@ -130,7 +130,7 @@ def flat_numbers(info: dict[str, Any]) -> bool:
 
 @pytest.mark.parametrize("env_id", [GRASP, POSE])
 def test_numeric_infos_say_the_same_in_numbers(env_id: str) -> None:
-    """No string and no nested dictionary: what wrappers that make tensors can take."""
+    """No string and no nested dictionary, so that wrappers can make tensors."""
     full: Any = gymnasium.make(env_id, objects=OBJECTS, reward="dense").unwrapped
     numeric: Any = gymnasium.make(env_id, objects=OBJECTS, reward="dense", info="numeric").unwrapped
     failures, seen = full._core.tables["failures"], set()
@@ -191,7 +191,7 @@ def test_keys_of_play_move_the_hand_as_they_say(control: str) -> None:
     env: Any = gymnasium.make(GRASP, objects="procedural:can:0", control=control).unwrapped
     keys = env.get_keys_to_action()
     assert len(keys) == 12 + 2 + 24
-    # What `gymnasium.utils.play.play` asks of them.
+    # Requirements of `gymnasium.utils.play.play`.
     assert all(isinstance(key, str) and action in env.action_space for key, action in keys.items())
     assert env.idle_action in env.action_space
     place, spool, speed = slice(0, 3), slice(18, 21), slice(9, 15)

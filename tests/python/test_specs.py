@@ -64,7 +64,7 @@ def test_a_spec_makes_the_environment_again(
     given = {"name": "reflex", "object": graspbox.load_hand(hand), "files": hand}[kind]
     env = gymnasium.make(id_, hand=given, obs=("state", "depth"), **SETTINGS)
     if way is through_json and kind == "object":
-        # JSON holds no objects; the documentation says to give names or files.
+        # JSON cannot hold objects; the documentation says to give names or files.
         with pytest.raises(TypeError, match="Hand is not JSON serializable"):
             way(env.spec)
         return

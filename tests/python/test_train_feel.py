@@ -1,4 +1,4 @@
-"""``graspbox train feel``: all stages, after SIGKILL too; what it exports and learns."""
+"""``graspbox train feel``: all stages, also after SIGKILL; its export and its predictions."""
 
 import json
 import subprocess

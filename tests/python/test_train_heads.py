@@ -1,4 +1,4 @@
-"""``graspbox train head``: it trains, measures, resumes and publishes heads, also with what a policy chose."""
+"""``graspbox train head``: it trains, measures, resumes and publishes heads, also with the choices of a policy."""
 
 import json
 from pathlib import Path

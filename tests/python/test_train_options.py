@@ -17,7 +17,7 @@ pytest.importorskip("yaml", reason="graspbox train sb3 needs pyyaml, from the ex
 from graspbox.cli.train import TRAININGS, parse, train
 from graspbox.sb3.settings import Sb3Settings, read_parameters
 
-#: What each command needs beside ``--out``.
+#: Required options of each command besides ``--out``.
 NEEDED = {
     "depth": [],
     "feel": ["--policy", "policies/depth"],

@@ -50,7 +50,7 @@ Learn = Callable[[Path, Callable[[TrainProgress], None]], Any]
 
 
 def learners(trials: GraspTrials) -> dict[str, Learn]:
-    """Name what the package trains, each for six steps."""
+    """List all trainings of the package, each for six steps."""
     objects, grid = object_sets.load("procedural:can:0-1"), HandGrid()
     anchors = AnchorConfig(cells=12, heights=14)
     heads = HeadData.of(trials, trials, grid, anchors, SCENES)
@@ -230,7 +230,7 @@ def test_a_measure_that_is_not_finite_is_an_error(tmp_path: Path) -> None:
 
 
 def test_batches_move_as_a_whole() -> None:
-    """To the device that has no memory: what is no tensor stays."""
+    """To the device without memory: values other than tensors stay."""
     batch = {"rows": (torch.ones(2), np.ones(2)), "config": SHORT, "number": 3}
     found = moved(batch, "meta")
     assert found["rows"][0].device.type == "meta"

@@ -1,4 +1,4 @@
-"""Another hand is trained with that hand: its grasps are collected and validated in its own simulation."""
+"""Training for another hand: its grasps are collected and validated in its own simulation."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_trials_are_collected_with_the_hand_of_the_grid(trials: GraspTrials) -> 
 
 @pytest.mark.train
 def test_heads_are_validated_with_the_hand_of_the_grid(trials: GraspTrials) -> None:
-    """Of a head that knows one pose it is known what the hand does there."""
+    """The outcome of a head that predicts a single pose is known."""
     pytest.importorskip("torch")
     from graspbox.models.head.heads import ConstantNet
     from graspbox.models.head.training import HeadData

@@ -1,4 +1,4 @@
-"""Measures of agreement against values worked out by hand."""
+"""Measures of agreement against values computed by hand."""
 
 import numpy as np
 import pytest

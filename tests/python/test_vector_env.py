@@ -1,4 +1,4 @@
-"""The native vector environment is the single one, many times: the same bits, infos included."""
+"""The native vector environment equals many single ones: the same bits, including infos."""
 
 import itertools
 from functools import partial
@@ -131,7 +131,7 @@ def test_decisions_equal_sync_of_single_environments(mode: AutoresetMode) -> Non
 
 
 def test_decisions_by_other_ways_are_the_same() -> None:
-    """Views into buffers, sent and received, and in processes: what a plain call gives."""
+    """Views into buffers, sent and received, and in processes: the results of a plain call."""
     settings: dict[str, Any] = {"objects": OBJECTS, "reward": "dense", "obs": ("depth_palm", "proprio", "state")}
     env_id, same = "graspbox/GraspPose-v0", AutoresetMode.SAME_STEP
     made: list[Any] = [
@@ -295,7 +295,7 @@ def test_statistics_of_episodes(mode: AutoresetMode) -> None:
 
 
 def test_send_and_recv_give_what_step_gives() -> None:
-    """In whatever order they arrive, each environment sees what it would have seen in a common step."""
+    """In any order of arrival, each environment gets the observations of a common step."""
     together, apart = make(4, max_episode_steps=10), make(4, max_episode_steps=10)
     together.reset(seed=2)
     apart.reset(seed=2)

@@ -1,4 +1,4 @@
-"""Views of an object by a plan, and what they tell of space."""
+"""Views of an object, and the free and unknown space that they determine."""
 
 from typing import Any
 

@@ -100,7 +100,7 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
     (tmp_path / "cut.binvox").write_bytes(b"#binvox 1\ndim 64 64 64\ndata\n\0\xff")
     with pytest.raises(errors.MeshError, match="truncated"):
         graspbox.load_binvox(tmp_path / "cut.binvox")
-    # What is not contiguous is laid out before it is written.
+    # Arrays are made contiguous before they are written.
     Voxels(np.arange(27).reshape(3, 3, 3).T % 2 == 0, [0, 0, 0], 1.0).save(tmp_path / "t.binvox")  # type: ignore[arg-type]
     read = graspbox.load_binvox(tmp_path / "t.binvox").occupancy
     assert (read == (np.arange(27).reshape(3, 3, 3).T % 2 == 0)).all()

@@ -1,4 +1,4 @@
-"""Weights as they are published: normalizations folded, large weights in half precision, the same results."""
+"""Published weights: normalizations folded, large weights in half precision, the same results."""
 
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ def lively(net: Any) -> Any:
 
 
 def given(name: str) -> tuple[Any, tuple[Any, ...]]:
-    """Make a small network and what it takes."""
+    """Make a small network and its input."""
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
     if name == "completion":

@@ -90,7 +90,7 @@ def test_a_vector_environment_shows_its_first_one(id_: str) -> None:
 
 
 def test_two_environments_share_the_window() -> None:
-    """Each shows its frames there, and goes on after the other has closed it."""
+    """Each shows its frames there, and continues after the other has closed it."""
     large = PictureConfig(image_size=(64, 96), samples=1)
     first: Any = gymnasium.make(IDS[1], render_mode="human", **SETTINGS)
     second: Any = gymnasium.make(IDS[1], render_mode="human", **{**SETTINGS, "picture": large})

@@ -1,4 +1,4 @@
-"""docs/guides/hand.md does what it says: its files, code and commands, as a reader would use them."""
+"""docs/guides/hand.md is correct: its files, code and commands, as a reader would use them."""
 
 import json
 import re

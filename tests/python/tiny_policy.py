@@ -1,6 +1,6 @@
-"""Published policies of a few kilobytes, one of each kind, that several test modules run.
+"""Published policies of a few kilobytes, one of each kind, for several test modules.
 
-That of the kind ``depth`` completes nothing and prefers grasps near the table.
+The policy of the kind ``depth`` completes nothing and prefers grasps near the table.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""A grasp from above that knows where the object is, and nothing of its shape: it succeeds sometimes.
+"""A grasp from above by the object's pose, without its shape: it succeeds sometimes.
 
 Tests of adapters run it in another program's loop and in graspbox's own, and compare every trial.
 """
