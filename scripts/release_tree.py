@@ -5,8 +5,8 @@
 The links and pictures of README.md are relative, so that they work in a checkout. A package index renders the page
 alone, so this program makes them absolute in the copy: links lead to ``URL/blob/REF/PATH``, pictures to
 ``URL/raw/REF/PATH``. ``[project.urls]`` of the copy's packages gets the same address, which is not stored in the
-repository. Without an address the files are copied unchanged. ``make wheels`` and ``make sdist`` run this program and build
-from the copy.
+repository. Without an address the files are copied unchanged. ``make wheels`` and ``make sdist`` run this program and
+build from the copy.
 """
 
 import argparse

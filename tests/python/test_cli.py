@@ -95,6 +95,10 @@ def test_grasp_counts_what_the_package_counts(tmp_path: Path) -> None:
     row = table["objects"][1]
     assert (row["succeeded"], row["first_succeeded"]) == (int(success.sum()), bool(success[0]))
     del details["trials_per_s"]
+    made = details.pop("made")
+    assert (made["seed"], made["hand"], made["graspbox"]) == (4, "reflex", graspbox.__version__)
+    found = [[row.pop(name) for name in ("source", "scale", "mass")] for row in details["objects"]]
+    assert found == [["procedural:ball:0", 1.0, None], ["procedural:can:0", 1.0, None]]
     grasps = [row.pop("grasps") for row in details["objects"]]
     assert [row.pop("error") for row in details["objects"]] == ["", ""]
     assert [row.pop("hand") for row in details["objects"]] == ["reflex", "reflex"]

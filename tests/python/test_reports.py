@@ -230,6 +230,20 @@ def test_spoilt_folders_give_one_sentence(runs: Path, tmp_path: Path) -> None:
         read_run(tmp_path)
 
 
+def test_spoilt_grasps_give_one_sentence(runs: Path, tmp_path: Path) -> None:
+    table = json.loads((runs / "grasps.json").read_text())
+    path = tmp_path / "spoilt.json"
+    for name, value in (("object_from_hand", [[1, 2], [3]]), ("preshape", "x"), ("success", None), ("failure", 3)):
+        objects = json.loads(json.dumps(table["objects"]))
+        objects[0]["grasps"][0][name] = value
+        path.write_text(json.dumps({**table, "objects": objects}))
+        with pytest.raises(ConfigError, match=f"{name} is"):
+            read_run(path)
+    path.write_text(json.dumps({**table, "objects": [3]}))
+    with pytest.raises(ConfigError, match="an entry of objects is not an object"):
+        read_run(path)
+
+
 def test_rows_without_seeds_and_kinds_are_read(runs: Path, tmp_path: Path) -> None:
     """Folders of earlier versions have neither; the seeds follow from that of the evaluation."""
     rows = [json.loads(line) for line in (runs / "compared/results.jsonl").read_text().splitlines()]

@@ -100,14 +100,15 @@ def grasp(
     trial = TrialConfig(legacy=legacy, shake=ShakeConfig() if shake else None)
     result = run(found, hand=loaded, poses=poses, seed=seed, trial=trial, num_threads=threads)
     table = result.table()
+    facts = {"seed": seed, "hand": hand, "trial": plain(trial, "trial")}
+    content = {**result.table(details=True), "made": common.made(**facts)} if details or out is not None else {}
     if as_json:
-        common.print_json(result.table(details=True) if details else table)
+        common.print_json(content if details else table)
     else:
         head, *rows = table_rows(table)
         common.print_table(f"{found.name}: {poses} poses each, seed {seed}", head, rows)
         typer.echo(summary(table))
     if out is not None:
-        content = {**result.table(details=True), "made": common.made(seed=seed, hand=hand, trial=plain(trial, "trial"))}
         write_text(out, dumps(content) + "\n")
         common.console.print(f"wrote {out}")
     write_grasps(rerun, result, loaded, trial, rerun_episodes)

@@ -177,6 +177,8 @@ def _content(runs: list[ReportRun], names: list[str], trials: int) -> dict[str, 
 def _told(rows: list[dict[str, Any]]) -> str:
     count = len({row["name"] for row in rows if row["group"] == "object"})
     note = f" Of {count} objects, the {_CHARTED} with the lowest rates are plotted." if count > _CHARTED else ""
+    if count > tables.MOST_CLASSIFIED:
+        note += f" Classes cover {tables.MOST_CLASSIFIED} of them."
     return "Success rates with Wilson 95 % intervals." + note
 
 

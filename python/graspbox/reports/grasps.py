@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox._common.arguments import config_of
+from graspbox._common.arguments import config_of, shown
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.hands import load_hand
@@ -73,7 +73,7 @@ def read_grasps(path: Path) -> ReportRun:
     hand = made.get("hand")
     given = made.get("trial")
     config = config_of(TrialConfig, given, f"{where}: trial") if isinstance(given, Mapping) else TrialConfig()
-    pictures = _pictures(rows, specs, hand if isinstance(hand, str) else None, config)
+    pictures = _pictures(rows, specs, hand if isinstance(hand, str) else None, config, where)
     return ReportRun(
         path.stem, "grasps", str(path), facts_of(facts), total, counts, trials, specs, (), pictures, refused
     )
@@ -91,7 +91,7 @@ def _grasps(obj: Any, where: str) -> list[dict[str, Any]]:
 def _trials(rows: list[tuple[Mapping[str, Any], dict[str, Any]]], where: str) -> Trials:
     keys = []
     for obj, grasp in rows:
-        pose = np.asarray(item(grasp, "object_from_hand", list, where), dtype=np.float64).round(6)
+        pose = _pose(grasp, "object_from_hand", where).round(6)
         facts = f"{obj.get('hand')}/{item(grasp, 'preshape', float, where):.6f}".encode()
         keys.append(f"{obj['name']}/{hashlib.blake2s(pose.tobytes() + facts, digest_size=5).hexdigest()}")
     success, secure = (
@@ -101,6 +101,17 @@ def _trials(rows: list[tuple[Mapping[str, Any], dict[str, Any]]], where: str) ->
     kinds = tuple(str(item(grasp, "failure", str, where)) for _, grasp in rows)
     names = tuple(str(obj["name"]) for obj, _ in rows)
     return Trials(tuple(keys), names, success, secure, kinds, np.full(len(rows), np.nan))
+
+
+def _pose(row: Mapping[str, Any], name: str, where: str) -> NDArray[np.float64]:
+    """Read a pose (4, 4)."""
+    try:
+        pose = np.asarray(row.get(name), dtype=np.float64)
+    except (TypeError, ValueError):
+        pose = np.zeros(0)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ConfigError(f"{where}: {name} is {shown(row.get(name))}, not a pose (4, 4); try the grasps again")
+    return pose
 
 
 def _spec(row: Mapping[str, Any]) -> ObjectSpec | None:
@@ -118,6 +129,7 @@ def _pictures(
     specs: Mapping[str, ObjectSpec],
     hand: str | None,
     config: TrialConfig,
+    where: str,
 ) -> tuple[Picture, ...]:
     """Keep the first failures of each kind, of different objects first."""
     found: dict[str, list[Picture]] = {}
@@ -129,7 +141,8 @@ def _pictures(
             if grasp["success"] or name not in specs or len(kept) >= _PER_KIND or ((kind, name) in seen) != again:
                 continue
             seen.add((kind, name))
-            pose, rest = np.array(grasp["object_from_hand"]), np.array(obj["world_from_object"])
+            poses = (grasp, "object_from_hand"), (obj, "world_from_object")
+            pose, rest = (_pose(row, key, where) for row, key in poses)
             told = f"pose {1 + obj['grasps'].index(grasp)} of the ranking"
             trial = _Trial(specs[name], hand or str(obj["hand"]), rest, pose, float(grasp["preshape"]), config)
             kept.append(Picture(name, kind, told, trial.render))
@@ -185,9 +198,9 @@ def _picture(scene: Scene, posed: Any, world_from_object: Any, eye: Any, size: t
     from graspbox.pictures import Solid, View
     from graspbox.pictures.solids import OBJECT, place
 
-    shown = np.concatenate([posed.corners(), place(scene.mesh.vertices, world_from_object)])
+    within = np.concatenate([posed.corners(), place(scene.mesh.vertices, world_from_object)])
     solid = Solid(scene.mesh, OBJECT, world_from_object)
-    return View([solid], eye, shown=shown, size=size, hand=posed, table=shown).image
+    return View([solid], eye, shown=within, size=size, hand=posed, table=within).image
 
 
 def read_dataset(folder: Path) -> ReportRun:

@@ -17,21 +17,29 @@ from graspbox.models.calibration import calibration_error
 from graspbox.object_sets import ObjectSpec
 from graspbox.reports.runs import Counts, ReportRun, Trials, pooled
 
-__all__ = ["classes_of", "comparisons", "difference", "reliability_rows", "summary_rows", "trial_columns"]
+__all__ = [
+    "MOST_CLASSIFIED",
+    "classes_of",
+    "comparisons",
+    "difference",
+    "reliability_rows",
+    "summary_rows",
+    "trial_columns",
+]
 
 #: Objects whose class is determined; their meshes are read.
-_MOST_CLASSIFIED = 1000
+MOST_CLASSIFIED = 400
 #: Most comparisons of two runs.
 _MOST_PAIRS = 60
 
 
 def classes_of(runs: Sequence[ReportRun]) -> dict[str, tuple[str, ...]]:
-    """Name the classes of every object that is on this machine, of the first 1,000."""
+    """Name the classes of every object that is on this machine, of the first `MOST_CLASSIFIED`."""
     specs: dict[str, ObjectSpec] = {}
     for run in runs:
         specs |= {name: spec for name, spec in run.specs.items() if name in run.objects and name not in specs}
     found: dict[str, tuple[str, ...]] = {}
-    for name in list(specs)[:_MOST_CLASSIFIED]:
+    for name in list(specs)[:MOST_CLASSIFIED]:
         try:
             found[name] = object_classes(specs[name].load())
         except GraspboxError:
