@@ -149,7 +149,7 @@ def test_a_manifest_of_wrong_types_is_refused(folder: Path, key: str, value: Any
         manifest[key] = value
     path.write_text(json.dumps(manifest))
     for work in (load, generate, lambda folder: of_datasets([folder])):
-        with pytest.raises(errors.ConfigError, match=r"is not a valid data set manifest:  .*"):
+        with pytest.raises(errors.ConfigError, match=r"is not a valid data set manifest: .*"):
             work(folder)
 
 

@@ -304,7 +304,7 @@ def test_a_scorer_that_gives_nan_is_refused(seen: Views, depth: NDArray[np.float
 
     tiny_policy.make(tmp_path)
     tiny_policy.give_nan(tmp_path, "scorer", "secure", computed=True)
-    with pytest.raises(errors.ConfigError, match=r"scorer\.onnx output 'secure' is not finite"):
+    with pytest.raises(errors.ConfigError, match=r"scorer\.onnx: output 'secure' is not finite"):
         grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tmp_path)
 
 

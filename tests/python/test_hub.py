@@ -113,7 +113,11 @@ def test_a_policy_that_uses_another_names_it_on_the_hub(hub: Hub, python: Python
         ({}, "somebody/nothing", "the hub has no repository somebody/nothing, or it is private"),
         ({}, "somebody/tiny@v9", "the hub has no revision 'v9' of somebody/tiny"),
         ({"scorer.onnx": b"tampered"}, "somebody/tiny", "scorer.onnx is not the file that"),
-        ({"scorer.onnx": None}, "somebody/tiny", "hf://somebody/tiny has no file scorer.onnx; it holds no policy"),
+        (
+            {"scorer.onnx": None},
+            "somebody/tiny",
+            "hf://somebody/tiny has no file scorer.onnx; its policy is missing or incomplete",
+        ),
         ({"config.json": None}, "somebody/tiny", "hf://somebody/tiny has no file config.json"),
         ({"config.json": b"{"}, "somebody/tiny", "hf://somebody/tiny: config.json is not valid JSON"),
         ({"config.json": b" " * 2_000_000}, "somebody/tiny", "config.json have 2000000 bytes; at most 1048576 are"),

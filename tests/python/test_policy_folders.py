@@ -357,9 +357,9 @@ NAN = np.full(1, np.nan, dtype=np.float32)
             "anchors that are not among the 124416",
         ),
         ("head", "head.onnx", VOLUMES, {**ANCHOR, "anchors": np.array([-1])}, "anchors that are not among the 124416"),
-        ("head", "head.onnx", VOLUMES, {**ANCHOR, "scores": NAN}, "head.onnx gives 'scores' with numbers that are not"),
+        ("head", "head.onnx", VOLUMES, {**ANCHOR, "scores": NAN}, "head.onnx: output 'scores' is not finite"),
         ("head", "head.onnx", VOLUMES, {"anchors": np.zeros(0, dtype=np.int64)}, "gives anchors, but no 'residuals'"),
-        ("network", "policy.onnx", SEEN, {"action": ACTION * np.nan}, "policy.onnx gives 'action' with numbers that"),
+        ("network", "policy.onnx", SEEN, {"action": ACTION * np.nan}, "policy.onnx: output 'action' is not finite"),
         (
             "network",
             "policy.onnx",

@@ -103,7 +103,7 @@ def test_what_cannot_be_published_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "x").exists()
     with torch.no_grad():
         small.network.layers[-1].weight.fill_(float("nan"))
-    with pytest.raises(errors.ConfigError, match=r"pose\.onnx output 'poses' is not finite"):
+    with pytest.raises(errors.ConfigError, match=r"pose\.onnx: output 'poses' is not finite"):
         export.export_pose_model(tmp_path / "y", "study", small, seen("ternary", 2), learned_from=[])
 
 

@@ -181,7 +181,7 @@ def test_bodies_that_are_no_request_are_refused(server: PolicyServer) -> None:
     assert posted(server.url, b"{", "text/plain")[0] == 415
     for body, sentence in (
         (b"[" * 100_000, "not JSON"),
-        (b"[]", "no object"),
+        (b"[]", "not an object"),
         (b'{"depth": {"data": "AAAA", "dtype": "<u2", "shape": [9, 9]}}', "bytes"),
         (b'{"depth": {"data": "AAAA", "dtype": "O", "shape": [3]}}', "do not fit"),
         (b"{}", "needs the entries"),
@@ -267,7 +267,7 @@ def test_no_error_tells_a_path_of_the_server(tmp_path: Path) -> None:
     tiny_policy.give_nan(tmp_path, "policy", "action", computed=True)
     with PolicyServer(tmp_path, SETTINGS) as running:
         answer = asked(running, {name: np.zeros(size, np.float32) for name, size in tiny_policy.SEEN.items()})
-    assert answer.startswith("tiny/policy.onnx output 'action' is not finite")
+    assert answer.startswith("tiny/policy.onnx: output 'action' is not finite")
     assert str(tmp_path) not in answer
 
 

@@ -160,7 +160,7 @@ def _cached(library: Any, name: str, repo: str, revision: str | None, error: Exc
 def _check_sizes(name: str, sizes: dict[str, int | None], files: tuple[str, ...], most: int) -> None:
     for file in files:
         if sizes.get(file) is None:
-            raise ConfigError(f"{name} has no file {file}; it holds no policy, or not all of it")
+            raise ConfigError(f"{name} has no file {file}; its policy is missing or incomplete")
     total = sum(sizes[file] or 0 for file in files)
     if total > most:
         raise ConfigError(f"{name}: {', '.join(files)} have {total} bytes; at most {most} are downloaded")

@@ -83,7 +83,7 @@ def to_lerobot(demonstrations: Demonstrations, out: str | Path) -> Path:
     if folder.exists():
         raise ConfigError(f"{str(folder)!r} exists; remove it, or name another folder")
     if not demonstrations.episodes:
-        raise ConfigError(f"{str(demonstrations.folder)!r} holds no episode; record some")
+        raise ConfigError(f"{str(demonstrations.folder)!r} has no episode; record some")
     unfinished = folder.with_name(f".{folder.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
     try:

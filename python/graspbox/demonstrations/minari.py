@@ -44,7 +44,7 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
     """
     minari, buffers, roots = _minari()
     if not demonstrations.episodes:
-        raise ConfigError(f"{str(demonstrations.folder)!r} holds no episode; record some")
+        raise ConfigError(f"{str(demonstrations.folder)!r} has no episode; record some")
     settings = demonstrations.settings
     if GOAL_NAME in settings["observations"]:
         raise ConfigError("'goal' is not an observation of the environment, which Minari requires; record without it")

@@ -62,7 +62,7 @@ def _rounds_of(run: Path) -> tuple[list[Path], tuple[str, ...]]:
     """Find the trials of all rounds of a run of ``graspbox train depth``, and the object sets of its policy."""
     found = sorted(run.glob("collect-*/train"))
     if not found or not (run / "policy").is_dir():
-        raise ConfigError(f"--on-policy is {str(run)!r}, which holds no finished run of graspbox train depth")
+        raise ConfigError(f"--on-policy is {str(run)!r}, which has no finished run of graspbox train depth")
     return found, load(run / "policy").learned_from
 
 
