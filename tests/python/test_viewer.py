@@ -195,13 +195,12 @@ def test_changed_files_of_a_hand_are_read_again(tmp_path: Path) -> None:
         toml.write_text(good.replace('name = "reflex"', 'name = "mine"', 1))
         wait_for(lambda: "**mine**" in viewer.canvas.status.content)
         toml.write_text(good.replace("max_tension", "max_tensoin", 1))
-        wait_for(lambda: viewer.canvas.problem.visible)
-        assert "max_tensoin" in viewer.canvas.problem.content
+        wait_for(lambda: "max_tensoin" in viewer.canvas.problem.content)
+        assert viewer.canvas.problem.visible
         assert "The last good version stays." in viewer.canvas.problem.content
         assert page.hand.name == "mine"
         toml.write_text(good)
-        wait_for(lambda: not viewer.canvas.problem.visible)
-        assert page.hand.name == "reflex"
+        wait_for(lambda: not viewer.canvas.problem.visible and page.hand.name == "reflex")
 
 
 def test_a_hand_that_is_broken_from_the_beginning_waits_for_its_correction(tmp_path: Path) -> None:

@@ -84,7 +84,6 @@ class HandPage(Page):
             self.canvas.complain("  \n".join(lines) + ("  \nThe last good version stays." if self.hand else ""))
             return
         with self.canvas.lock, self.canvas.server.atomic():
-            self.canvas.complain("")
             before = self._values() if self.hand is not None else {}
             self._remove()
             self.hand, self.links = hand, links
@@ -94,6 +93,8 @@ class HandPage(Page):
             self._controls(before)
             self._draw_parts()
             self.refresh()
+            self.canvas.complain("")
+        if not before:
             self.canvas.look((0.0, 0.0, 0.03), 0.34, (1.0, -0.9, 0.5))
 
     def _remove(self) -> None:
