@@ -39,8 +39,8 @@ def mcp(
 ) -> None:
     """Serve tools for agents over standard input and output: plan, simulate, look, grasp_image.
 
-    Agents can name files of the folder alone, and the tools write no results. A program that runs agents starts this command itself; it
-    ends when that program closes its input.
+    Agents can name files of the folder alone, and the tools write no results. A program that runs agents starts this
+    command itself; it ends when that program closes its input.
     """
     settings = ToolSettings(
         folder=folder,
