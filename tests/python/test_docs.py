@@ -219,6 +219,11 @@ def test_source_distribution_has_what_the_readme_runs(tmp_path: Path) -> None:
     (archive,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(archive) as packed:
         names = {name.partition("/")[2] for name in packed.getnames()}
+    # Everything that a build elsewhere needs: all of the crates but their fuzzing, and the package.
+    command = ["git", "ls-files", "env", "python", ":!env/*/fuzz/*"]
+    tracked = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
+    assert set(tracked) <= names
+    assert {"Cargo.toml", "Cargo.lock", "pyproject.toml"} <= names
     scripts = {words[1] for words in command_lines() if words[0] == "python" and words[1].startswith("scripts/")}
     assert len(scripts) >= 3
     assert scripts | {"README.md", "CHANGELOG.md", "LICENSE", "docs/reference/hands.md", "CITATION.cff"} <= names
