@@ -1,11 +1,12 @@
 //! A client's WebSocket: blocking, with a bound on each wait.
 
 use crate::config::{SESSION_OVER, TOO_LARGE};
-use crate::keepalive;
+use crate::listener::keep_alive;
 use crate::pem::{self, PemError};
 use bytes::Bytes;
 use rustls::pki_types::ServerName;
 use rustls::{CertificateError, ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use socket2::SockRef;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::Arc;
@@ -198,7 +199,7 @@ impl Socket {
         let failed = |why: io::Error| ClientError::Unreachable { url: url.to_owned(), why: why.to_string() };
         let tcp = connect(host, uri.port_u16().unwrap_or(default)).map_err(failed)?;
         tcp.set_nodelay(true).map_err(failed)?;
-        keepalive::set(&tcp);
+        keep_alive(&SockRef::from(&tcp));
         tcp.set_read_timeout(Some(HANDSHAKE)).map_err(failed)?;
         let control = tcp.try_clone().map_err(failed)?;
         let stream = if secure { Stream::Tls(Box::new(tls(tcp, host, options, url)?)) } else { Stream::Plain(tcp) };

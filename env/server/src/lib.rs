@@ -35,7 +35,6 @@ pub mod fault;
 pub mod fields;
 pub mod gate;
 pub mod hub;
-mod keepalive;
 pub mod listener;
 pub mod metrics;
 pub mod pem;

@@ -1,14 +1,14 @@
-//! Accepts connections, with TLS or without, and serves HTTP on them.
+//! Accepts connections, with TLS or without, and serves HTTP on them. [`keep_alive`] also serves the client's sockets.
 
 use crate::config::{HANDSHAKE, ServerConfig};
 use crate::error::ServerError;
-use crate::keepalive;
 use crate::metrics::Metrics;
 use crate::pem;
 use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use socket2::{SockRef, TcpKeepalive};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -86,7 +86,7 @@ where
 async fn serve(stream: TcpStream, tls: Option<TlsAcceptor>, router: Router) {
     // Frames are written whole; waiting for more would cost 40 ms.
     drop(stream.set_nodelay(true));
-    keepalive::set(&stream);
+    keep_alive(&SockRef::from(&stream));
     match tls {
         None => http(stream, router).await,
         Some(tls) => {
@@ -106,4 +106,26 @@ async fn http<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(stream: S, rou
         .with_upgrades();
     // A broken connection is not an error.
     drop(connection.await);
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use std::net;
+
+    #[test]
+    fn limits_of_a_connection_are_set() {
+        let listener = net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let stream = net::TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        assert!(!SockRef::from(&stream).keepalive().unwrap());
+        let socket = SockRef::from(&stream);
+        keep_alive(&socket);
+        assert!(socket.keepalive().unwrap());
+        #[cfg(target_os = "linux")]
+        {
+            assert_eq!(socket.tcp_keepalive_time().unwrap(), IDLE);
+            assert_eq!(socket.tcp_user_timeout().unwrap(), Some(UNACKNOWLEDGED));
+        }
+    }
 }
