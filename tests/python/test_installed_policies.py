@@ -135,7 +135,9 @@ def test_a_reference_leads_to_an_installed_policy(site: Path, tmp_path: Path) ->
     assert used_folder(alone, copied, "depth") == depth.resolve()
     tiny_policy.make(depth, finalists=tiny_policy.FINALISTS + 1)
     for folder, one in ((made, named), (alone, copied)):
-        with pytest.raises(ConfigError, match="holds no policy, or another one than that with which 'tiny-feel'"):
+        with pytest.raises(
+            ConfigError, match="is missing, or differs from the policy that 'tiny-feel' was published with"
+        ):
             used_folder(folder, one, "depth")
 
 

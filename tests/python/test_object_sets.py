@@ -127,8 +127,8 @@ def test_scale_is_a_factor_where_sizes_are_known() -> None:
     ("name", "complaint"),
     [
         ("procedural:spaceship", "no family"),
-        ("procedural:mug:9-3", "no range"),
-        ("procedural:mug:a", "no range"),
+        ("procedural:mug:9-3", "is not a range of seeds"),
+        ("procedural:mug:a", "is not a range of seeds"),
         ("procedural:mug:1:2", "too many parts"),
         ("procedural:0-9999999", "at most"),
         ("ycb:999_unicorn", "no YCB mesh"),

@@ -32,6 +32,7 @@ WRITERS = {
     "grasp_image": lambda path: pictures.save_grasp_image(path, NOTHING),
     "rates": lambda path: pictures.save_rates(path, "title", NOTHING),
     "reliability": lambda path: pictures.save_reliability(path, "title", NOTHING),
+    "hand_frames": lambda path: pictures.save_hand_frames(path, NOTHING),
     "comparison": lambda path: comparison.save_comparison(path, NOTHING),
 }
 

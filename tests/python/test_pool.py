@@ -139,7 +139,7 @@ def test_environments_come_back_as_they_arrive(objects: _core.Objects) -> None:
                 np.testing.assert_array_equal(rows["state"][row], expected["state"][env])
                 seen.append(int(env))
         assert sorted(seen) == [0, 1, 2]
-    with pytest.raises(errors.ConfigError, match="0 environments"):
+    with pytest.raises(errors.ConfigError, match="0 steps are pending"):
         apart.recv(1)
 
 
@@ -255,7 +255,7 @@ def test_an_error_on_the_way_leaves_the_others_to_the_next_call() -> None:
                 failed += 1
     assert failed == 1
     assert sorted(arrived) == [0, 2]
-    with pytest.raises(errors.ConfigError, match="0 environments"):
+    with pytest.raises(errors.ConfigError, match="0 steps are pending"):
         pool.recv(1)
 
 

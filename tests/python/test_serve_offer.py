@@ -82,7 +82,7 @@ def test_offers_that_are_none(wrong: str) -> None:
 
 
 def test_a_name_is_given_once() -> None:
-    with pytest.raises(ConfigError, match="no other set has"):
+    with pytest.raises(ConfigError, match="with a unique name"):
         offer("tools=procedural:can", "tools=procedural:mug")
 
 

@@ -42,7 +42,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"origins": ("https://page.example:443",)}, "^origins has .* such as 'https://page.example'"),
     ({"origins": ("http://Page.example",)}, "^origins has .* such as 'http://page.example'"),
     ({"origins": ("*",)}, "^origins has .* such as 'http://localhost:8080'"),
-    ({"tls_cert": "nope.pem", "tls_key": "nope.key"}, r"^nope\.pem: No such file or directory$"),
+    ({"tls_cert": "nope.pem", "tls_key": "nope.key"}, r"^No such file or directory: nope\.pem$"),
     ({"insecure": "yes"}, "insecure is 'yes' .*; give True or False"),
     ({"tls_cert": 5}, "tls_cert is 5"),
     ({"threads": 0}, "^threads is 0 .*from 1 to 1024"),

@@ -21,6 +21,24 @@ use tokio_rustls::TlsAcceptor;
 
 /// Largest header of a request, bytes.
 const MAX_HEAD: usize = 16 << 10;
+/// Idle time of a connection before the first probe of its peer.
+const IDLE: Duration = Duration::from_secs(20);
+/// Time between two probes.
+const INTERVAL: Duration = Duration::from_secs(10);
+/// Unanswered probes after which a connection is closed: 50 s after its peer was last heard.
+const PROBES: u32 = 3;
+/// Time without an acknowledgement of sent bytes after which a connection is closed.
+#[cfg(target_os = "linux")]
+const UNACKNOWLEDGED: Duration = Duration::from_secs(60);
+
+/// Lets the kernel find a peer that vanished without closing its connection: a host that lost power, a cable, a firewall that forgets. The peer's
+/// kernel answers, so a client need not read while it computes. A system without one of the limits goes without it.
+pub fn keep_alive(socket: &SockRef<'_>) {
+    let keepalive = TcpKeepalive::new().with_time(IDLE).with_interval(INTERVAL).with_retries(PROBES);
+    drop(socket.set_tcp_keepalive(&keepalive));
+    #[cfg(target_os = "linux")]
+    drop(socket.set_tcp_user_timeout(Some(UNACKNOWLEDGED)));
+}
 
 /// TLS settings of a config; none without files.
 ///
