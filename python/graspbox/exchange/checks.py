@@ -1,14 +1,14 @@
 """Values from files of unknown origin: arrays and numbers, checked before they are converted."""
 
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._common.arguments import shown
-from graspbox.errors import ConfigError, MissingExtraError
+from graspbox._common.extras import imported
+from graspbox.errors import ConfigError
 from graspbox.exchange.grasps import MAX_GRASPS
 
 __all__ = ["matrices", "number", "numbers", "optional_package", "rows_of", "text"]
@@ -24,14 +24,7 @@ def optional_package(module: str, package: str) -> Any:
     MissingExtraError
         If it is not installed.
     """
-    try:
-        return import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name != module:
-            raise
-        raise MissingExtraError(
-            f"this format of grasps needs the package {package}: pip install 'graspbox[exchange]'"
-        ) from None
+    return imported(module, f"this format of grasps needs the package {package}", "exchange")
 
 
 def rows_of(document: Mapping[str, Any], key: str, name: str = "") -> list[dict[str, Any]]:
