@@ -16,9 +16,8 @@ export VIRTUAL_ENV := $(VENV)
 export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
 export PATH := $(BIN):$(PATH)
 
-.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-all lint fmt bench docs tree wheels sdist release \
-	check-wheels check-source clean
-.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-rerun test-all lint fmt bench docs release clean
+.PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-rerun test-all lint fmt bench docs tree \
+	wheels sdist release check-wheels check-source clean
 
 help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
