@@ -64,6 +64,17 @@ pub(crate) struct Point {
     pub slip_speed: f64,
 }
 
+impl Point {
+    /// Friction impulse on body b, N s; `stick`: slip speed from which friction slides, m/s.
+    #[inline]
+    pub fn friction_impulse(&self, stick: f64) -> Vector3<f64> {
+        if self.bound <= 0.0 {
+            return Vector3::zeros(); // `slip` may be that of an earlier evaluation
+        }
+        -self.slip * (self.bound / self.slip_speed.max(stick))
+    }
+}
+
 /// The contact points of two bodies.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Patch {
@@ -233,8 +244,7 @@ impl Problem {
             }
             point.slip = twist.at(&point.arm) - point.normal * normal_speed;
             point.slip_speed = point.slip.norm();
-            let grip = point.bound / point.slip_speed.max(stick);
-            let force = point.normal * point.impulse - point.slip * grip;
+            let force = point.normal * point.impulse + point.friction_impulse(stick);
             sum.linear += force;
             sum.angular += point.arm.cross(&force);
             any = true;

@@ -346,6 +346,7 @@ impl Solver {
             friction: point.friction,
             distance: source.distance + self.problem.dt * point.normal_speed,
             force: point.impulse / self.problem.dt,
+            friction_force: point.friction_impulse(self.problem.stick_speed) / self.problem.dt,
         }
     }
 }
