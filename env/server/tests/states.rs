@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_agent::control::Control;
+use graspbox_agent::actions::control::Control;
 use graspbox_agent::source::Source;
 use graspbox_agent::{AgentConfig, EnvPool, Objects, ResetOptions};
 use graspbox_hand::Hand;

@@ -30,12 +30,16 @@
 //! step, so sliding does not lift; the derivative of the residual is then not symmetric. With the bounds frozen the contact impulses are minus
 //! the gradient of a convex function, and the derivative is symmetric and positive definite.
 
+pub(crate) mod matrix;
+pub(crate) mod newton;
+pub(crate) mod rows;
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::{Kinematics, Twist};
 use crate::laws::{CableState, stop};
-use crate::matrix::Matrix;
 use crate::model::{BASE, BodyIndex, Model, OBJECT};
+use crate::problem::matrix::Matrix;
 
 /// A contact point during one step.
 #[derive(Clone, Copy, Debug)]
