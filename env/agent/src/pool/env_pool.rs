@@ -373,10 +373,6 @@ impl EnvPool {
     }
 }
 
-#[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::panic)]
-mod tests;
-
 impl EnvPool {
     /// Pictures (n, H, W, 3) of the present state of environments `envs`.
     ///
@@ -417,3 +413,7 @@ impl EnvPool {
             .collect())
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::panic)]
+mod tests;
