@@ -19,13 +19,9 @@
 """
 
 import argparse
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from matplotlib.figure import Figure
 
 from graspbox import Plan, Scene, object_sets, pictures, plan
 from graspbox.configs import TrialConfig
@@ -33,7 +29,6 @@ from graspbox.evaluation.planner_trials import try_set
 from graspbox.perception.crops import add_depth_noise
 from graspbox.policies.grasp_image import grasp_image
 from graspbox.programs import run_program
-from graspbox.scene_export import export_scene
 from graspbox.study import comparison
 from graspbox.views import ViewPlan, views
 
@@ -80,16 +75,6 @@ def write_trials(args: argparse.Namespace) -> None:
     pictures.save_stages(args.out / "stages.png", scene, [firm, failed])
 
 
-def write_episode(args: argparse.Namespace) -> None:
-    """Show an episode and its observations."""
-    pictures.save_episode(args.out / "episode.png", PLAYED, seed=START)
-
-
-def write_frames(args: argparse.Namespace) -> None:
-    """Show the hand frames of other programs."""
-    pictures.save_hand_frames(args.out / "hand_frames.png")
-
-
 def write_grasp_image(args: argparse.Namespace) -> None:
     """Show the grasps that a policy finds in one depth image."""
     scene = Scene(object_sets.load(SEEN)[0].load())
@@ -103,41 +88,9 @@ def write_grasp_image(args: argparse.Namespace) -> None:
 
 def write_export(args: argparse.Namespace) -> None:
     """Show a grasp held by graspbox and by MuJoCo, which steps the exported scene."""
-    import mujoco
+    from exported_scene import save_exported_scene
 
-    from graspbox.validation.mujoco.exported import ExportedReplay, load_export
-
-    scene, best = planned(EXPORTED, args)
-    trial = pictures.Trial.run(scene, best, int(scene.simulate(best).success.argmax()))
-    with tempfile.TemporaryDirectory() as folder:
-        export_scene(scene, Path(folder) / "scene", "mjcf", best[trial.index])
-        run = ExportedReplay(load_export(Path(folder) / "scene"))
-    while run.steps * run.dt < run.times.end:
-        run.step()
-    figure = Figure(figsize=(9.6, 4.6), dpi=110, layout="constrained")
-    panels = figure.subplots(1, 2)
-    hand, item = trial.posed(scene.hand, -1), trial.trace.world_from_object[-1]
-    shown = np.concatenate([hand.corners(), scene.mesh.vertices @ item[:3, :3].T + item[:3, 3], [[0.0, 0.0, 0.0]]])
-    across, size = pictures.Camera.across(hand.world_from_hand[:3, 0], elevation=15.0), (720, 620)
-    view = pictures.View(
-        [pictures.Solid(scene.mesh, "#d98c40", item)], across, shown=shown, size=size, hand=hand, table=shown
-    )
-    view.show(panels[0])
-    panels[0].set_title("graspbox", fontsize=10)
-    lens, camera = view.lens, mujoco.MjvCamera()
-    way = np.linalg.solve(lens.intrinsics, [size[0] / 2, size[1] / 2, 1.0])
-    distance = float(np.linalg.norm(lens.world_from_camera[:3, 3] - shown.mean(axis=0)))
-    camera.lookat[:] = lens.world_from_camera[:3, 3] + lens.world_from_camera[:3, :3] @ way * distance
-    camera.distance, camera.azimuth, camera.elevation = distance, across.azimuth + 180.0, -across.elevation
-    run.model.vis.global_.fovy = np.degrees(2.0 * np.arctan(size[1] / 2 / lens.intrinsics[1, 1]))
-    run.model.vis.global_.offwidth, run.model.vis.global_.offheight = size
-    run.model.vis.quality.offsamples = 8
-    with mujoco.Renderer(run.model, size[1], size[0]) as renderer:
-        renderer.update_scene(run.data, camera)
-        panels[1].imshow(renderer.render())
-    panels[1].set_title("MuJoCo, in the exported scene", fontsize=10)
-    panels[1].set_axis_off()
-    figure.savefig(args.out / "exported_scene.png")
+    save_exported_scene(args.out / "exported_scene.png", *planned(EXPORTED, args))
 
 
 def write_study(args: argparse.Namespace) -> None:
@@ -152,8 +105,8 @@ PICTURES: dict[str, Callable[[argparse.Namespace], None]] = {
     "plan": write_plan,
     "sweep": write_sweep,
     "trials": write_trials,
-    "episode": write_episode,
-    "frames": write_frames,
+    "episode": lambda args: pictures.save_episode(args.out / "episode.png", PLAYED, seed=START),
+    "frames": lambda args: pictures.save_hand_frames(args.out / "hand_frames.png"),
     "grasp_image": write_grasp_image,
     "export": write_export,
     "study": write_study,

@@ -13,8 +13,6 @@ Put each printed number into the row of its name: for the ReFlex into the table 
 Needs the extra ``cli``.
 """
 
-import json
-import sys
 import zlib
 from functools import partial
 from pathlib import Path
@@ -22,27 +20,17 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 import graspbox
 from graspbox import Hand
-from graspbox.cli.common import find_hand
-from graspbox.errors import GraspboxError
+from graspbox.cli.common import console, find_hand, print_table
+from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSpec
 from graspbox.planning import rank_weights
 from graspbox.programs import run_program
 from graspbox.training.runs import Run
-
-Array = NDArray[np.float64]
-
-FOLDS = 6
-#: Ridge on the intercepts; it keeps those of objects without a success, or without a failure, finite.
-INTERCEPT_RIDGE = 0.3
-#: Standard deviation below which a feature is uninformative.
-NEARLY_CONSTANT = 0.02
+from ranking.regression import FOLDS, fit, held_out, judge
 
 
 def collect(spec: ObjectSpec, hand: Hand, top: int, others: int, seed: int) -> dict[str, Any]:
@@ -63,92 +51,31 @@ def collect(spec: ObjectSpec, hand: Hand, top: int, others: int, seed: int) -> d
     }
 
 
-def fit(features: Array, success: Array, objects: NDArray[np.int64], ridge: float) -> Array:
-    """Fit the weights (k,) to features (n, k), success (n,) of 0 and 1, and object numbers (n,).
-
-    `ridge` applies to the weights of standardized features.
-    """
-    scale = features.std(axis=0)
-    # A feature that hardly varies gets no weight.
-    scale[scale < NEARLY_CONSTANT] = np.inf
-    indicators = (objects[:, None] == np.unique(objects)).astype(np.float64)
-    x = np.hstack([(features - features.mean(axis=0)) / scale, indicators])
-    penalty = np.concatenate([np.full(features.shape[1], ridge), np.full(indicators.shape[1], INTERCEPT_RIDGE)])
-    w = np.zeros(x.shape[1])
-    for _ in range(50):
-        p = 1.0 / (1.0 + np.exp(-np.clip(x @ w, -30.0, 30.0)))
-        gradient = x.T @ (p - success) + penalty * w
-        step = np.linalg.solve((x.T * (p * (1.0 - p))) @ x + np.diag(penalty), gradient)
-        w -= step
-        if np.abs(step).max() < 1e-9:
-            break
-    weights: Array = w[: features.shape[1]] / scale
-    return weights
-
-
-def judge(score: Array, success: Array, objects: NDArray[np.int64]) -> dict[str, float]:
-    """Evaluate a score: success rate of the first pose per object, and share of its pairs in the right order."""
-    first, pairs = [], []
-    for number in np.unique(objects):
-        mine = objects == number
-        first.append(success[mine][np.argmax(score[mine])])
-        good, bad = score[mine & (success == 1)], score[mine & (success == 0)]
-        if len(good) and len(bad):
-            pairs.append(np.mean((good[:, None] > bad) + 0.5 * (good[:, None] == bad)))
-    return {"first": float(np.mean(first)), "pairs": float(np.mean(pairs))}
-
-
-def held_out(features: Array, success: Array, objects: NDArray[np.int64], ridge: float, seed: int) -> Array:
-    """Score each object by weights fitted without it."""
-    fold = np.random.default_rng(seed).permutation(objects.max() + 1) % FOLDS
-    score = np.zeros(len(success))
-    for k in range(FOLDS):
-        out = fold[objects] == k
-        score[out] = features[out] @ fit(features[~out], success[~out], objects[~out], ridge)
-    return score
-
-
-def report(rows: list[dict[str, Any]], hand: Hand, ridge: float, seed: int) -> dict[str, Any]:
-    """Fit the weights and evaluate them; returns all figures."""
+def report(rows: list[dict[str, Any]], hand: Hand, ridge: float, seed: int) -> None:
+    """Fit the weights; print them beside the present ones, and the quality of each order of poses."""
     rows = [row for row in rows if row["success"]]
     features = np.array([x for row in rows for x in row["features"]])
     success = np.array([float(x) for row in rows for x in row["success"]])
     objects = np.repeat(np.arange(len(rows)), [len(row["success"]) for row in rows])
     mixed = sum(0 < sum(row["success"]) < len(row["success"]) for row in rows)
     if mixed < FOLDS:
-        raise graspbox.errors.ConfigError(
+        raise ConfigError(
             f"{mixed} of {len(rows)} objects have successes and failures; it takes {FOLDS} to fit: name more objects"
         )
-    present = np.array(list(rank_weights(hand).values()))
-    random = np.random.default_rng(seed).random(len(success))
-    judged = {
+    present = rank_weights(hand)
+    fitted = fit(features, success, objects, ridge)
+    weights = [(name, f"{old:.2f}", f"{new:.2f}") for (name, old), new in zip(present.items(), fitted, strict=True)]
+    print_table(f"weights of the ranking for {hand.name}", ("term", "present", "fitted"), weights)
+    scores = {
         "fitted, held out": held_out(features, success, objects, ridge, seed),
-        "present weights": features @ present,
-        "random order": random,
+        "present weights": features @ np.array(list(present.values())),
+        "random order": np.random.default_rng(seed).random(len(success)),
         "best possible": success,
     }
-    weights = fit(features, success, objects, ridge)
-    return {
-        "objects": len(rows),
-        "poses": len(success),
-        "successes": int(success.sum()),
-        "weights": dict(zip(rank_weights(hand), weights.tolist(), strict=True)),
-        "judged": {name: judge(score, success, objects) for name, score in judged.items()},
-    }
-
-
-def show(facts: dict[str, Any], hand: Hand) -> None:
-    """Print the new and the current weights, and the quality of each order."""
-    console = Console()
-    weights = Table("term", "present", "fitted", title=f"weights of the ranking for {hand.name}")
-    for (name, present), fitted in zip(rank_weights(hand).items(), facts["weights"].values(), strict=True):
-        weights.add_row(name, f"{present:.2f}", f"{fitted:.2f}")
-    judged = Table("order by", "first pose succeeds", "pairs in order")
-    for name, row in facts["judged"].items():
-        judged.add_row(name, f"{row['first']:.1%}", f"{row['pairs']:.1%}")
-    console.print(weights)
-    console.print(judged)
-    console.print(f"{facts['objects']} objects, {facts['successes']} successes among {facts['poses']} poses")
+    judged = {name: judge(score, success, objects) for name, score in scores.items()}
+    title = f"{len(rows)} objects, {int(success.sum())} successes among {len(success)} poses"
+    cells = [(name, f"{row['first']:.1%}", f"{row['pairs']:.1%}") for name, row in judged.items()]
+    print_table(title, ("order by", "first pose succeeds", "pairs in order"), cells)
 
 
 def main(
@@ -159,29 +86,18 @@ def main(
     others: Annotated[int, typer.Option(min=0, help="Random other poses of each object.")] = 24,
     ridge: Annotated[float, typer.Option(min=0.01, help="Ridge on the weights of standardized features.")] = 8.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of plans, random poses and folds.")] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Try poses, fit the weights of the ranking, and print them with their held-out figures."""
-    try:
-        tried = find_hand(hand)
-        terms = list(rank_weights(tried))
-        specs = graspbox.object_sets.load(objects, split="train")
-        settings = {"hand": tried.name, "top": top, "others": others, "seed": seed, "terms": terms}
-        with Run(out, settings) as run:
-            rows = run.rows("objects")
-            known = {row["name"] for row in rows}
-            missing = [spec for spec in specs if spec.name not in known]
-            for spec in track(missing, description="trying poses", console=Console(stderr=True)):
-                rows.append(collect(spec, tried, top, others, seed))
-        names = set(specs.names)
-        facts = report([row for row in rows if row["name"] in names], tried, ridge, seed)
-    except GraspboxError as error:
-        print(f"fit_ranking: {error}", file=sys.stderr)
-        raise typer.Exit(2) from None
-    if as_json:
-        print(json.dumps(facts))
-    else:
-        show(facts, tried)
+    tried = find_hand(hand)
+    specs = graspbox.object_sets.load(objects, split="train")
+    settings = {"hand": tried.name, "top": top, "others": others, "seed": seed, "terms": list(rank_weights(tried))}
+    with Run(out, settings) as run:
+        rows = run.rows("objects")
+        known = {row["name"] for row in rows}
+        missing = [spec for spec in specs if spec.name not in known]
+        for spec in track(missing, description="trying poses", console=console):
+            rows.append(collect(spec, tried, top, others, seed))
+    report([row for row in rows if row["name"] in set(specs.names)], tried, ridge, seed)
 
 
 if __name__ == "__main__":

@@ -23,11 +23,11 @@ import yaml
 
 from graspbox import sb3
 from graspbox.cli.common import console, print_json, progress
+from graspbox.dataset.learned import of_splits
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import MAX_TRIALS
 from graspbox.programs import run_program
 from graspbox.recipes.cards import write_card
-from graspbox.recipes.learned import of_splits
 from graspbox.recipes.network_cards import Score, measure, network_card, object_set
 from graspbox.sb3.histories import Made, history, settings_of, shown
 from graspbox.sb3.settings import PARAMETERS

@@ -10,21 +10,21 @@ The exit status is 1 if an object is left out for none of these reasons, or kept
 poses; inspect these. Needs the extras ``cli`` and ``ycb``.
 """
 
-import json
-import sys
 from collections import Counter
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
+from numpy.typing import NDArray
 from rich.progress import Progress
 
 import graspbox
+from graspbox._common.files import write_text
+from graspbox.cli.common import console
 from graspbox.configs import PlanConfig, PoseConfig
-from graspbox.errors import GraspboxError
 from graspbox.object_sets import ObjectSpec
 from graspbox.programs import run_program
 from graspbox.training.runs import Run
@@ -47,56 +47,52 @@ HEAVY = 0.6
 LARGE = 0.14
 
 
-def reasons(scene: graspbox.Scene, mass: float) -> list[str]:
+def reasons(scene: graspbox.Scene) -> list[str]:
     """Reasons why an object may be impossible to grasp: flat, large, heavy."""
-    rest = scene.world_from_object
-    points = scene.mesh.vertices @ rest[:3, :3].T + rest[:3, 3]
-    height = float(np.ptp(points[:, 2]))
+    rest, mass = scene.world_from_object, scene.body.mass
+    height = float(np.ptp((scene.mesh.vertices @ rest[:3, :3].T)[:, 2]))
     thickness = 2.0 * float(graspbox.decompose(scene.mesh, max_boxes=1)[0].half_extents.min())
-    found = []
-    if height < FLAT:
-        found.append(f"too flat ({1e3 * height:.0f} mm)")
-    if thickness > LARGE:
-        found.append(f"too large ({1e3 * thickness:.0f} mm)")
-    if mass > HEAVY:
-        found.append(f"too heavy ({mass:.2f} kg)")
-    return found
+    found = {
+        f"too flat ({1e3 * height:.0f} mm)": height < FLAT,
+        f"too large ({1e3 * thickness:.0f} mm)": thickness > LARGE,
+        f"too heavy ({mass:.2f} kg)": mass > HEAVY,
+    }
+    return [reason for reason, holds in found.items() if holds]
+
+
+def untried(scene: graspbox.Scene) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Give the poses of an object in ranking order and their preshapes, plan by plan and no pose twice."""
+    seen: set[bytes] = set()
+    rest = scene.world_from_object
+    for seed in range(MOST_PLANS):
+        config = PlanConfig() if seed == 0 else MORE
+        plan = graspbox.plan(scene.mesh, world_from_object=rest, config=config, seed=seed).best()
+        keys = [p.tobytes() + q.tobytes() for p, q in zip(plan.poses, plan.preshape, strict=True)]
+        new = [i for i, key in enumerate(keys) if key not in seen]
+        seen.update(keys)
+        yield plan.poses[new], plan.preshape[new]
 
 
 def sweep(spec: ObjectSpec, progress: Progress) -> dict[str, Any]:
     """Try poses of one object until one succeeds or enough have failed; returns its row."""
     task = progress.add_task(spec.name, total=ENOUGH)
     scene = graspbox.Scene(spec.load())
-    seen: set[bytes] = set()
     failures: Counter[str] = Counter()
-    batch = FIRST_BATCH
-    row: dict[str, Any] = {"name": spec.name, "graspable": None}
-    for seed in range(MOST_PLANS):
-        config = PlanConfig() if seed == 0 else MORE
-        rest = scene.world_from_object
-        plan = graspbox.plan(scene.mesh, world_from_object=rest, config=config, seed=seed).best()
-        keys = [p.tobytes() + q.tobytes() for p, q in zip(plan.poses, plan.preshape, strict=True)]
-        new = [i for i, key in enumerate(keys) if key not in seen]
-        seen.update(keys)
-        while new and row["graspable"] is None:
-            part, new = new[:batch], new[batch:]
-            part = part[: ENOUGH - failures.total()]
-            batch = min(2 * batch, LARGEST_BATCH)
-            out = scene.simulate(plan.poses[part], plan.preshape[part])
-            if out.success.any():
-                row["graspable"] = True
-                failures.update(map(str, out.failure[: out.success.argmax()]))
-            else:
-                failures.update(map(str, out.failure))
-                if failures.total() >= ENOUGH:
-                    row["graspable"] = False
+    graspable, batch = None, FIRST_BATCH
+    for poses, preshapes in untried(scene):
+        while len(poses) and graspable is None:
+            count = min(batch, ENOUGH - failures.total())
+            out = scene.simulate(poses[:count], preshapes[:count])
+            poses, preshapes, batch = poses[batch:], preshapes[batch:], min(2 * batch, LARGEST_BATCH)
+            failures.update(map(str, out.failure[: out.success.argmax()] if out.success.any() else out.failure))
+            graspable = True if out.success.any() else False if failures.total() >= ENOUGH else None
             progress.update(task, completed=failures.total())
-        if row["graspable"] is not None:
+        if graspable is not None:
             break
     progress.remove_task(task)
-    if row["graspable"] is not True:
-        row["reasons"] = reasons(scene, scene.body.mass)
-    return row | {"failed": failures.total(), "failures": dict(sorted(failures.items()))}
+    why = {} if graspable else {"reasons": reasons(scene)}
+    counts = {"failed": failures.total(), "failures": dict(sorted(failures.items()))}
+    return {"name": spec.name, "graspable": graspable, **why, **counts}
 
 
 def write_list(path: Path, rows: list[dict[str, Any]]) -> None:
@@ -110,38 +106,28 @@ def write_list(path: Path, rows: list[dict[str, Any]]) -> None:
             kinds = ", ".join(f"{count} {kind}" for kind, count in row["failures"].items())
             lines.append(f"# {row['name']}: {why}; of {row['failed']} poses {kinds}")
     lines += [row["name"] for row in rows if row["graspable"] is not False]
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text("\n".join(lines) + "\n")
-    temporary.replace(path)
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def main(
     out: Annotated[Path, typer.Option(help="Folder of the run; objects already tried are skipped.")],
     list_file: Annotated[Path, typer.Option("--list", help="File for the names of the graspable objects.")],
     objects: Annotated[str, typer.Option(help="The object set to sweep.")] = "ycb",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON.")] = False,
 ) -> None:
     """Sweep a set and write the list of its graspable objects."""
-    errors = Console(stderr=True)
-    try:
-        specs = graspbox.object_sets.load(objects)
-        with Run(out, {"poses": ENOUGH, "plans": MOST_PLANS}) as run, Progress(console=errors) as progress:
-            tried = run.rows("objects")
-            known = {row["name"] for row in tried}
-            missing = [spec for spec in specs if spec.name not in known]
-            for spec in progress.track(missing, description="objects"):
-                tried.append(sweep(spec, progress))
-    except GraspboxError as error:
-        print(f"sweep_graspable: {error}", file=sys.stderr)
-        raise typer.Exit(2) from None
+    specs = graspbox.object_sets.load(objects)
+    with Run(out, {"poses": ENOUGH, "plans": MOST_PLANS}) as run, Progress(console=console) as progress:
+        tried = run.rows("objects")
+        known = {row["name"] for row in tried}
+        missing = [spec for spec in specs if spec.name not in known]
+        for spec in progress.track(missing, description="objects"):
+            tried.append(sweep(spec, progress))
     names = set(specs.names)
     rows = sorted((row for row in tried if row["name"] in names), key=lambda row: str(row["name"]))
     write_list(list_file, rows)
-    if as_json:
-        print(json.dumps(rows))
     unclear = [row for row in rows if row["graspable"] is None or (row["graspable"] is False and not row["reasons"])]
     for row in unclear:
-        errors.print(f"{row['name']}: undecided after {row['failed']} failed poses")
+        console.print(f"{row['name']}: undecided after {row['failed']} failed poses")
     raise typer.Exit(1 if unclear else 0)
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from datasets_for_tests import OBJECTS, config, contents
 from graspbox import dataset, errors
+from graspbox.dataset.learned import of_datasets
 from graspbox.dataset.runners import Runner
-from graspbox.recipes.learned import of_datasets
 
 pytest.importorskip("pyarrow")
 

@@ -34,7 +34,7 @@ def test_splits_and_columns_can_be_chosen(made: Path, table: Any) -> None:
     assert dataset.load(made, columns=["lift"]).column_names == ["lift"]
     with pytest.raises(errors.ConfigError, match="no split 'tests'"):
         dataset.load(made, "tests")
-    with pytest.raises(errors.ConfigError, match="holds no trials"):
+    with pytest.raises(errors.ConfigError, match="has no trials"):
         dataset.load(made / "images")
     with pytest.raises(errors.ConfigError, match="no column 'lifts'"):
         dataset.column(table, "lifts")

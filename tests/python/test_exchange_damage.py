@@ -297,8 +297,8 @@ _SCALAR = np.float64(0).__reduce__()[0]
         (_Calls(np.dtype, "V1000000000"), "an array of type 'V1000000000'"),
         (np.zeros(2, dtype=[("a", "f8")]), "an array of type 'V8'"),
         (np.array([{}, {}], dtype=object), "an array of objects"),
-        ([1, 2], "holds no dict of names and arrays"),
-        ({1: 2}, "holds no dict of names and arrays"),
+        ([1, 2], "not a dict of names and arrays"),
+        ({1: 2}, "not a dict of names and arrays"),
         ({**_fields(), "grasp_qpos": np.zeros(5)}, r"grasp_qpos has shape \(5,\); this hand needs \(9,\)"),
         ({**_fields(), "grasp_qpos": [0.0] * 9}, "grasp_qpos has shape None"),
         ({**_fields(), "grasp_qpos": np.full(9, np.nan)}, "entries that are not finite"),
@@ -391,8 +391,8 @@ def test_missing_packages(package: str, name: str, to: str, tmp_path: Path, monk
 def test_other_results_are_refused(tmp_path: Path) -> None:
     for content, why in (
         ("{", "is not JSON"),
-        ("{}", "holds no grasps of graspbox"),
-        ("[]", "holds no grasps of graspbox"),
+        ("{}", "is JSON, but not of graspbox's grasps"),
+        ("[]", "is JSON, but not of graspbox's grasps"),
         ('{"objects": 3}', "objects is missing or is not a list"),
         ('{"objects": [{"name": "a", "grasps": [1]}]}', "grasps of 'a' is missing or is not a list of objects"),
         ('{"objects": [{"name": "a", "hand": "reflex", "grasps": [{}]}]}', r"object_from_hand\[0\] is not a 4x4"),

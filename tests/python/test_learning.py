@@ -333,7 +333,7 @@ def test_figures_are_written(tmp_path: Path) -> None:
 
     from graspbox.study.figures import normalized_figure, read_curve, training_figure
 
-    with pytest.raises(ConfigError, match="holds no training with a validation"):
+    with pytest.raises(ConfigError, match="has no row of a validation"):
         read_curve(tmp_path)
     rows: list[dict[str, float]] = []
     for i in range(1, 50):

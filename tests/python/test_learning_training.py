@@ -193,10 +193,10 @@ def test_models_are_saved(tmp_path: Path) -> None:
         PoseModel(ModelConfig("cnn3d", "psi4", "image"))
     PoseModel(ModelConfig("cnn3d", "euler", "binary", size=SIDE)).save(tmp_path / "other")
     (tmp_path / "other" / "weights.pt").replace(tmp_path / "weights.pt")
-    with pytest.raises(ConfigError, match=r"holds no weights of the network of model\.json"):
+    with pytest.raises(ConfigError, match=r"does not have the weights of the network of model\.json"):
         PoseModel.load(tmp_path)
     (tmp_path / "weights.pt").write_bytes(b"no weights")
-    with pytest.raises(ConfigError, match=r"holds no weights of the network of model\.json"):
+    with pytest.raises(ConfigError, match=r"does not have the weights of the network of model\.json"):
         PoseModel.load(tmp_path)
     (tmp_path / "weights.pt").unlink()
     with pytest.raises(FileError, match="no weights of a model"):

@@ -200,7 +200,7 @@ def test_paths_that_leave_the_folder_are_refused(settings: ToolSettings, path: s
             "is not a rigid motion",
         ),
         ("simulate", {"object": CAN, "grasps": [{"object_from_hand": [[1]] * 4, "preshape": 0}]}, "object_from_hand.0"),
-        ("grasp_image", {"depth": "zeros.npy", "intrinsics": INTRINSICS}, "zeros.npy holds no depth at all"),
+        ("grasp_image", {"depth": "zeros.npy", "intrinsics": INTRINSICS}, "zeros.npy has no pixel with a depth"),
         ("grasp_image", {"depth": "box.off", "intrinsics": INTRINSICS}, "the file's name must end in .npy, .png"),
         ("grasp_image", {"depth": "depth.npy", "intrinsics": [1, 2, 3]}, "intrinsics is [1, 2, 3]"),
         ("grasp_image", {"depth": "depth.npy", "intrinsics": [230, 230, 900, 60]}, "CX is 900"),

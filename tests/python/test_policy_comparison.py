@@ -281,14 +281,12 @@ def test_every_policy_has_a_label_of_its_own() -> None:
 def test_parts_of_a_policy_can_be_added_and_left_out() -> None:
     """A policy scores fewer grasps without its head, and more with refinement."""
     pytest.importorskip("onnxruntime")
-    pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
-    from test_scripts import script
+    from graspbox.evaluation.variants import ORACLES, SETTINGS, load_variant
 
-    program = script("evaluate_policies")
     folder = Path(__file__).parents[2] / "policies/depth"
     counts = {}
-    for spec in (str(folder), *(f"{kind}={folder}" for kind in ("tolerant", *program.VARIANTS, *program.ORACLES))):
-        policy = program.load(spec)
+    for spec in (str(folder), *(f"{kind}={folder}" for kind in ("tolerant", *SETTINGS, *ORACLES))):
+        policy = load_variant(spec)
         evaluate(policy, "graspbox/GraspPose-v0", CANS, trials=1, num_envs=1)
         counts[spec.partition("=")[0]] = len(policy.found[0].scores)
     assert counts["plain"] < counts["unrefined"] < counts["refined"]
@@ -297,14 +295,14 @@ def test_parts_of_a_policy_can_be_added_and_left_out() -> None:
     # Only those that were compared by their mean: the finalists, and the additions of the last refinement.
     assert 16 <= counts["tolerant"] <= 16 + 2 * 4 * 5
     # The truth for a part needs the state of the object.
-    for kind in program.ORACLES:
-        assert "state" in program.load(f"{kind}={folder}").obs
-        assert "state" not in program.load(str(folder)).obs
+    for kind in ORACLES:
+        assert "state" in load_variant(f"{kind}={folder}").obs
+        assert "state" not in load_variant(str(folder)).obs
     head = folder.with_name("head")
     for kind in ("filtered", "unfiltered"):
-        evaluate(program.load(f"{kind}={head}"), "graspbox/GraspPose-v0", CANS, trials=1, num_envs=1)
+        evaluate(load_variant(f"{kind}={head}"), "graspbox/GraspPose-v0", CANS, trials=1, num_envs=1)
     with pytest.raises(ConfigError, match="choose the prefix before = from"):
-        program.load(f"blind={folder}")
+        load_variant(f"blind={folder}")
 
 
 def test_what_one_policy_learned_from_is_left_out_for_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,10 +12,10 @@ import pytest
 
 from graspbox import errors, object_sets, policies
 from graspbox.artifacts.folders import read_depth_policy, save
+from graspbox.dataset.learned import of_splits
 from graspbox.models.calibration import Calibration
 from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid
-from graspbox.recipes.learned import of_splits
 from graspbox.recipes.settings import QUICK_OBJECTS, Sizes
 from interrupting import train_despite_kills
 

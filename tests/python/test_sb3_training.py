@@ -180,6 +180,14 @@ def test_baselines_share_the_trials_of_a_policy() -> None:
     assert found["planner"] == summary(evaluation.evaluate("planner", env_id, trials=6, seed=0, **trials))
 
 
+def test_a_result_without_trials_has_no_summary() -> None:
+    from graspbox.evaluation import Evaluation
+    from graspbox.sb3.policy import summary
+
+    with pytest.raises(ConfigError, match=r"no trial of zero.*\(flat: it has no volume\); name other objects"):
+        summary(Evaluation("zero", "graspbox/Grasp-v0", (), 0.0, refused={"flat": "it has no volume"}))
+
+
 def test_images_are_trained_on(tmp_path: Path) -> None:
     changes = (*PPO, "env.obs=[proprio, depth]", "env.image_size=16", "steps=128")
     assert run("ppo", tmp_path / "run", changes) == 0

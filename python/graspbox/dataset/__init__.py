@@ -13,6 +13,7 @@ records its settings. The same settings give the same rows with every runner.
 | `candidates`, `scenes` | candidate poses from five sources; one scene with its trials |
 | `shards`, `runners`, `generate` | the unit of work, its execution, and the whole generation |
 | `manifest` | the record of a folder's contents |
+| `learned` | the object sets that a policy learned from, as its folder records them |
 | `tables`, `images`, `mappings` | rows as tables and arrays, images and voxels of rows, pairs for training |
 """
 

@@ -74,7 +74,9 @@ def _shards(
     wanted = SPLITS if split is None else (split,)
     chosen = [shard for name in wanted for shard in listed if shard["name"].startswith(f"{name}-")]
     if not chosen:
-        raise ConfigError(f"{os.fspath(folder)!r} holds no {kind}" + (f" of the split {split!r}" if split else ""))
+        missing = kind if split is None else f"{kind} of the split {split!r}"
+        todo = "run graspbox dataset with images" if kind == "images" else "run graspbox dataset, or resume it"
+        raise ConfigError(f"the data set {os.fspath(folder)!r} has no {missing}; {todo}, or give another folder")
     for shard in chosen:
         yield _table(manifest.content_of(Path(folder), kind, shard), columns, f"{kind}/{shard['name']}")
 

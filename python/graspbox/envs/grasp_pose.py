@@ -5,40 +5,9 @@ and holds, and the episode ends.
 
 Keywords
 --------
-Those of `graspbox.envs.grasp`, with ``trial``, which sets how the hand closes, lifts and holds, instead of ``control``
-and ``frame_skip``. An episode ends after one step, and ``max_episode_steps`` is 1: under ``gymnasium.make`` and
-``make_vec`` that step sets both ``terminated`` and ``truncated``.
-
-<!-- generated: keywords of GraspPose-v0 -->
-
-| keyword | default | environment |
-|---|---|---|
-| num_envs | 1 | vector |
-| objects | 'procedural' | both |
-| split | None | both |
-| scale | 1.0 | both |
-| mass | None | both |
-| obs | 'state' | both |
-| reward | 'sparse' | both |
-| reward_weights | None | both |
-| success | None | both |
-| info | 'full' | both |
-| image_size | None | both |
-| randomization | None | both |
-| render_mode | None | both |
-| num_threads | None | both |
-| remote | None | both |
-| physics | PhysicsConfig() | both |
-| hand | 'reflex' | both |
-| cameras | CamerasConfig() | both |
-| picture | PictureConfig() | both |
-| trial | TrialConfig() | both |
-| autoreset_mode | AutoresetMode.NEXT_STEP | vector |
-| max_episode_steps | None | vector |
-| prepare_files | 128 | vector |
-| copy | True | vector |
-
-<!-- end -->
+Those of `graspbox.envs.grasp`, with ``trial`` (by default ``TrialConfig()``), which sets how the hand closes, lifts and
+holds, instead of ``control`` and ``frame_skip``. An episode ends after one step, and ``max_episode_steps`` is 1: under
+``gymnasium.make`` and ``make_vec`` that step sets both ``terminated`` and ``truncated``.
 
 Action
 ------
@@ -135,23 +104,14 @@ The weighted sum of the terms, as in `graspbox.envs.grasp`; ``reward_weights`` r
 
 Info
 ----
-As in `graspbox.envs.grasp`:
+As in `graspbox.envs.grasp`, and:
 
-<!-- generated: info of GraspPose-v0 -->
+<!-- generated: further info of GraspPose-v0 -->
 
 | entry | type | unit | meaning |
 |---|---|---|---|
-| is_success | bool |  | the grasp succeeded |
-| is_secure | bool |  | it succeeded without shifting or turning in the hand |
-| failure | str |  | kind of the failure if the episode ended now; empty for a success, and before the first step |
-| lift | float | m | rise of the object's centre of mass above its resting height |
-| object | str |  | name of the object |
-| resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose |
-| touches | bool |  | the hand touches the object |
-| protective_stop | bool |  | the protective stop held the hand at some time in the last step |
 | infeasible | bool |  | the hand could not reach its pose |
 | survives_shake | bool |  | the object was still in the hand after the shake; False without `trial=TrialConfig(shake=...)` |
-| reward_terms | dict |  | reward terms of the last step (float) by name; zeros after a reset |
 
 <!-- end -->
 
@@ -193,8 +153,8 @@ class GraspPoseEnv(SingleEnv):
 
     Parameters
     ----------
-    objects : str, Path, ObjectSet or sequence of str
-        Object sets to sample from: see `graspbox.object_sets`.
+    objects
+        As of `graspbox.envs.grasp.GraspEnv`.
     trial : TrialConfig
         How the hand closes, lifts and holds.
     **settings
@@ -222,22 +182,12 @@ class GraspPoseVectorEnv(NativeVectorEnv):
 
     Parameters
     ----------
-    num_envs : int
-        Number of environments.
-    objects : str, Path, ObjectSet or sequence of str
-        Object sets to sample from: see `graspbox.object_sets`.
-    autoreset_mode : AutoresetMode or its value
-        When the next episode begins after an end.
-    max_episode_steps : int, optional
-        Episodes are truncated after this number of steps.
-    prepare_files : int
-        The first reset prepares all objects if some of them are mesh files and there are at most this many; otherwise
-        it prepares only those of the first episodes. Preparation takes about a second per file the first time; later
-        the results come from the cache. Episodes do not depend on it.
-    copy : bool
-        Whether observations are new arrays; otherwise they are views of buffers that the next call overwrites.
+    num_envs, objects
+        As of `graspbox.envs.vector.GraspVectorEnv`.
+    trial : TrialConfig
+        How the hand closes, lifts and holds.
     **settings
-        Other keywords of `graspbox.envs.grasp_pose.GraspPoseEnv`.
+        Other keywords of `graspbox.envs.vector.GraspVectorEnv`, except ``control`` and ``frame_skip``.
 
     Raises
     ------

@@ -347,8 +347,8 @@ class GraspVectorEnv(NativeVectorEnv):
     ----------
     num_envs : int
         Number of environments.
-    objects : str, Path, ObjectSet or sequence of str
-        Object sets to sample from: see `graspbox.object_sets`.
+    objects
+        As of `graspbox.envs.grasp.GraspEnv`.
     autoreset_mode : AutoresetMode or its value
         When the next episode begins after an end.
     max_episode_steps : int, optional

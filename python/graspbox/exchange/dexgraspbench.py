@@ -148,7 +148,7 @@ def read_fields(path: Path) -> dict[str, Any]:
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise ConfigError(f"it is not a DexGraspBench file, or is damaged ({reason})") from None
     if not isinstance(found, dict) or not all(isinstance(name, str) for name in found):
-        raise ConfigError("it holds no dict of names and arrays; give a file of DexGraspBench")
+        raise ConfigError("its content is not a dict of names and arrays; give a file of DexGraspBench")
     return {name: value.value if isinstance(value, _Array) else value for name, value in found.items()}
 
 

@@ -272,4 +272,6 @@ def read(
             return [from_image(document, frame=frame, hand=hand)]
     except ConfigError as error:
         raise ConfigError(f"{str(path)!r}: {error}") from None
-    raise ConfigError(f"{str(path)!r} holds no grasps of graspbox; give a plan, or what `grasp` or `grasp-image` wrote")
+    raise ConfigError(
+        f"{str(path)!r} is JSON, but not of graspbox's grasps; give a plan, or what `grasp` or `grasp-image` wrote"
+    )

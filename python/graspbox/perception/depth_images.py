@@ -159,7 +159,9 @@ def _check_size(pixels: int, name: str, most: int = _MOST_PIXELS) -> None:
 def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
     seen = depth[depth > 0]
     if not len(seen):
-        raise ConfigError(f"{name} holds no depth at all; every pixel is 0 or not finite")
+        raise ConfigError(
+            f"{name} has no pixel with a depth: all are 0 or not finite; give an image that shows the object"
+        )
     near, middle = np.percentile(seen[:: 1 + len(seen) // _MOST_POINTS], (10, 50))
 
     def off(factor: float) -> float:
@@ -231,7 +233,9 @@ def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:
         else:
             values = np.loadtxt(io.StringIO(content.decode()), delimiter="," if b"," in content else None)
     except (ValueError, TypeError, OverflowError, EOFError, RecursionError, MemoryError) as error:
-        raise ConfigError(f"{path} holds no matrix of numbers: {error}") from None
+        raise ConfigError(
+            f"{path} cannot be read as numbers ({error}); give the 16 of table_from_camera, row by row"
+        ) from None
     if values.size != 16:
         raise ConfigError(f"{path} holds {values.size} numbers; give the 16 of table_from_camera, row by row")
     return check_pose(values.reshape(4, 4), str(path))

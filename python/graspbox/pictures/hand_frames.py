@@ -33,16 +33,14 @@ def save_hand_frames(path: PathLike, hands: Sequence[HandLike] = ("panda_gripper
     Parameters
     ----------
     path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
+        As of `graspbox.pictures.save_grasp_image`.
     hands : sequence of str, Hand or pair of paths
         The hands.
 
     Raises
     ------
-    ConfigError
-        If the path is not that of a picture.
-    FileError
-        If the file cannot be written.
+    ConfigError, FileError
+        As `graspbox.pictures.save_grasp_image`.
     """
     target, panels = check_path(path), []
     for hand in map(load_hand, hands):

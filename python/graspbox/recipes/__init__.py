@@ -4,7 +4,6 @@
 |---|---|
 | `settings` | options of these trainings, with time limits and sizes |
 | `depth`    | the stages of a policy that grasps from one depth image |
-| `learned`  | the object sets a policy was trained on, as recorded in its folder |
 | `cards`    | model cards of published policies of any kind |
 | `depth_cards` | card contents for policies that use one depth image |
 | `feel`     | the stages that add a grasp-stability check to such a policy |

@@ -16,6 +16,7 @@ from graspbox.artifacts.exports import FINALISTS, export_depth_policy, write_com
 from graspbox.artifacts.folders import read_depth_policy
 from graspbox.artifacts.graphs import ScorerGraph
 from graspbox.artifacts.runtimes import Parts, Scorer, load_parts, torch_network
+from graspbox.dataset.learned import evaluated_split, of_datasets, of_splits
 from graspbox.errors import ConfigError
 from graspbox.models.calibration import Calibration, calibration_error, fit_logits
 from graspbox.models.completion.network import train_completion
@@ -33,7 +34,6 @@ from graspbox.recipes.cards import write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.recipes.collection import CollectConfig, check_hand, collect, load_trials
 from graspbox.recipes.depth_cards import depth_card
-from graspbox.recipes.learned import evaluated_split, of_datasets, of_splits
 from graspbox.recipes.networks import TrainedNetworks
 from graspbox.recipes.settings import QUICK, QUICK_OBJECTS, DepthSettings, package_licence
 from graspbox.training.configs import TrainConfig

@@ -6,9 +6,9 @@ from typing import Any
 
 from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import DepthPolicyConfig
+from graspbox.dataset.learned import evaluated_split
 from graspbox.models.scenes import SceneConfig
 from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times
-from graspbox.recipes.learned import evaluated_split
 
 __all__ = ["depth_card", "feel_card", "head_card"]
 

@@ -9,6 +9,7 @@ from graspbox import evaluation, object_sets
 from graspbox._common.files import write_text
 from graspbox.artifacts.exports import export_head
 from graspbox.artifacts.folders import load
+from graspbox.dataset.learned import of_datasets
 from graspbox.errors import ConfigError
 from graspbox.models.head.batches import untried_scenes
 from graspbox.models.head.configs import HeadConfig, Kind
@@ -21,7 +22,6 @@ from graspbox.recipes.cards import write_card
 from graspbox.recipes.collection import check_hand, load_trials
 from graspbox.recipes.depth import reporter
 from graspbox.recipes.depth_cards import head_card
-from graspbox.recipes.learned import of_datasets
 from graspbox.recipes.settings import HeadSettings, package_licence
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome

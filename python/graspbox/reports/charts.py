@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from graspbox.errors import MissingExtraError
+from graspbox._common.extras import imported
 from graspbox.reports.runs import ReportRun
 
 __all__ = ["bundle", "comparison_chart", "curve_charts", "failure_chart", "rate_chart", "reliability_chart"]
@@ -14,17 +14,7 @@ _STEP, _HEIGHT = 13, 240
 
 
 def _altair() -> Any:
-    try:
-        import altair
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "altair":
-            raise
-        raise _missing("altair") from None
-    return altair
-
-
-def _missing(package: str) -> MissingExtraError:
-    return MissingExtraError(f"a report needs {package}, from the extra 'report': pip install 'graspbox[report]'")
+    return imported("altair", "a report needs altair, from the extra 'report'", "report")
 
 
 @cache
@@ -36,12 +26,7 @@ def bundle() -> str:
     MissingExtraError
         Without vl-convert-python (extra ``report``).
     """
-    try:
-        import vl_convert
-    except ModuleNotFoundError as error:
-        if error.name != "vl_convert":
-            raise
-        raise _missing("vl-convert-python") from None
+    vl_convert = imported("vl_convert", "a report needs vl-convert-python, from the extra 'report'", "report")
     bundled: Callable[..., str] = vl_convert.javascript_bundle
     return bundled(vl_version=".".join(_altair().SCHEMA_VERSION.lstrip("v").split(".")[:2]))
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.extras import imported
 from graspbox._common.files import replacing
 from graspbox._core import Hand, Mesh
-from graspbox.errors import ConfigError, MissingExtraError
+from graspbox.errors import ConfigError
 from graspbox.policies.grasp_image import ImageGrasps
 from graspbox.rerun.links import boxes_mesh, links
 from graspbox.rerun.motions import Motion
@@ -38,15 +39,7 @@ def sdk() -> Any:
     MissingExtraError
         Without rerun-sdk (extra ``rerun``).
     """
-    try:
-        import rerun
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("rerun", "rerun_bindings"):
-            raise
-        raise MissingExtraError(
-            "recordings need rerun-sdk, from the extra 'rerun': pip install 'graspbox[rerun]'"
-        ) from None
-    return rerun
+    return imported("rerun", "recordings need rerun-sdk, from the extra 'rerun'", "rerun")
 
 
 def check_file(path: Path) -> Path:

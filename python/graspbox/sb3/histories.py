@@ -58,7 +58,8 @@ def settings_of(folder: Path) -> dict[str, Any]:
     found = read_settings(folder)
     if missing := _NEEDED - set(found):
         lacking = ", ".join(sorted(missing))
-        raise ConfigError(f"{str(folder)!r} holds no run of graspbox train sb3 or clone; its settings lack {lacking}")
+        made = "give the folder of a run of graspbox train sb3 or graspbox train clone"
+        raise ConfigError(f"the settings of the run in {str(folder)!r} lack {lacking}; {made}")
     return found
 
 

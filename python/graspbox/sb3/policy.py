@@ -7,6 +7,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
 from graspbox import evaluation, policies
+from graspbox.errors import ConfigError
 from graspbox.evaluation import Evaluation
 from graspbox.policies import Actions, Policy
 
@@ -53,8 +54,18 @@ def summary(found: Evaluation) -> dict[str, Any]:
     dict
         Shares of ``success`` and ``secure``, their 95 % intervals ``ci95`` and ``secure_ci95`` (Wilson), mean
         ``return`` and ``length``, number of ``episodes``, and number of ``failures`` by kind.
+
+    Raises
+    ------
+    ConfigError
+        If there is no trial, since no object could be used.
     """
     trials = found.trials
+    if not trials:
+        why = "; ".join(f"{name}: {reason}" for name, reason in found.refused.items()) or "none is left"
+        raise ConfigError(
+            f"there is no trial of {found.policy}, since no object can be used ({why}); name other objects"
+        )
     return {
         "success": found.rate,
         "ci95": list(found.ci95),

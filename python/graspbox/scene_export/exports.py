@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from graspbox import _core, object_sets
 from graspbox._common.arguments import floats, shown
+from graspbox._common.extras import imported
 from graspbox._common.files import dumps
 from graspbox._common.refusals import errors_of, is_refusal, reason
-from graspbox.errors import ConfigError, GraspboxError, MissingExtraError
+from graspbox.errors import ConfigError, GraspboxError
 from graspbox.planning import Grasp
 from graspbox.scene_export.contents import ObjectData, SceneData, Start
 from graspbox.scene_export.description import Array, read_hand
@@ -62,10 +63,8 @@ class SetExport:
 
     Attributes
     ----------
-    to : str
-        The format.
-    folder : Path
-        The folder.
+    to, folder
+        As of `Export`.
     files : dict of str to Path
         The file to open, by the name of the object.
     refused : dict of str to str
@@ -87,12 +86,9 @@ def _format(to: str) -> Format:
 
 def _usd() -> ModuleType:
     """Import what writes USD."""
-    try:
-        from graspbox.scene_export import usd
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "pxr":
-            raise
-        raise MissingExtraError("USD needs usd-core, from the extra 'usd': pip install 'graspbox[usd]'") from None
+    imported("pxr", "USD needs usd-core, from the extra 'usd'", "usd")
+    from graspbox.scene_export import usd
+
     return usd
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox.errors import MissingExtraError
+from graspbox._common.extras import imported
 from graspbox.scene_export.contents import ObjectData
 
 __all__ = ["VISUAL", "hull_faces", "obj", "object_meshes", "part_name"]
@@ -40,19 +40,12 @@ def hull_faces(points: NDArray[np.float64]) -> NDArray[np.int64]:
     MissingExtraError
         Without SciPy.
     """
+    spatial = imported("scipy.spatial", "exported scenes need scipy, from the extra 'scenes'", "scenes")
     try:
-        from scipy.spatial import ConvexHull, QhullError
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "scipy":
-            raise
-        raise MissingExtraError(
-            "exported scenes need scipy, from the extra 'scenes': pip install 'graspbox[scenes]'"
-        ) from None
-    try:
-        hull = ConvexHull(points)
-    except QhullError:
+        hull = spatial.ConvexHull(points)
+    except spatial.QhullError:
         # The points are coplanar within rounding: joggle them.
-        hull = ConvexHull(points, qhull_options="QJ Pp")
+        hull = spatial.ConvexHull(points, qhull_options="QJ Pp")
     faces = np.asarray(hull.simplices, dtype=np.int64)
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -53,7 +53,7 @@ def read_curve(folder: Path) -> Curve:
     rows = list(Rows(folder / "losses.jsonl"))
     tests = [row for row in rows if "loss" in row]
     if not tests:
-        raise ConfigError(f"{str(folder)!r} holds no training with a validation; train the network first")
+        raise ConfigError(f"{str(folder)!r} has no row of a validation in losses.jsonl; train the network first")
     names = [name for name in tests[0] if name.startswith("train_")]
     train = {name.removeprefix("train_"): np.array([row[name] for row in rows]) for name in names}
     validation = {name: np.array([row[name] for row in tests]) for name in tests[0] if name not in names}

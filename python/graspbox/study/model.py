@@ -172,7 +172,9 @@ class PoseModel(nn.Module):  # type: ignore[misc]
             given: Any = json.loads(read_bounded(folder / _CONFIG, _LARGEST_CONFIG))
             model = cls(config_of(ModelConfig, given, _CONFIG))
         except (ValueError, TypeError, AttributeError) as error:
-            raise ConfigError(f"{str(folder / _CONFIG)!r} describes no model: {error}") from None
+            raise ConfigError(
+                f"{str(folder / _CONFIG)!r} does not describe a model ({error}); train the network again"
+            ) from None
         path = folder / _WEIGHTS
         if not path.is_file():
             raise FileError(2, "there are no weights of a model", str(path))
@@ -180,7 +182,9 @@ class PoseModel(nn.Module):  # type: ignore[misc]
             model.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
         except (RuntimeError, pickle.UnpicklingError, EOFError, TypeError) as error:
             reason = str(error).partition("\n")[0]
-            raise ConfigError(f"{str(path)!r} holds no weights of the network of {_CONFIG}: {reason}") from None
+            raise ConfigError(
+                f"{str(path)!r} does not have the weights of the network of {_CONFIG} ({reason}); train it again"
+            ) from None
         return model
 
 

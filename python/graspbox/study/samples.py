@@ -123,7 +123,7 @@ class Samples(ByValue):
         except OSError as error:
             raise FileError(error.errno, error.strerror or str(error), str(path)) from None
         except (KeyError, ValueError, zipfile.BadZipFile):
-            raise ConfigError(f"{str(path)!r} holds no samples; remove it, and it will be made again") from None
+            raise ConfigError(f"{str(path)!r} is not a file of samples; remove it, and it will be made again") from None
 
 
 #: Names of the arrays of `Samples`.

@@ -108,12 +108,8 @@ class PoseSet:
 
     Parameters
     ----------
-    canvas : Canvas
-        Where to draw.
-    name : str
-        Name of its nodes.
-    hand : Hand
-        The hand.
+    canvas, name, hand
+        As of `DrawnHand`.
     poses : (n, 4, 4) float64
         ``world_from_hand``, metres.
     preshape : (n,) float64

@@ -10,7 +10,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from graspbox._common.arguments import natural
-from graspbox.errors import ConfigError, GraspboxError, MissingExtraError
+from graspbox._common.extras import imported
+from graspbox.errors import ConfigError, GraspboxError
 from graspbox.viewer.canvas import Canvas
 from graspbox.viewer.kinds import find
 from graspbox.viewer.page import Options, Page
@@ -196,15 +197,7 @@ def _free_port(host: str, port: int | None) -> int:
 
 def _viser() -> Any:
     """Import viser."""
-    try:
-        import viser
-    except ModuleNotFoundError as error:
-        if error.name != "viser":
-            raise
-        raise MissingExtraError(
-            "graspbox.viewer needs the package viser, from the extra 'view': pip install 'graspbox[view]'"
-        ) from None
-    return viser
+    return imported("viser", "graspbox.viewer needs the package viser, from the extra 'view'", "view")
 
 
 def _start(host: str, port: int, label: str) -> Any:

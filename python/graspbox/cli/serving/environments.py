@@ -11,7 +11,7 @@ from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -108,6 +108,32 @@ def token_of(token_file: Path | None, tls_cert: str | None, tls_key: str | None)
     return None if token_file is None else token_in(token_file)
 
 
+def listener_options(
+    host: str,
+    port: int,
+    tls: tuple[str | None, str | None],
+    token_file: Path | None,
+    origins: list[str] | None,
+    insecure: bool,
+) -> dict[str, Any]:
+    """Return the fields of `graspbox.remote.settings.ListenerSettings` that every server has as options.
+
+    Raises
+    ------
+    ConfigError
+        As `token_of`.
+    """
+    return {
+        "host": host,
+        "port": port,
+        "token": token_of(token_file, *tls),
+        "tls_cert": tls[0],
+        "tls_key": tls[1],
+        "origins": tuple(origins or ()),
+        "insecure": insecure,
+    }
+
+
 def serve_until_stopped(server: RunningServer, *said: str) -> None:
     """Serve until SIGTERM or SIGINT, which let running calls end; a second one ends everything at once.
 
@@ -174,15 +200,9 @@ def serve(
     """
     log_to_stderr(log)
     settings = ServerSettings(
-        host=host,
-        port=port,
+        **listener_options(host, port, (tls_cert, tls_key), token_file, origins, insecure),
         objects=tuple(objects or available()),
         hands=tuple(hands or Hand.names()),
-        token=token_of(token_file, tls_cert, tls_key),
-        tls_cert=tls_cert,
-        tls_key=tls_key,
-        origins=tuple(origins or ()),
-        insecure=insecure,
         max_envs=max_envs,
         max_sessions=max_sessions,
         max_message=max_message,

@@ -14,10 +14,10 @@ from graspbox.cli.serving.environments import (
     TlsCert,
     TlsKey,
     TokenFile,
+    listener_options,
     log_to_stderr,
     options_named,
     serve_until_stopped,
-    token_of,
 )
 from graspbox.envs import IDS
 from graspbox.remote.policy_serving import PolicyServer
@@ -55,13 +55,7 @@ def serve_policy(
     """
     log_to_stderr(log)
     settings = PolicyServerSettings(
-        host=host,
-        port=port,
-        token=token_of(token_file, tls_cert, tls_key),
-        tls_cert=tls_cert,
-        tls_key=tls_key,
-        origins=tuple(origins or ()),
-        insecure=insecure,
+        **listener_options(host, port, (tls_cert, tls_key), token_file, origins, insecure),
         max_sessions=max_sessions,
         max_message=max_message,
         idle_timeout=idle_timeout,

@@ -336,10 +336,14 @@ def load_head(folder: Path, preshapes: int, crop: CropConfig = CropConfig()) -> 
     """
     path = Path(folder) / "head.json"
     if not path.exists():
-        raise ConfigError(f"{folder} holds no head.json; train a head there first")
+        raise ConfigError(
+            f"{folder} has no file named head.json; run graspbox train head, or give the folder of a trained head"
+        )
     try:
         net = head_of(preshapes, config_of(HeadConfig, json.loads(path.read_text()), "head.json"), crop)
     except (ValueError, TypeError, AttributeError) as error:
-        raise ConfigError(f"{path} describes no head: {error}") from None
+        raise ConfigError(
+            f"{path} does not describe a head ({error}); remove the folder, and train the head again"
+        ) from None
     load_weights(net, Path(folder) / "weights.pt")
     return net

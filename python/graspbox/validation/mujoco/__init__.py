@@ -19,16 +19,10 @@ model). It needs ``mujoco`` (extra ``dev``).
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
 """
 
-from graspbox.errors import MissingExtraError
+# ruff: noqa: E402 (the modules of this package import mujoco)
+from graspbox._common.extras import imported
 
-try:
-    import mujoco as _mujoco  # noqa: F401
-except ModuleNotFoundError as error:
-    if error.name != "mujoco":
-        raise
-    raise MissingExtraError(
-        "graspbox.validation.mujoco needs the package mujoco, from the extra 'dev': pip install 'graspbox[dev]'"
-    ) from None
+imported("mujoco", "graspbox.validation.mujoco needs the package mujoco, from the extra 'dev'", "dev")
 
 from graspbox.scene_export.description import HandDescription, read_hand
 from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, PLANNER_OBJECTS, compare, describe, object_data

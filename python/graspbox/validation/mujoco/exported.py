@@ -29,6 +29,7 @@ from graspbox.scene_export.mjcf import KEYFRAME, LIFT_GROUP
 from graspbox.scene_export.records import SCENE_FORMAT
 from graspbox.validation.mujoco.compare import check_settings, describe, object_data, scenes
 from graspbox.validation.mujoco.replay import Outcome, Replay, TrialTimes, replay, run_trial
+from graspbox.validation.mujoco.report import Agreement
 from graspbox.validation.mujoco.sampling import Source, sample_trials
 from graspbox.validation.mujoco.scene import Numerics, Scene, build, indexed
 
@@ -135,22 +136,12 @@ class ExportRow:
 
 
 @dataclass
-class ExportReport:
+class ExportReport(Agreement):
     """Results of `compare_exports`."""
 
     rows: list[ExportRow] = field(default_factory=list)
     #: Objects with too few feasible poses.
     left_out: list[str] = field(default_factory=list)
-
-    @property
-    def equal(self) -> int:
-        """Number of trials with equal labels."""
-        return sum(row.equal for row in self.rows)
-
-    @property
-    def share(self) -> float:
-        """Share of equal labels."""
-        return self.equal / len(self.rows) if self.rows else 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as JSON types."""

@@ -68,8 +68,24 @@ class Row:
         }
 
 
+class Agreement:
+    """Rows that have equal labels, for a report with `rows`."""
+
+    rows: list[Any]
+
+    @property
+    def equal(self) -> int:
+        """Number of trials with equal labels."""
+        return sum(row.equal for row in self.rows)
+
+    @property
+    def share(self) -> float:
+        """Share of equal labels."""
+        return self.equal / len(self.rows) if self.rows else 0.0
+
+
 @dataclass
-class Report:
+class Report(Agreement):
     """Result of a comparison."""
 
     rows: list[Row] = field(default_factory=list)
@@ -83,16 +99,6 @@ class Report:
     core_seconds: float = 0.0
     core_full_seconds: float = 0.0
     mujoco_seconds: float = 0.0
-
-    @property
-    def equal(self) -> int:
-        """Trials with equal labels."""
-        return sum(row.equal for row in self.rows)
-
-    @property
-    def share(self) -> float:
-        """Share of equal labels."""
-        return self.equal / len(self.rows) if self.rows else 0.0
 
     @property
     def bias(self) -> float:

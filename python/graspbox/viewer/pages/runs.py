@@ -79,7 +79,9 @@ class RunPage(Page):
         try:
             found = [json.loads(line) for line in content[: content.rfind(b"\n") + 1].splitlines()]
         except ValueError:
-            raise ConfigError(f"{str(path)!r} holds no rows of JSON") from None
+            raise ConfigError(
+                f"{str(path)!r} has a line that is not JSON; choose another file, or remove the line"
+            ) from None
         return [row for row in found if isinstance(row, dict)]
 
     def _choose(self) -> None:

@@ -1,0 +1,84 @@
+"""A bare Debian, in which the wheels are installed and used."""
+
+import json
+import os
+import re
+import shutil
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from wheels.files import ROOT, CheckError, run, version, wheels
+
+#: Seconds that the evaluation of one trial may take.
+LONGEST = 20.0
+_EVALUATE = ("graspbox", "evaluate", "depth", "--trials", "1", "--json")
+
+
+class BareDebian:
+    """A Debian with Python and pip alone, in a folder; kept for the next check."""
+
+    def __init__(self, folder: Path, suite: str, mirror: str) -> None:
+        self.folder = folder
+        if os.geteuid() != 0:
+            raise CheckError("only root can make and enter a Debian root; run it as root, or in a container")
+        if not (folder / "usr/bin/pip3").exists():
+            packages = "python3,python3-pip,ca-certificates"
+            run(["debootstrap", "--variant=minbase", f"--include={packages}", suite, str(folder), mirror])
+
+    def run(self, *command: str) -> str:
+        """Run a program in it, with /proc but without the variables and the network of this machine."""
+        enter = f"mount -t proc proc {self.folder}/proc && exec chroot {self.folder} env -i "
+        enter += 'HOME=/root LANG=C.UTF-8 PATH=/usr/local/bin:/usr/bin:/bin "$@"'
+        return run(["unshare", "--mount", "--net", "--propagation", "private", "sh", "-euc", enter, "sh", *command])
+
+    def platforms(self) -> tuple[str, list[str]]:
+        """Return its version of Python and the tags of wheels that it takes."""
+        code = "import platform as p, sys; print(*sys.version_info[:2], p.machine(), p.libc_ver()[1])"
+        major, minor, machine, glibc = self.run("python3", "-c", code).split()
+        newest = int(glibc.partition(".")[2])
+        named = [f"manylinux_2_{n}_{machine}" for n in range(5, newest + 1)]
+        return f"{major}.{minor}", [*named, f"manylinux2014_{machine}"]
+
+
+def download(own: Sequence[Path], data: Path, debian: BareDebian, folder: Path) -> None:
+    """Download the packages that both wheels need, for the bare Debian, into a folder of it."""
+    python, platforms = debian.platforms()
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    command = [sys.executable, "-m", "pip", "download", "--quiet", "--only-binary=:all:", "--python-version", python]
+    command += [word for name in platforms for word in ("--platform", name)]
+    run([*command, "--find-links", str(own[0].parent), "--dest", str(folder), str(data)])
+    for path in own:
+        if (folder / path.name).exists() and (folder / path.name).read_bytes() != path.read_bytes():
+            raise CheckError(f"the package index has another {path.name}; the version is published already")
+
+
+def first_example() -> str:
+    """Return the first example of README.md."""
+    found = re.search(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
+def check_install(dist: Path, debian: BareDebian) -> None:
+    """Install both wheels in a bare Debian, and use them."""
+    own, data = wheels(dist)
+    download(own, data, debian, debian.folder / "wheels")
+    pip = ("python3", "-m", "pip")
+    # Debian wants a virtual environment; in a root that nobody else uses there is nothing to protect.
+    debian.run(*pip, "uninstall", "--quiet", "--yes", "--break-system-packages", "graspbox", "graspbox-policies")
+    given = ("install", "--quiet", "--break-system-packages", "--no-index", "--find-links", "/wheels")
+    debian.run(*pip, *given, "graspbox", "graspbox-policies")
+    installed = debian.run("python3", "-c", "import graspbox; print(graspbox.__version__)").strip()
+    if installed != version():
+        raise CheckError(f"graspbox.__version__ is {installed}; the wheel is of {version()}")
+    print(f"installed graspbox {installed} in {debian.run('cat', '/etc/debian_version').strip()}")
+    print(f"the first example of README.md printed {debian.run('python3', '-c', first_example()).strip()}")
+    begun = time.perf_counter()
+    result = json.loads(debian.run(*_EVALUATE))
+    seconds = time.perf_counter() - begun
+    print(f"{' '.join(_EVALUATE)}: {result['succeeded']} of {result['trials']} in {seconds:.1f} s")
+    if result["trials"] != 1 or seconds > LONGEST:
+        raise CheckError(f"one trial is to take at most {LONGEST:.0f} s")
