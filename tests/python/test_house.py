@@ -25,7 +25,6 @@ LONGEST_FUNCTION = 60
 LARGEST_FOLDER = 16
 
 
-
 def declared_arrows() -> dict[str, set[str]]:
     """Read the lines ``crate -> crate, crate`` of ARCHITECTURE.md."""
     text = (ROOT / "ARCHITECTURE.md").read_text()
