@@ -296,7 +296,7 @@ class Scene:
         """Try every pose, with the object's friction and mass multiplied by `factors` (n, 2)."""
     def trace(
         self, pose: NDArray[np.float64], preshape: float, config: str
-    ) -> tuple[OutcomeArrays, dict[str, NDArray[np.float64]]]:
+    ) -> tuple[OutcomeArrays, dict[str, NDArray[Any]]]:
         """Run a trial; its samples are the fields of `graspbox.Trace` by name."""
 
 @final

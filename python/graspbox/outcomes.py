@@ -155,6 +155,16 @@ class Trace(ByValue):
         Tension of every tendon (`graspbox.Hand.tendons`), N.
     hand_force : (t,) float64
         Sum of the normal forces between hand and object, N.
+    tactile : (t, s) float64
+        Force on each tactile sensor, N, in the order of the observation ``tactile``.
+    contact_samples : (k,) int64
+        Sample of each of the k contact points of hand and object in all samples, ascending.
+    contact_shapes : (k,) int64
+        Index of the hand's shape in `graspbox.Hand.shapes`.
+    contact_points, contact_normals : (k, 3) float64
+        Positions, metres, and unit normals into the object; world frame.
+    contact_forces : (k, 3) float64
+        Forces on the object with friction, mean over a time step, world frame, N.
     """
 
     time: NDArray[np.float64]
@@ -166,3 +176,14 @@ class Trace(ByValue):
     loads: NDArray[np.float64]
     tensions: NDArray[np.float64]
     hand_force: NDArray[np.float64]
+    tactile: NDArray[np.float64]
+    contact_samples: NDArray[np.int64]
+    contact_shapes: NDArray[np.int64]
+    contact_points: NDArray[np.float64]
+    contact_normals: NDArray[np.float64]
+    contact_forces: NDArray[np.float64]
+
+    def contacts(self, sample: int) -> slice:
+        """Return the rows of the ``contact_`` arrays that belong to a sample."""
+        first, last = np.searchsorted(self.contact_samples, [sample, sample + 1])
+        return slice(int(first), int(last))

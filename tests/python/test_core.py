@@ -208,6 +208,36 @@ def test_trace_tells_the_trial() -> None:
     assert trace.world_from_hand[-1, 2, 3] - trace.world_from_hand[0, 2, 3] == pytest.approx(0.20, abs=1e-3)
 
 
+@pytest.mark.parametrize(("engine", "tolerance"), [("newton", 1e-4), ("rapier", 0.05)])
+def test_contact_forces_of_a_trace_carry_the_object(engine: Literal["newton", "rapier"], tolerance: float) -> None:
+    """In the hold they balance its weight; friction stays within its cone, and normal parts add up to `hand_force`."""
+    mesh = cuboid(0.06, 0.06, 0.12, mass=0.1)
+    scene = graspbox.Scene(mesh, physics=graspbox.PhysicsConfig(engine=engine))
+    outcome, trace = scene.trace(from_above(0.14), 0.0)
+    assert outcome.success[0]
+    assert trace.tactile.shape == (len(trace.time), 27)
+    assert trace.tactile.any()
+    normal = np.sum(trace.contact_forces * trace.contact_normals, axis=1)
+    across = np.linalg.norm(trace.contact_forces - normal[:, None] * trace.contact_normals, axis=1)
+    assert (across <= 1.02 * normal + 0.02).all()  # the pads have a friction of 1
+    sums = np.bincount(trace.contact_samples, normal, len(trace.time))
+    np.testing.assert_allclose(sums, trace.hand_force, rtol=1e-2, atol=1e-3)
+    held = trace.contacts(len(trace.time) - 1)
+    points, forces = trace.contact_points[held], trace.contact_forces[held]
+    weight = 0.1 * 9.81
+    np.testing.assert_allclose(forces.sum(axis=0), [0.0, 0.0, weight], atol=tolerance * weight)
+    pose = trace.world_from_object[-1]
+    arms = points - (pose[:3, :3] @ mesh.center_of_mass + pose[:3, 3])
+    np.testing.assert_allclose(np.cross(arms, forces).sum(axis=0), 0.0, atol=tolerance * weight * 0.06)
+    # The points are on the surface of the box, and on the shapes that they name.
+    local = (points - pose[:3, 3]) @ pose[:3, :3]
+    assert np.abs(np.abs(local - [0, 0, 0.06]) - [0.03, 0.03, 0.06]).min(axis=1).max() < 1e-3
+    frames, halves, _, _ = scene.hand.shapes(trace.joints[-1].copy())
+    frames = trace.world_from_hand[-1] @ frames[trace.contact_shapes[held]]
+    inside = np.einsum("nji,nj->ni", frames[:, :3, :3], points - frames[:, :3, 3])
+    assert (np.abs(inside) <= halves[trace.contact_shapes[held]] + 1e-3).all()
+
+
 def test_trace_of_an_infeasible_pose_is_empty() -> None:
     """A trace judges a pose as `simulate` does: here the palm stands inside the object, or meets it on the way."""
     scene = graspbox.Scene(cuboid(0.06, 0.06, 0.12))
@@ -225,6 +255,8 @@ def test_trace_of_an_infeasible_pose_is_empty() -> None:
         assert trace.world_from_hand.shape == trace.world_from_object.shape == (0, 4, 4)
         assert trace.joints.shape == (0, 7)
         assert trace.tensions.shape == (0, 3)
+        assert trace.contact_points.shape == trace.contact_forces.shape == (0, 3)
+        assert trace.contacts(0) == slice(0, 0)
 
 
 def test_hand_from_its_files(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import graspbox
 from datasets_for_tests import config
 from graspbox import cli, dataset, errors, object_sets
 from graspbox.evaluation.planner_trials import try_set
-from graspbox.viewer import Viewer, contacts, show
+from graspbox.viewer import Viewer, show
 from graspbox.viewer.drawn_hand import PoseSet
 from graspbox.viewer.kinds import KINDS
 from graspbox.viewer.links import HandLinks
@@ -107,28 +107,6 @@ def test_the_trace_of_a_trial_moves_hand_and_object(can: Viewer) -> None:
     wait_for(lambda: 0 < player.slider.value < len(trace.time) - 1 or player.play.label == "play")
     player.stop()
     page.show_poses.value = True
-
-
-def test_estimated_forces_balance_the_weight_and_add_up(can: Viewer) -> None:
-    page: Any = can.page
-    page.select(int(np.flatnonzero(page.failure == "")[0]))
-    trace, sample = page.player.trace, len(page.player.trace.time) - 1
-    hand = page.hand.hand
-    surface, mass = contacts.Surface(page.scene.mesh), page.scene.body.mass
-    links = HandLinks(hand)
-    found = contacts.estimate(surface, hand, links, trace, sample, mass)
-    along = np.sum(found.forces * found.normals, axis=1)
-    assert len(along) >= 2
-    assert along.sum() == pytest.approx(trace.hand_force[sample], rel=1e-6)
-    across = np.linalg.norm(found.forces - along[:, None] * found.normals, axis=1)
-    assert (across <= links.friction[found.shapes] * along + 1e-6).all()
-    weight = mass * 9.81
-    assert np.linalg.norm(found.forces.sum(axis=0) - [0.0, 0.0, weight]) < 0.1 * trace.hand_force[sample]
-    # Each contact lies on the surface of the object.
-    object_from_world = np.linalg.inv(trace.world_from_object[sample])
-    local = found.points @ object_from_world[:3, :3].T + object_from_world[:3, 3]
-    distances = np.linalg.norm(surface.points[:, None] - local, axis=2).min(axis=0)
-    assert distances.max() < 0.01
 
 
 def test_a_pose_that_does_not_exist_is_an_error_in_the_page(can: Viewer) -> None:

@@ -4,7 +4,7 @@
 //! fixed.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_agent::env_pool::Stepped;
+use graspbox_agent::pool::env_pool::Stepped;
 use graspbox_agent::{
     AgentConfig, AgentError, Autoreset, Batch, Control, EnvPool, Objects, Randomization, ResetOptions,
 };

@@ -3,16 +3,16 @@
 //! A bug here: a hand that jerks what it holds, that is driven into the table or crushes an object; an ending that is missed.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_agent::action::OPEN_SHARE;
-use graspbox_agent::arm_controller::{
+use graspbox_agent::actions::action::OPEN_SHARE;
+use graspbox_agent::actions::arm_controller::{
     ANGULAR_ACCELERATION, ANGULAR_SPEED, ArmController, Goal, LINEAR_ACCELERATION, LINEAR_SPEED,
 };
-use graspbox_agent::control::CONTROL_PERIOD;
-use graspbox_agent::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE};
-use graspbox_agent::info::failure_names;
-use graspbox_agent::reset_options::ObjectChoice;
-use graspbox_agent::reward::TERMS;
-use graspbox_agent::workspace::{LOST_DISTANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_agent::actions::control::CONTROL_PERIOD;
+use graspbox_agent::actions::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE};
+use graspbox_agent::actions::workspace::{LOST_DISTANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_agent::observations::info::failure_names;
+use graspbox_agent::rewards::reward::TERMS;
+use graspbox_agent::starts::reset_options::ObjectChoice;
 use graspbox_agent::{Control, EnvPool, Observation, ResetOptions};
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, HandLoad, PhysicsConfig};

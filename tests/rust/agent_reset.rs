@@ -1,7 +1,7 @@
 //! Options of a reset and settings of environments: they change what they name and nothing else, and are refused out of range.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_agent::reset_options::ObjectChoice;
+use graspbox_agent::starts::reset_options::ObjectChoice;
 use graspbox_agent::{AgentConfig, AgentError, Control, EnvPool, Objects, Observation, ResetOptions};
 use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;

@@ -4,13 +4,13 @@
 //! A bug here: a reader in the wrong row, a row of the wrong size.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_agent::action::OPEN_SHARE;
-use graspbox_agent::agent_episode::AgentEpisode;
-use graspbox_agent::info::{INFO, InfoValue, failure_names, info_table, read_info};
-use graspbox_agent::potentials::Potentials;
-use graspbox_agent::record::Record;
-use graspbox_agent::reward::{Attempt, TERMS, TermValues, Transition, term_table};
-use graspbox_agent::view::View;
+use graspbox_agent::actions::action::OPEN_SHARE;
+use graspbox_agent::observations::info::{INFO, InfoValue, failure_names, info_table, read_info};
+use graspbox_agent::observations::view::View;
+use graspbox_agent::pool::agent_episode::AgentEpisode;
+use graspbox_agent::pool::record::Record;
+use graspbox_agent::rewards::potentials::Potentials;
+use graspbox_agent::rewards::reward::{Attempt, TERMS, TermValues, Transition, term_table};
 use graspbox_agent::{AgentConfig, Column, Control, EnvPool, EnvSpec, Observation, Randomization, ResetOptions};
 use graspbox_episode::FailureKind;
 use graspbox_objects::Family;

@@ -1,9 +1,9 @@
 //! Objects prepared ahead: the next episode finds its own, and no bit depends on when it was prepared.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_agent::initial_samples::InitialSamples;
-use graspbox_agent::initial_state::InitialState;
-use graspbox_agent::random_stream::RandomStream;
+use graspbox_agent::starts::initial_samples::InitialSamples;
+use graspbox_agent::starts::initial_state::InitialState;
+use graspbox_agent::starts::random_stream::RandomStream;
 use graspbox_agent::{AgentConfig, Autoreset, Batch, EnvPool, Objects, ResetOptions};
 use graspbox_objects::Family;
 use graspbox_tests::agent::objects;

@@ -1,7 +1,7 @@
 //! One decision an episode: the environment gives the verdicts of a batch of trials, whoever runs beside it.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_agent::action::pose_and_preshape;
+use graspbox_agent::actions::action::pose_and_preshape;
 use graspbox_agent::{AgentConfig, Autoreset, Control, EnvPool, Objects, Observation, Randomization, ResetOptions};
 use graspbox_episode::{Progress, Scene, TrialConfig, run_trials};
 use graspbox_hand::GraspPose;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 const FAMILIES: [Family; 3] = [Family::Box, Family::Can, Family::Ball];
 /// Index of a reward term.
 const REACH: usize = 0;
-const TERMS: usize = graspbox_agent::reward::TERM_COUNT;
+const TERMS: usize = graspbox_agent::rewards::reward::TERM_COUNT;
 
 fn decisions(objects: &Arc<Objects>, count: usize, randomization: Randomization) -> EnvPool {
     let config = AgentConfig {

@@ -1,9 +1,9 @@
 //! Environments of procedural objects, and a driver that follows a planned grasp by ordinary actions.
 
-use graspbox_agent::control::CONTROL_PERIOD;
-use graspbox_agent::info::InfoArray;
-use graspbox_agent::reward::{TERM_COUNT, TermValues};
-use graspbox_agent::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_agent::actions::control::CONTROL_PERIOD;
+use graspbox_agent::actions::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_agent::observations::info::InfoArray;
+use graspbox_agent::rewards::reward::{TERM_COUNT, TermValues};
 use graspbox_agent::{AgentConfig, Batch, Control, EnvPool, Objects, ResetOptions, Source};
 use graspbox_episode::TrialConfig;
 use graspbox_episode::trial::minimum_jerk;

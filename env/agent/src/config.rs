@@ -1,8 +1,8 @@
 //! Settings of environments: control, endings, observations, randomization.
 
 use crate::AgentError;
-use crate::control::Control;
-use crate::observation::Observation;
+use crate::actions::control::Control;
+use crate::observations::observation::Observation;
 use graspbox_episode::{SuccessCriterion, TrialConfig};
 use graspbox_mesh::in_range;
 use graspbox_vision::CamerasConfig;

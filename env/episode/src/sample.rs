@@ -1,7 +1,7 @@
 //! The trace of a trial.
 
 use crate::episode::Episode;
-use graspbox_sim::World;
+use graspbox_sim::{HandContact, World};
 use nalgebra::{Isometry3, Point3};
 
 /// Time between the samples of a trace, seconds.
@@ -28,6 +28,10 @@ pub struct Sample {
     pub tensions: Vec<f64>,
     /// Sum of the normal forces between hand and object, N.
     pub hand_force: f64,
+    /// Force on each tactile sensor, N.
+    pub tactile: Vec<f64>,
+    /// Contact points at which the object presses on the hand; hand frame.
+    pub contacts: Vec<HandContact>,
 }
 
 impl Sample {
@@ -44,6 +48,8 @@ impl Sample {
             loads: (0..world.actuators().len()).map(|actuator| world.load(actuator)).collect(),
             tensions: (0..world.hand().tendons.len()).map(|tendon| world.tension(tendon)).collect(),
             hand_force: world.contacts().hand_force,
+            tactile: world.tactile().force,
+            contacts: world.hand_contacts().into_iter().filter(|contact| contact.with_object).collect(),
         }
     }
 }

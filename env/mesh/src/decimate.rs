@@ -22,13 +22,13 @@
 //! `cargo run --release -p graspbox-objects --features compare --example compare_decimation -- FOLDER_OF_YCB_STL_FILES`
 
 mod cache;
+pub(crate) mod cluster;
 mod distance;
 mod quadric;
 
 pub use distance::{Decimated, Hausdorff, hausdorff};
 
 use crate::clean::compact;
-use crate::cluster;
 use crate::error::{MeshError, require};
 use crate::fast_hash::{FastMap, map_for};
 use crate::trimesh::TriMesh;

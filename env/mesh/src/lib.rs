@@ -6,13 +6,13 @@
 //! | [`io`] | STL, PLY, OBJ, OFF: bounded, with clear errors |
 //! | [`clean`](mod@clean) | weld, drop, orient, components, watertight test |
 //! | [`decimate`](mod@decimate) | fewer faces, still watertight |
-//! | `cluster` | far fewer faces, in linear time |
+//! | `decimate::cluster` | far fewer faces, in linear time |
 //! | [`sample`] | surface samples, uniform by area; evenly spread directions |
 //! | [`mass`] | volume, centre of mass, inertia |
 //! | [`hull`] | convex hull |
 //! | [`distance_grid`] | signed distance on a grid |
 //! | [`parts`] | convex parts: the collision geometry |
-//! | [`resting`] | stable poses on a table |
+//! | [`mass::resting`] | stable poses on a table |
 //! | [`voxel`] | solid and surface voxels, binvox files |
 //! | [`range`] | range checks of settings, for every crate |
 //! | `fast_hash` | maps and sets of small keys |
@@ -42,7 +42,6 @@
 pub mod cache;
 pub mod checksum;
 pub mod clean;
-mod cluster;
 pub mod decimate;
 pub mod distance_grid;
 pub mod error;
@@ -52,7 +51,7 @@ pub mod io;
 pub mod mass;
 pub mod parts;
 pub mod range;
-pub mod resting;
+
 pub mod sample;
 pub mod trimesh;
 pub mod voxel;
@@ -63,10 +62,10 @@ pub use distance_grid::DistanceGrid;
 pub use error::MeshError;
 pub use hull::convex_hull;
 pub use io::{LoadOptions, MeshFormat, load, parse, read_bounded, write_atomic, write_obj, write_stl};
+pub use mass::resting::{RestingOptions, RestingPose, default_pose, resting_poses};
 pub use mass::{Mass, MassMethod, MassProperties, mass_properties};
 pub use parts::{ConvexParts, PartsParams, PartsReport, convex_parts, measure_parts};
 pub use range::{OutOfRange, all_within, in_range, is_pose};
-pub use resting::{RestingOptions, RestingPose, default_pose, resting_poses};
 pub use sample::{SurfaceSample, fibonacci_sphere, fibonacci_zone, sample_surface};
 pub use trimesh::{Aabb, TriMesh};
 pub use voxel::{

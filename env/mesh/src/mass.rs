@@ -7,6 +7,7 @@
 
 pub(crate) mod face_tree;
 mod moments;
+pub mod resting;
 mod solid;
 
 use crate::clean::{compact, is_closed};

@@ -39,7 +39,7 @@ mod reduce;
 
 pub use params::{ConvexParts, PartsParams, PartsReport};
 
-use crate::cluster;
+use crate::decimate::cluster;
 use crate::error::MeshError;
 use crate::trimesh::TriMesh;
 use decompose::decompose;

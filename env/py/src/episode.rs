@@ -12,7 +12,7 @@ use graspbox_episode::{
 };
 use graspbox_hand::GraspPose;
 use graspbox_plan::Feasibility;
-use graspbox_sim::PhysicsConfig;
+use graspbox_sim::{HandContact, PhysicsConfig};
 use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -232,5 +232,29 @@ fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], hand: &graspbox_hand:
     rows("actuators", hand.actuators.len(), |s| &s.actuators)?;
     rows("loads", hand.actuators.len(), |s| &s.loads)?;
     rows("tensions", hand.tendons.len(), |s| &s.tensions)?;
+    rows("tactile", hand.sensors.len(), |s| &s.tactile)?;
+    contact_arrays(py, samples, hand, &dict)?;
     Ok(dict)
+}
+
+/// The contacts of all samples, one row each: forces on the object, world frame.
+fn contact_arrays(
+    py: Python<'_>,
+    samples: &[Sample],
+    hand: &graspbox_hand::Hand,
+    dict: &Bound<'_, PyDict>,
+) -> PyResult<()> {
+    let found = || samples.iter().enumerate().flat_map(|(row, s)| s.contacts.iter().map(move |c| (row, s, c)));
+    let count = found().count();
+    let first_shape = |link: usize| hand.links[..link].iter().map(|l| l.colliders.len()).sum::<usize>();
+    let vectors = |get: fn(&Sample, &HandContact) -> Vector3<f64>| {
+        array::<f64>(py, found().flat_map(|(_, s, c)| <[f64; 3]>::from(get(s, c))).collect(), &[count, 3])
+    };
+    let indices = |values: Vec<i64>| array(py, values, &[count]);
+    dict.set_item("contact_samples", indices(found().map(|(row, ..)| row as i64).collect())?)?;
+    let shapes = found().map(|(.., c)| (first_shape(c.link) + c.shape) as i64);
+    dict.set_item("contact_shapes", indices(shapes.collect())?)?;
+    dict.set_item("contact_points", vectors(|s, c| (s.world_from_hand * c.point).coords)?)?;
+    dict.set_item("contact_normals", vectors(|s, c| s.world_from_hand * -c.normal)?)?;
+    dict.set_item("contact_forces", vectors(|s, c| s.world_from_hand * -(c.normal * c.force + c.friction_force))?)
 }

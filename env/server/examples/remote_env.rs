@@ -5,7 +5,7 @@
 //! token, where the server has one. `docs/reference/protocol.md` lists the commands and what their answers hold.
 
 use bytes::Bytes;
-use graspbox_server::value::NdArray;
+use graspbox_server::wire::value::NdArray;
 use graspbox_server::{Client, ClientOptions, Encoder, Value, decode};
 use std::error::Error;
 use std::process::ExitCode;

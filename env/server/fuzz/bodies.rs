@@ -1,7 +1,7 @@
 //! What the fuzz targets do with their bytes: plain functions, which tests call too. They panic where the server is wrong.
 
-use graspbox_server::command::Request;
 use graspbox_server::gate::Gate;
+use graspbox_server::wire::command::Request;
 use graspbox_server::{Encoder, Value, decode as read};
 use http::{HeaderMap, HeaderName, HeaderValue};
 

@@ -1,9 +1,9 @@
 //! A client of environments: numbers commands, waits for answers, and resumes its session after a lost connection.
 
 use crate::client_socket::{ClientError, ClientOptions, Incoming, PATIENCE, Socket};
-use crate::decode::{decode, leading_id};
-use crate::encode::Encoder;
-use crate::value::Value;
+use crate::wire::decode::{decode, leading_id};
+use crate::wire::encode::Encoder;
+use crate::wire::value::Value;
 use bytes::Bytes;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};

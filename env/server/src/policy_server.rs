@@ -3,14 +3,14 @@
 //! Deciders take [`PolicyJob`]s from the queue. Connections wait for decisions without a thread, and continue to answer pings.
 
 use crate::config::{MAX_UNUSED_POLICY, PING, SESSION_OVER, SPARE_CONNECTIONS, ServerConfig, WRITE_TIMEOUT};
-use crate::connection::{refuse, write};
-use crate::encode::Encoder;
 use crate::error::ServerError;
-use crate::fault::Fault;
 use crate::gate::Gate;
 use crate::listener;
 use crate::metrics::Metrics;
 use crate::server::{check, counters, io_runtime, refused};
+use crate::serving::connection::{refuse, write};
+use crate::wire::encode::Encoder;
+use crate::wire::fault::Fault;
 use axum::body::{Body, to_bytes};
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{DefaultBodyLimit, State};

@@ -1,17 +1,17 @@
 //! Environment server: starts, drains, ends.
 
-use crate::command::COMMANDS;
 use crate::config::{MAX_WAITING, SPARE_CONNECTIONS, ServerConfig};
-use crate::connection;
-use crate::encode::Encoder;
 use crate::error::ServerError;
-use crate::fault::Classify;
 use crate::gate::Gate;
-use crate::hub::{Hub, MakeJob};
 use crate::listener;
 use crate::metrics::{Metrics, OPENMETRICS};
-use crate::sessions::Sessions;
-use crate::value::{MAX_DEPTH, MAX_VALUES};
+use crate::serving::connection;
+use crate::serving::hub::{Hub, MakeJob};
+use crate::serving::sessions::Sessions;
+use crate::wire::command::COMMANDS;
+use crate::wire::encode::Encoder;
+use crate::wire::fault::Classify;
+use crate::wire::value::{MAX_DEPTH, MAX_VALUES};
 use axum::extract::State;
 use axum::extract::ws::WebSocketUpgrade;
 use axum::http::header::CONTENT_TYPE;
@@ -193,7 +193,7 @@ fn hello(config: &ServerConfig, offer: &serde_json::Value) -> Bytes {
         "waiting_commands": MAX_WAITING,
         "depth": MAX_DEPTH,
         "values": MAX_VALUES,
-        "text": crate::fields::MAX_TEXT,
+        "text": crate::wire::fields::MAX_TEXT,
     });
     let mut whole = serde_json::json!({
         "protocol": "graspbox",

@@ -6,7 +6,7 @@
 mod bodies;
 
 use graspbox_server::gate::Gate;
-use graspbox_server::value::{Dtype, MAX_DEPTH, MAX_VALUES, NdArray};
+use graspbox_server::wire::value::{Dtype, MAX_DEPTH, MAX_VALUES, NdArray};
 use graspbox_server::{CodecError, Encoder, Value, decode};
 use http::{HeaderMap, HeaderValue};
 use proptest::collection::vec;
@@ -125,11 +125,11 @@ proptest! {
 
     #[test]
     fn fields_of_any_kind_are_read_or_refused(
-        row in 0..graspbox_server::command::COMMANDS.len(),
+        row in 0..graspbox_server::wire::command::COMMANDS.len(),
         fields in vec(tree(), 9),
         id in prop_oneof![Just(Tree::Integer(7)), tree()],
     ) {
-        let (command, names, _) = graspbox_server::command::COMMANDS[row];
+        let (command, names, _) = graspbox_server::wire::command::COMMANDS[row];
         let mut entries = vec![("id".to_owned(), id), ("command".to_owned(), Tree::Text(command.to_owned()))];
         entries.extend(names.iter().map(|name| (*name).to_owned()).zip(fields));
         bodies::request(&Tree::Map(entries).bytes());

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_agent::control::Control;
+use graspbox_agent::actions::control::Control;
 use graspbox_agent::source::Source;
 use graspbox_agent::{AgentConfig, EnvPool, Objects, ResetOptions};
 use graspbox_hand::Hand;
@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// Bytes before the body: the magic number and the checksum.
 const HEAD: usize = 8 + 32;
 const STATE: &[u8; 8] = b"gbagenta";
-const WORLD: &[u8; 8] = b"gbworld5";
+const WORLD: &[u8; 8] = b"gbworld6";
 
 fn below(rng: &mut TestRng, end: usize) -> usize {
     use proptest::prelude::Rng;

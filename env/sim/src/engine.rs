@@ -67,6 +67,8 @@ pub(crate) struct Contact {
     pub distance: f64,
     /// Normal force, mean over the step, N; 0 where it does not press.
     pub force: f64,
+    /// Friction on the second part, mean over the step, frame of the hand's base, N.
+    pub friction_force: Vector3<f64>,
     /// Coefficient of friction of the pair.
     pub friction: f64,
 }

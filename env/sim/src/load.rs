@@ -9,6 +9,8 @@ use nalgebra::{Point3, Vector3};
 pub struct HandContact {
     /// Index of the link.
     pub link: usize,
+    /// Index of the collider within the link.
+    pub shape: usize,
     /// True for the object, false for table and ground.
     pub with_object: bool,
     /// Position, metres.
@@ -17,6 +19,8 @@ pub struct HandContact {
     pub normal: Vector3<f64>,
     /// Normal force, N.
     pub force: f64,
+    /// Friction on the link, N.
+    pub friction_force: Vector3<f64>,
     /// Coefficient of friction of the pair.
     pub friction: f64,
 }
@@ -65,17 +69,19 @@ impl World {
             if contact.force <= 0.0 {
                 return;
             }
-            let (link, other, into_link) = match contact.sides.map(|side| side.part) {
-                [Part::Link { link, .. }, other] => (link, other, -contact.normal),
-                [other, Part::Link { link, .. }] => (link, other, contact.normal),
+            let (link, shape, other, sign) = match contact.sides.map(|side| side.part) {
+                [Part::Link { link, shape }, other] => (link, shape, other, -1.0),
+                [other, Part::Link { link, shape }] => (link, shape, other, 1.0),
                 _ => return,
             };
             visit(HandContact {
                 link,
+                shape,
                 with_object: other == Part::Object,
                 point: hand_from_base * contact.point,
-                normal: hand_from_base * into_link,
+                normal: hand_from_base * (sign * contact.normal),
                 force: contact.force,
+                friction_force: hand_from_base * (sign * contact.friction_force),
                 friction: contact.friction,
             });
         });

@@ -163,6 +163,7 @@ impl Engine for Newton {
                     normal: contact.normal,
                     distance: contact.distance,
                     force: contact.force,
+                    friction_force: contact.friction_force,
                     friction: contact.friction,
                 });
             },

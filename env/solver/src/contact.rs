@@ -36,4 +36,6 @@ pub struct Contact {
     pub distance: f64,
     /// Normal force, mean over the step, N.
     pub force: f64,
+    /// Friction on the second body, mean over the step, frame of the base, N.
+    pub friction_force: Vector3<f64>,
 }

@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::kinematics::Kinematics;
-use crate::matrix::Matrix;
 use crate::model::Model;
+use crate::problem::matrix::Matrix;
 use crate::tree::JointKind;
 
 /// Motion of the base's frame; axes of the base.

@@ -30,12 +30,16 @@
 //! step, so sliding does not lift; the derivative of the residual is then not symmetric. With the bounds frozen the contact impulses are minus
 //! the gradient of a convex function, and the derivative is symmetric and positive definite.
 
+pub(crate) mod matrix;
+pub(crate) mod newton;
+pub(crate) mod rows;
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::{Kinematics, Twist};
 use crate::laws::{CableState, stop};
-use crate::matrix::Matrix;
 use crate::model::{BASE, BodyIndex, Model, OBJECT};
+use crate::problem::matrix::Matrix;
 
 /// A contact point during one step.
 #[derive(Clone, Copy, Debug)]
@@ -62,6 +66,17 @@ pub(crate) struct Point {
     pub slip: Vector3<f64>,
     /// Its norm, m/s.
     pub slip_speed: f64,
+}
+
+impl Point {
+    /// Friction impulse on body b, N s; `stick`: slip speed from which friction slides, m/s.
+    #[inline]
+    pub fn friction_impulse(&self, stick: f64) -> Vector3<f64> {
+        if self.bound <= 0.0 {
+            return Vector3::zeros(); // `slip` may be that of an earlier evaluation
+        }
+        -self.slip * (self.bound / self.slip_speed.max(stick))
+    }
 }
 
 /// The contact points of two bodies.
@@ -233,8 +248,7 @@ impl Problem {
             }
             point.slip = twist.at(&point.arm) - point.normal * normal_speed;
             point.slip_speed = point.slip.norm();
-            let grip = point.bound / point.slip_speed.max(stick);
-            let force = point.normal * point.impulse - point.slip * grip;
+            let force = point.normal * point.impulse + point.friction_impulse(stick);
             sum.linear += force;
             sum.angular += point.arm.cross(&force);
             any = true;

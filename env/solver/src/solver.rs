@@ -10,9 +10,9 @@ use crate::contact::{Contact, Side};
 use crate::dynamics::{Dynamics, FrameMotion};
 use crate::kinematics::{Kinematics, Twist};
 use crate::model::{BASE, BodyIndex, Model, OBJECT};
-use crate::newton::Newton;
 use crate::problem::Problem;
-use crate::rows::{self, PointSource};
+use crate::problem::newton::Newton;
+use crate::problem::rows::{self, PointSource};
 use crate::scenery::Surface;
 use crate::search::{Moving, Opposite, Searcher, Situation};
 
@@ -346,6 +346,7 @@ impl Solver {
             friction: point.friction,
             distance: source.distance + self.problem.dt * point.normal_speed,
             force: point.impulse / self.problem.dt,
+            friction_force: point.friction_impulse(self.problem.stick_speed) / self.problem.dt,
         }
     }
 }

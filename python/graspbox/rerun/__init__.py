@@ -13,7 +13,7 @@ timeline ``time``; the timeline ``episode`` counts them.
 |---|---|
 | ``world/object`` | mesh and pose of the object |
 | ``world/hand``, ``world/hand/LINK`` | pose of the hand; mesh and pose of each link |
-| ``world/contacts`` | forces that the tactile sensors press with on the object, 5 mm per newton |
+| ``world/contacts`` | forces on the object, 5 mm per N: of contacts in a trial, of tactile sensors in an episode |
 | ``world/net_force`` | sum of all contact forces on the object, from its motion |
 | ``world/cameras/NAME`` | images with the poses and intrinsics of their cameras |
 | ``plots/...`` | force of the hand, lift, tension of each tendon, load of each actuator, predicted probability |
@@ -22,7 +22,7 @@ timeline ``time``; the timeline ``episode`` counts them.
 | module | contents |
 |---|---|
 | `motions`, `episodes` | the motion of an episode; episodes of demonstrations |
-| `links`, `touch` | links of a hand; tactile sensors |
+| `links`, `sensed` | links of a hand; joints and tactile sensors in observations |
 | `recording` | entities and columns of rerun |
 """
 

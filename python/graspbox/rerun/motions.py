@@ -1,12 +1,11 @@
 """The motion of hand and object in one episode, with forces and images, as rerun logs it.
 
-A trial of a hand pose is traced (`graspbox.simulation.Scene.trace`); an episode of an environment is stepped again
-(`graspbox.evaluation.replays.Replay`). Neither has the single contacts of the engine: forces are those that the tactile
-sensors measure, and the sum of all contact forces on the object, which follows from its motion.
+A trial of a hand pose is traced (`graspbox.simulation.Scene.trace`), with the engine's contacts. An episode of an
+environment is stepped again (`graspbox.evaluation.replays.Replay`): its forces are those that the tactile sensors
+measure. The sum of all contact forces on the object follows from its motion.
 """
 
-import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,12 +19,10 @@ from graspbox.envs import spaces
 from graspbox.envs.coding import Codec
 from graspbox.evaluation.replays import Replay
 from graspbox.hands import load_hand
-from graspbox.object_sets import ObjectSpec
-from graspbox.rerun.links import link_frames
-from graspbox.rerun.touch import felt, joint_columns, nothing_felt
+from graspbox.rerun.sensed import joint_columns, sensor_forces
 from graspbox.simulation import Scene
 
-__all__ = ["Motion", "Shot", "hand_links", "of_replay", "of_trial"]
+__all__ = ["Motion", "Shot", "of_replay", "of_trial"]
 
 Floats = NDArray[np.float64]
 #: Gravity, m/s2.
@@ -79,10 +76,10 @@ class Motion:
         Positions of the independent joints (`graspbox.Hand.joints`), rad or m.
     scalars : mapping of str to (t,) float64
         Other measures by name, such as ``hand_force`` (N).
-    felt_at : (k,) int64
-        Samples at which the tactile sensors were read.
-    tactile : (k, s) float64
-        Force on each tactile sensor then, N.
+    contact_samples : (k,) int64
+        Sample of each force of the hand on the object, ascending.
+    contact_points, contact_forces : (k, 3) float64
+        Where it acts, and the force, world frame, m and N.
     outcome : str
         Kind of the failure, or ``success``.
     probability : float or None
@@ -103,8 +100,9 @@ class Motion:
     scalars: Mapping[str, Floats]
     outcome: str
     mass: float
-    felt_at: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    tactile: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    contact_samples: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    contact_points: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    contact_forces: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     probability: float | None = None
     shots: tuple[Shot, ...] = field(default=())
 
@@ -125,39 +123,6 @@ class Motion:
             velocity = np.stack([np.convolve(column, kernel, "valid") for column in padded.T], axis=1)
         return points, self.mass * (np.gradient(velocity, self.time, axis=0) - _GRAVITY)
 
-    def sensor_forces(self) -> Iterator[tuple[Floats, Floats]]:
-        """Yield, for each row of `tactile`, where a force is felt (n, 3), and the force on the object (n, 3); m, N."""
-        rows, places, normals = _sensors(self.hand)
-        for sample, forces in zip(self.felt_at, self.tactile, strict=True):
-            felt = np.flatnonzero(forces > 0.0)
-            frames = self.world_from_hand[sample] @ hand_links(self.hand, self.joints[sample])[rows[felt]]
-            points = np.einsum("nij,nj->ni", frames[:, :3, :3], places[felt]) + frames[:, :3, 3]
-            ways = np.einsum("nij,nj->ni", frames[:, :3, :3], normals[felt])
-            yield points, ways * forces[felt, None]
-
-
-def hand_links(hand: Hand, joints: Floats) -> Floats:
-    """Return the frames of the links in the hand's frame, (1 + j, 4, 4): the palm, then each joint that moves."""
-    frames, _, _ = hand.joint_frames(np.ascontiguousarray(joints, dtype=np.float64))
-    return np.concatenate([np.eye(4)[None], frames])
-
-
-def _sensors(hand: Hand) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Return the sensors of a hand: rows of `hand_links`, places and unit normals (s, 3) in these frames, metres.
-
-    In the order of the observation ``tactile``: link by link, and for each the tables of ``hand.toml`` in turn.
-    """
-    carriers, offsets = link_frames(hand)
-    order = list(carriers)
-    tables = tomllib.loads(hand.files[1]).get("sensors", [])
-    found = [(order.index(link), link, table) for table in tables for link in table["links"]]
-    found.sort(key=lambda one: one[0])
-    rows = np.array([carriers[link] for _, link, _ in found], dtype=np.int64)
-    places = [offsets[link] @ np.append(table["position"]["value"], 1.0) for _, link, table in found]
-    normals = [offsets[link][:3, :3] @ table["normal"]["value"] for _, link, table in found]
-    units = [normal / np.linalg.norm(normal) for normal in normals]
-    return rows, np.array(places).reshape(-1, 4)[:, :3], np.array(units).reshape(-1, 3)
-
 
 def of_trial(
     scene: Scene,
@@ -165,8 +130,6 @@ def of_trial(
     preshape: float,
     *,
     config: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
-    spec: ObjectSpec | None = None,
-    physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
     name: str = "",
     probability: float | None = None,
 ) -> Motion:
@@ -182,11 +145,6 @@ def of_trial(
         See `graspbox.Hand.preshape_limits`.
     config : TrialConfig
         The trial.
-    spec : ObjectSpec, optional
-        The object of the scene: with it, and a hand with tactile sensors, the same grasp is executed in ``Grasp-v0``
-        and its sensors are read at 20 Hz, while its object stays within 5 mm of that of the trial.
-    physics : PhysicsConfig
-        Physics of the scene.
     name : str
         Title; by default the object's name.
     probability : float, optional
@@ -209,9 +167,11 @@ def of_trial(
     scalars["lift"] = trace.world_from_object[:, 2, 3] - trace.world_from_object[0, 2, 3]
     scalars |= {f"tension/{name}": trace.tensions[:, i] for i, name in enumerate(hand.tendons)}
     scalars |= {f"load/{name}": trace.loads[:, i] for i, name in enumerate(hand.actuators)}
-    felt_at, tactile = felt(spec, scene, trace, preshape, physics) if spec is not None else nothing_felt()
+    if trace.tactile.size:
+        scalars["tactile_sum"] = trace.tactile.sum(axis=1)
     poses = trace.time, trace.world_from_hand, trace.world_from_object, trace.joints
-    return Motion(title, hand, scene.mesh, *poses, scalars, outcome, mass, felt_at, tactile, probability)
+    contacts = trace.contact_samples, trace.contact_points, trace.contact_forces
+    return Motion(title, hand, scene.mesh, *poses, scalars, outcome, mass, *contacts, probability)
 
 
 def of_replay(replay: Replay, images: Sequence[str] = ("rgb", "depth")) -> Motion:
@@ -267,15 +227,12 @@ def _decision(replay: Replay, env: Any, hand: Hand, images: tuple[str, ...]) -> 
     goal, preshape = codec.decode_grasp(replay.actions[0])
     physics = _config(PhysicsConfig, replay.settings.get("physics"))
     config = _config(TrialConfig, replay.settings.get("trial"))
-    spec = replay.spec()
-    scene = Scene(spec.load(), hand=hand, world_from_object=world_from_object, physics=physics)
+    scene = Scene(replay.spec().load(), hand=hand, world_from_object=world_from_object, physics=physics)
     motion = of_trial(
         scene,
         np.linalg.inv(scene.world_from_object) @ goal,
         preshape,
         config=config,
-        spec=spec,
-        physics=physics,
         name=_title(replay),
         probability=replay.probability,
     )
@@ -317,9 +274,9 @@ def _episode(replay: Replay, env: Any, hand: Hand, images: tuple[str, ...]) -> M
     outcome = _outcome(replay, "success" if infos[-1]["is_success"] else str(infos[-1]["failure"]))
     time = period * np.arange(len(samples))
     poses = (_title(replay), hand, mesh, time, hands, objects, joints)
-    at, forces = (np.arange(len(time)), np.array(tactile)) if tactile[0].size else nothing_felt()
+    forces = np.array(tactile)
     scalars = {"lift": np.array(lift)}
-    if len(forces):
+    if forces.size:
         scalars["tactile_sum"] = forces.sum(axis=1)
-    mass = float(mesh.mass)
-    return Motion(*poses, scalars, outcome, mass, at, forces, replay.probability, tuple(shots))
+    contacts = sensor_forces(hand, hands, joints, forces)
+    return Motion(*poses, scalars, outcome, float(mesh.mass), *contacts, replay.probability, tuple(shots))

@@ -14,7 +14,8 @@ from graspbox._core import Hand, Mesh
 from graspbox.errors import ConfigError
 from graspbox.policies.grasp_image import ImageGrasps
 from graspbox.rerun.links import boxes_mesh, links
-from graspbox.rerun.motions import Motion, hand_links
+from graspbox.rerun.motions import Motion
+from graspbox.rerun.sensed import hand_links
 from graspbox.simulation import load_hand
 
 __all__ = ["Recorder", "check_file", "record_all", "recording", "sdk"]
@@ -22,8 +23,6 @@ __all__ = ["Recorder", "check_file", "record_all", "recording", "sdk"]
 Floats = NDArray[np.float64]
 #: Pause between two episodes on the timeline, seconds.
 _PAUSE = 0.5
-#: Time for which the last reading of the tactile sensors is shown, seconds.
-_UNKNOWN = 0.05
 #: Length of an arrow, metres per newton.
 _PER_NEWTON = 0.005
 _OBJECT, _HAND, _PAD = (216, 183, 140), (120, 130, 145), (0, 114, 178)
@@ -197,21 +196,12 @@ class Recorder:
         self._columns(name, time, columns)
 
     def _forces(self, motion: Motion) -> None:
-        """Log the forces of the tactile sensors and their sum from the object's motion, as arrows."""
-        none = self._rr.Arrows3D(origins=[], vectors=[])
-        self._log("world/contacts", none)
-        if len(motion.felt_at):
-            forces = list(motion.sensor_forces())
-            lengths = [len(points) for points, _ in forces]
-            origins = np.concatenate([points for points, _ in forces]).reshape(-1, 3)
-            vectors = np.concatenate([ways for _, ways in forces]).reshape(-1, 3)
-            columns = self._rr.Arrows3D.columns(origins=origins, vectors=_PER_NEWTON * vectors)
-            self._columns("world/contacts", motion.time[motion.felt_at], columns.partition(lengths))
-            self._log("world/contacts", self._rr.Arrows3D.from_fields(colors=[_CONTACT], radii=[0.0012]))
-            # After the last reading nothing is known.
-            self._at(float(motion.time[motion.felt_at[-1]]) + _UNKNOWN)
-            self._log("world/contacts", none)
-            self._at(0.0)
+        """Log the forces of the hand on the object, and the sum of all forces from its motion, as arrows."""
+        vectors = _PER_NEWTON * motion.contact_forces
+        columns = self._rr.Arrows3D.columns(origins=motion.contact_points, vectors=vectors)
+        counts = np.bincount(motion.contact_samples, minlength=len(motion.time))
+        self._columns("world/contacts", motion.time, columns.partition(counts))
+        self._log("world/contacts", self._rr.Arrows3D.from_fields(colors=[_CONTACT], radii=[0.0012]))
         points, net = motion.contact_force(motion.mesh.center_of_mass)
         arrows = self._rr.Arrows3D.columns(origins=points, vectors=_PER_NEWTON * net)
         self._columns("world/net_force", motion.time, arrows)

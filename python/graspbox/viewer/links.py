@@ -59,8 +59,6 @@ class HandLinks:
         Index of the link of each tactile sensor, in the order of the observation ``tactile``.
     tendons : list of Tendon
         The tendons, in the order of `graspbox.Hand.tendons`.
-    friction : (n,) float64
-        Friction factor of each collision shape of `graspbox.Hand.shapes`.
     """
 
     def __init__(self, hand: Hand) -> None:
@@ -75,9 +73,6 @@ class HandLinks:
         self._points = np.array([point for _, point, _ in sensors]).reshape(-1, 3)
         self._normals = np.array([normal for _, _, normal in sensors]).reshape(-1, 3)
         self.tendons = [self._tendon(name) for name in hand.tendons]
-        pads = hand.shapes(hand.open(hand.preshape_limits[0]))[2]
-        pad, bare = (float(self._table["friction"][kind]["value"]) for kind in ("pad", "bare"))
-        self.friction: Floats = np.where(pads, pad, bare)
 
     def _sensors(self) -> list[tuple[int, Any, Any]]:
         """List link, position and normal of each sensor, in the core's order: link by link, as the file has them."""

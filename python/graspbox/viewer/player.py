@@ -9,17 +9,14 @@ import numpy as np
 from graspbox.hands import Hand
 from graspbox.outcomes import Trace
 from graspbox.viewer.canvas import Canvas
-from graspbox.viewer.contacts import Contacts, Surface, estimate, tactile
 from graspbox.viewer.drawn_hand import DrawnHand
-from graspbox.viewer.geometry import FAILURE, Floats, place, ramp, sphere
+from graspbox.viewer.geometry import FAILURE, Floats, ramp, sphere
 from graspbox.viewer.links import HandLinks
 
 __all__ = ["Player"]
 
 #: Frames per second while a trace plays.
 _RATE = 30.0
-#: Contacts are estimated for every second sample.
-_EVERY = 2
 #: Length of a force arrow, metres per N, and its bounds, metres.
 _LENGTH, _SHORTEST, _LONGEST = 0.012, 0.03, 0.15
 #: Seconds between changes of the readings while a trace plays, and a change of place that is not sent, metres.
@@ -39,17 +36,12 @@ class Player:
         The hand that moves.
     node : scene node
         The object that moves.
-    surface : Surface
-        The object's surface.
-    mass : float
-        Mass of the object, kg.
     """
 
-    def __init__(self, canvas: Canvas, hand: DrawnHand, node: Any, surface: Surface, mass: float) -> None:
-        self._canvas, self._hand, self._node, self._surface, self._mass = canvas, hand, node, surface, mass
+    def __init__(self, canvas: Canvas, hand: DrawnHand, node: Any) -> None:
+        self._canvas, self._hand, self._node = canvas, hand, node
         self._links = HandLinks(hand.hand)
         self.trace: Trace | None = None
-        self._contacts: dict[int, Contacts] = {}
         self._plays, self._told = threading.Event(), 0.0
         gui = canvas.gui
         self._folder = gui.add_folder("Time")
@@ -57,7 +49,7 @@ class Player:
             self.slider = gui.add_slider("sample", 0, 1, 1, 0, disabled=True, hint="one sample per 10 ms")
             self.play = gui.add_button("play", icon="player-play", disabled=True)
             self.speed = gui.add_dropdown("speed", ("1", "0.5", "0.25", "0.1"), initial_value="1")
-            self.with_contacts = gui.add_checkbox("contacts, estimated", True, hint="points and forces: see the guide")
+            self.with_contacts = gui.add_checkbox("contacts", True, hint="forces on the object, and tactile sensors")
             self.readings = gui.add_markdown("")
         self.arrows = canvas.scene.add_arrows(
             "/contacts",
@@ -94,14 +86,13 @@ class Player:
         """Take a trace, and show its first sample; an empty one shows nothing."""
         self.stop()
         with self._canvas.lock:
-            self.trace, self._contacts = (trace if len(trace.time) else None), {}
+            self.trace = trace if len(trace.time) else None
             self.play.disabled = self.slider.disabled = self.trace is None
             if self.trace is None:
                 self._hide()
                 return
             self.slider.max = max(len(trace.time) - 1, 1)
             self.seek(0)
-        self._canvas.thread(self._estimate_all, "contacts")
 
     def _hide(self) -> None:
         self.readings.content = ""
@@ -129,22 +120,6 @@ class Player:
             self._canvas.move(self._node, trace.world_from_object[sample])
             self._draw_contacts(sample)
 
-    def contacts(self, sample: int) -> Contacts:
-        """Return the contacts at a sample, or at the one before; they are estimated once."""
-        assert self.trace is not None
-        known, trace, sample = self._contacts, self.trace, sample - sample % _EVERY
-        if sample not in known:
-            known[sample] = estimate(self._surface, self.hand, self._links, trace, sample, self._mass)
-        return known[sample]
-
-    def _estimate_all(self) -> None:
-        """Estimate the contacts of the whole trace ahead, so that it plays without a pause."""
-        trace = self.trace
-        for sample in range(0, 0 if trace is None else len(trace.time), _EVERY):
-            if trace is not self.trace or self._canvas.closed.is_set():
-                return
-            self.contacts(sample)
-
     def _draw_contacts(self, sample: int) -> None:
         assert self.trace is not None
         trace = self.trace
@@ -152,19 +127,19 @@ class Player:
             self._hide()
             self._tell(sample, None)
             return
-        found = self.contacts(sample)
-        self.arrows.visible = bool(len(found.points))
-        if len(found.points):
-            sizes = np.linalg.norm(found.forces, axis=1, keepdims=True)
+        rows = trace.contacts(sample)
+        points, forces = trace.contact_points[rows], trace.contact_forces[rows]
+        self.arrows.visible = bool(len(points))
+        if len(points):
+            sizes = np.linalg.norm(forces, axis=1, keepdims=True)
             lengths = np.clip(_LENGTH * sizes, _SHORTEST, _LONGEST)
-            starts = found.points - lengths * found.forces / np.maximum(sizes, 1e-9)
-            self.arrows.points = np.stack([starts, found.points], axis=1).astype(np.float32)
+            starts = points - lengths * forces / np.maximum(sizes, 1e-9)
+            self.arrows.points = np.stack([starts, points], axis=1).astype(np.float32)
         values = None
         if self.sensors is not None:
-            pose = trace.world_from_hand[sample]
-            points, normals = self._links.sensors(self._links.frames(trace.joints[sample]))
-            values = tactile(found, place(points, pose), normals @ pose[:3, :3].T)
-            self._color_sensors(points, ramp(0.5 + 0.5 * np.round(values / _FULL, 1)))
+            values = trace.tactile[sample]
+            places, _ = self._links.sensors(self._links.frames(trace.joints[sample]))
+            self._color_sensors(places, ramp(0.5 + 0.5 * np.round(values / _FULL, 1)))
         self._tell(sample, values)
 
     def _color_sensors(self, points: Floats, colors: Any) -> None:
@@ -188,12 +163,12 @@ class Player:
         tensions = ", ".join(f"{value:.1f}" for value in trace.tensions[sample])
         lines = [
             f"{trace.time[sample]:.2f} s after closing began",
-            f"sum of normal forces: {trace.hand_force[sample]:.1f} N",
+            f"contacts: {np.count_nonzero(trace.contact_samples == sample)}, "
+            f"sum of normal forces {trace.hand_force[sample]:.1f} N",
         ]
         if tensions:
             lines.append(f"tendons: {tensions} N")
         if values is not None:
-            lines.append(f"contacts, estimated: {len(self.contacts(sample).points)}")
             for link in dict.fromkeys(self._links.sensor_links.tolist()):
                 row = values[self._links.sensor_links == link]
                 if row.any():

@@ -3,9 +3,9 @@
 use super::build::{Handles, part_of};
 use super::frames;
 use crate::engine::{Contact, ContactSide, Part};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rapier3d::geometry::{Contact as EnginePoint, ContactManifold};
-use rapier3d::math::Pose;
+use rapier3d::math::{Pose, Vector};
 use rapier3d::prelude::{Collider, PhysicsWorld};
 
 /// True if a part of the hand has a contact that the solver considers, pressing or predicted.
@@ -73,16 +73,23 @@ impl<'a> Pair<'a> {
         let chosen = || manifold.data.solver_contacts.iter().flat_map(|c| c.contact_indices()).map(|i| i as usize);
         let pressing = |i: usize| manifold.points.get(i).filter(|p| p.data.impulse > 0.0);
         for point in chosen().filter_map(pressing) {
-            visit(&self.contact(manifold, point, frames::metres(point.data.impulse / self.dt)));
+            let friction = frames::metres64(friction_impulse(point, manifold.data.normal) / self.dt);
+            visit(&self.contact(manifold, point, frames::metres(point.data.impulse / self.dt), friction));
         }
         for (i, point) in manifold.points.iter().enumerate() {
             if pressing(i).is_none() || chosen().all(|other| other != i) {
-                visit(&self.contact(manifold, point, 0.0));
+                visit(&self.contact(manifold, point, 0.0, Vector3::zeros()));
             }
         }
     }
 
-    fn contact(&self, manifold: &ContactManifold, point: &EnginePoint, force: f64) -> Contact {
+    fn contact(
+        &self,
+        manifold: &ContactManifold,
+        point: &EnginePoint,
+        force: f64,
+        friction_force: Vector3<f64>,
+    ) -> Contact {
         let poses = [manifold.subshape_pos1(), manifold.subshape_pos2()];
         let (points, normals) = ([point.local_p1, point.local_p2], [manifold.local_n1, manifold.local_n2]);
         let local = |i: usize| match poses[i] {
@@ -106,7 +113,23 @@ impl<'a> Pair<'a> {
             normal: if self.reference == 0 { outward } else { -outward },
             distance: frames::metres(point.dist),
             force,
+            friction_force,
             friction: self.friction,
         }
     }
+}
+
+/// Friction impulse of a step on the second body, axes of the base.
+///
+/// Rapier keeps the impulse of the last sub-step as a vector, and that of the whole step as two components along tangents that it does not keep.
+/// The first gives the tangents: `w = x t + y (d x t)`, with `d` the normal into the first body. A point whose friction was 0 in the last
+/// sub-step counts as free of friction.
+fn friction_impulse(point: &EnginePoint, normal: Vector) -> Vector {
+    let (last, total, into_first) = (point.data.warmstart_tangent_impulse, point.data.tangent_impulse, -normal);
+    let (world, size) = (point.data.warmstart_tangent_world, last.x * last.x + last.y * last.y);
+    if size <= 0.0 {
+        return Vector::ZERO;
+    }
+    let tangent = (world * last.x - into_first.cross(world) * last.y) / size;
+    -(tangent * total.x + into_first.cross(tangent) * total.y)
 }

@@ -3,8 +3,8 @@
 use super::*;
 use crate::config::NewtonConfig;
 use crate::kinematics::Twist;
-use crate::matrix::Factors;
 use crate::object::{Object, ObjectPart};
+use crate::problem::matrix::Factors;
 use crate::scenery::Scenery;
 use crate::tree::{Body, Coordinate, Joint, Primitive, Tree};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion};

@@ -6,7 +6,7 @@ use super::{Solver, State};
 use crate::contact::{Contact, Side};
 use crate::error::{FARTHEST, StateError, is_place, is_pose, is_unit, is_within};
 use crate::model::{BASE, Model, OBJECT};
-use crate::newton::FactoredDerivative;
+use crate::problem::newton::FactoredDerivative;
 use crate::search::SavedSearch;
 
 /// Greatest velocity, m/s and rad/s, a thousand times that at which a world counts as diverged.

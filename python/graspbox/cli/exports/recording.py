@@ -86,7 +86,7 @@ def _trial(obj: Any, rank: int, hand: Hand, trial: TrialConfig) -> Any:
     scene = Scene(obj.spec.load(), hand=hand, world_from_object=obj.plan.world_from_object)
     title = f"{obj.name}, pose {rank + 1} of the ranking"
     pose, preshape = obj.plan.poses[rank], float(obj.plan.preshape[rank])
-    return of_trial(scene, pose, preshape, config=trial, spec=obj.spec, name=title)
+    return of_trial(scene, pose, preshape, config=trial, name=title)
 
 
 def _write(file: Path, total: int, motions: Iterator[tuple[str, Callable[[], Any]]]) -> None:

@@ -15,7 +15,6 @@ from graspbox.dataset.images import load_mesh_of
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand
 from graspbox.simulation import Scene
-from graspbox.viewer.contacts import Surface
 from graspbox.viewer.drawn_hand import DrawnHand
 from graspbox.viewer.geometry import depth_picture
 from graspbox.viewer.page import Page
@@ -152,7 +151,7 @@ class DatasetPage(Page):
             if self._hand is not None:
                 self._hand.remove()
             self._hand = DrawnHand(self.canvas, "/hand", hand)
-            self.player = Player(self.canvas, self._hand, self.node, Surface(scene.mesh), scene.body.mass)
+            self.player = Player(self.canvas, self._hand, self.node)
 
     def close(self) -> None:
         """Stop the player."""

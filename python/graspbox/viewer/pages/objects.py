@@ -13,7 +13,6 @@ from graspbox.meshes import Mesh
 from graspbox.outcomes import FailureKind, Outcomes
 from graspbox.planning import Box, Plan, plan
 from graspbox.simulation import Scene
-from graspbox.viewer.contacts import Surface
 from graspbox.viewer.drawn_hand import DrawnHand, PoseSet
 from graspbox.viewer.geometry import COLORS, FAILURE, SUCCESS, UNTRIED, Floats
 from graspbox.viewer.page import Page
@@ -83,7 +82,7 @@ class ObjectPage(Page):
         self._controls()
         self.hand = DrawnHand(self.canvas, "/hand", hand)
         self.hand.visible = False
-        self.player = Player(self.canvas, self.hand, self.node, Surface(what.mesh), self.scene.body.mass)
+        self.player = Player(self.canvas, self.hand, self.node)
         poses = self.rest @ self.plan.poses
         self.poses = PoseSet(self.canvas, "/poses", hand, poses, self.plan.preshape, self.select)
         self.refresh()

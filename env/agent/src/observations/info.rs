@@ -1,0 +1,247 @@
+//! The info of a step: one row per entry, with its type, meaning and reader. A new entry is a new row of [`INFO`].
+
+use crate::actions::control::Control;
+use crate::observations::view::View;
+use graspbox_episode::FailureKind;
+use serde::Serialize;
+
+/// Type and reader of an entry.
+pub enum Reader {
+    /// A boolean.
+    Flag(fn(&View<'_>) -> bool),
+    /// A number.
+    Number(fn(&View<'_>) -> f64),
+    /// An integer.
+    Index(fn(&View<'_>) -> i64),
+    /// An index into names.
+    Name(Names, fn(&View<'_>) -> i64),
+}
+
+/// Lists of names that an entry refers to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Names {
+    /// [`failure_names`].
+    Failures,
+    /// The names of the objects.
+    Objects,
+}
+
+/// An entry of the info.
+pub struct InfoRow {
+    /// Name.
+    pub name: &'static str,
+    /// Unit; empty without one.
+    pub unit: &'static str,
+    /// Its meaning.
+    pub meaning: &'static str,
+    /// True if only decisions have it.
+    pub decision_only: bool,
+    /// Its reader.
+    pub read: Reader,
+}
+
+impl InfoRow {
+    /// True if the entry belongs to the infos of a control mode.
+    pub fn is_in(&self, control: Control) -> bool {
+        control.decides() || !self.decision_only
+    }
+}
+
+/// Every entry, in order.
+pub const INFO: &[InfoRow] = &[
+    InfoRow {
+        name: "is_success",
+        unit: "",
+        meaning: "the grasp succeeded",
+        decision_only: false,
+        read: Reader::Flag(|view| view.record.success),
+    },
+    InfoRow {
+        name: "is_secure",
+        unit: "",
+        meaning: "it succeeded without shifting or turning in the hand",
+        decision_only: false,
+        read: Reader::Flag(|view| view.record.success && view.verdict.secure),
+    },
+    InfoRow {
+        name: "failure",
+        unit: "",
+        meaning: "kind of the failure if the episode ended now; empty for a success, and before the first step",
+        decision_only: false,
+        read: Reader::Name(Names::Failures, |view| failure(view).map_or(0, failure_code)),
+    },
+    InfoRow {
+        name: "lift",
+        unit: "m",
+        meaning: "rise of the object's centre of mass above its resting height",
+        decision_only: false,
+        read: Reader::Number(|view| if view.verdict.lift.is_finite() { view.verdict.lift } else { 0.0 }),
+    },
+    InfoRow {
+        name: "object",
+        unit: "",
+        meaning: "name of the object",
+        decision_only: false,
+        read: Reader::Name(Names::Objects, |view| view.record.object as i64),
+    },
+    InfoRow {
+        name: "resting",
+        unit: "",
+        meaning: "index of the object's resting pose; -1 if it was dropped at a given pose",
+        decision_only: false,
+        read: Reader::Index(|view| if view.record.dropped { -1 } else { view.record.resting as i64 }),
+    },
+    InfoRow {
+        name: "touches",
+        unit: "",
+        meaning: "the hand touches the object",
+        decision_only: false,
+        read: Reader::Flag(|view| view.touches()),
+    },
+    InfoRow {
+        name: "protective_stop",
+        unit: "",
+        meaning: "the protective stop held the hand at some time in the last step",
+        decision_only: false,
+        read: Reader::Flag(|view| view.record.stopped),
+    },
+    InfoRow {
+        name: "infeasible",
+        unit: "",
+        meaning: "the hand could not reach its pose",
+        decision_only: true,
+        read: Reader::Flag(|view| view.record.failure == Some(FailureKind::Infeasible)),
+    },
+    InfoRow {
+        name: "survives_shake",
+        unit: "",
+        meaning: "the object was still in the hand after the shake; False without `trial=TrialConfig(shake=...)`",
+        decision_only: true,
+        read: Reader::Flag(|view| view.record.survives_shake),
+    },
+];
+
+/// The kind of failure if the episode ended now; `None` for a success, and before the first step.
+fn failure(view: &View<'_>) -> Option<FailureKind> {
+    if view.record.steps == 0 || view.record.success || view.record.failure.is_some() {
+        view.record.failure
+    } else if view.world().has_diverged() {
+        Some(FailureKind::Unstable)
+    } else if !view.record.touched {
+        Some(FailureKind::NoContact)
+    } else {
+        Some(view.judge().failure(view.world(), view.touches()))
+    }
+}
+
+/// Names of the failure codes: empty for a success, then those of [`FailureKind::ALL`].
+pub fn failure_names() -> Vec<&'static str> {
+    std::iter::once("").chain(FailureKind::ALL.map(FailureKind::name)).collect()
+}
+
+/// Index into [`failure_names`].
+fn failure_code(kind: FailureKind) -> i64 {
+    FailureKind::ALL.iter().position(|other| *other == kind).map_or(0, |index| index as i64 + 1)
+}
+
+/// A value of an entry.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InfoValue {
+    /// A boolean.
+    Flag(bool),
+    /// A number.
+    Number(f64),
+    /// An integer, or an index into names.
+    Index(i64),
+}
+
+impl Default for InfoValue {
+    fn default() -> Self {
+        Self::Flag(false)
+    }
+}
+
+/// The values of all entries, in the order of [`INFO`].
+pub type Info = [InfoValue; INFO.len()];
+
+/// Reads every entry.
+pub fn read_info(view: &View<'_>) -> Info {
+    std::array::from_fn(|i| match INFO[i].read {
+        Reader::Flag(read) => InfoValue::Flag(read(view)),
+        Reader::Number(read) => InfoValue::Number(read(view)),
+        Reader::Index(read) | Reader::Name(_, read) => InfoValue::Index(read(view)),
+    })
+}
+
+/// An entry of many environments.
+#[derive(Clone, Debug, PartialEq)]
+pub enum InfoArray {
+    /// Booleans.
+    Flags(Vec<bool>),
+    /// Numbers.
+    Numbers(Vec<f64>),
+    /// Integers, or indices into names.
+    Indices(Vec<i64>),
+}
+
+impl InfoArray {
+    /// An empty array for a row of [`INFO`], with capacity for `rows` values.
+    pub fn with_capacity(row: &InfoRow, rows: usize) -> Self {
+        match row.read {
+            Reader::Flag(_) => Self::Flags(Vec::with_capacity(rows)),
+            Reader::Number(_) => Self::Numbers(Vec::with_capacity(rows)),
+            Reader::Index(_) | Reader::Name(..) => Self::Indices(Vec::with_capacity(rows)),
+        }
+    }
+
+    /// Adds a value of the same type; others are ignored.
+    pub fn push(&mut self, value: InfoValue) {
+        match (self, value) {
+            (Self::Flags(values), InfoValue::Flag(value)) => values.push(value),
+            (Self::Numbers(values), InfoValue::Number(value)) => values.push(value),
+            (Self::Indices(values), InfoValue::Index(value)) => values.push(value),
+            _ => {}
+        }
+    }
+
+    /// Adds the values of another array of the same type; others are ignored.
+    pub fn append(&mut self, other: &mut Self) {
+        match (self, other) {
+            (Self::Flags(values), Self::Flags(more)) => values.append(more),
+            (Self::Numbers(values), Self::Numbers(more)) => values.append(more),
+            (Self::Indices(values), Self::Indices(more)) => values.append(more),
+            _ => {}
+        }
+    }
+}
+
+/// A row of the table of infos.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct InfoTableRow {
+    /// Name.
+    pub name: &'static str,
+    /// `bool`, `float64`, `int64`, or `str`, whose arrays contain indices into names.
+    pub dtype: &'static str,
+    /// Its names; `None` for other types.
+    pub names: Option<Names>,
+    /// Unit; empty without one.
+    pub unit: &'static str,
+    /// Its meaning.
+    pub meaning: &'static str,
+}
+
+/// The entries of a kind of control, in order.
+pub fn info_table(control: Control) -> Vec<InfoTableRow> {
+    let rows = INFO.iter().filter(|row| row.is_in(control));
+    rows.map(|row| {
+        let (dtype, names) = match row.read {
+            Reader::Flag(_) => ("bool", None),
+            Reader::Number(_) => ("float64", None),
+            Reader::Index(_) => ("int64", None),
+            Reader::Name(names, _) => ("str", Some(names)),
+        };
+        InfoTableRow { name: row.name, dtype, names, unit: row.unit, meaning: row.meaning }
+    })
+    .collect()
+}

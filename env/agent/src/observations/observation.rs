@@ -1,0 +1,107 @@
+//! Observations: vectors by name, each a list of rows with the meaning and reader of its columns.
+
+use crate::AgentError;
+use crate::actions::control::Control;
+use crate::observations::column::{Column, total_size};
+use crate::observations::observation_row::{Reading, Row, Size};
+use crate::observations::sensed::{ACTUATORS, ARM, TACTILE};
+use crate::observations::simulated::{LAST_ACTION, RESTING, SIMULATED};
+use crate::observations::view::View;
+use graspbox_hand::Hand;
+use serde::{Deserialize, Serialize};
+
+/// The vector observations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Observation {
+    /// Proprioception of a real arm and hand.
+    Proprio,
+    /// Forces on the tactile sensors.
+    Tactile,
+    /// The complete state, including the object's pose: privileged.
+    State,
+}
+
+impl Observation {
+    /// Every observation of this crate.
+    pub const ALL: [Self; 3] = [Self::Proprio, Self::Tactile, Self::State];
+
+    /// Name in configs and dictionaries.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Proprio => "proprio",
+            Self::Tactile => "tactile",
+            Self::State => "state",
+        }
+    }
+
+    /// Its rows, in order.
+    ///
+    /// * `control`: in closed-loop control, the state includes the last action; before a decision it describes the object only.
+    fn readings(self, hand: &Hand, control: Control) -> Vec<Reading> {
+        let table = |rows: &'static [Row]| {
+            // A hand without a preshape coordinate has no such row.
+            let there = |row: &&Row| !matches!(row.size, Size::Preshape) || row.size.of(hand, control) > 0;
+            rows.iter().filter(there).map(Reading::Row).collect::<Vec<_>>()
+        };
+        let joints = |encoder: bool| {
+            let groups = hand.groups.iter().enumerate().filter(move |(_, group)| group.encoder == encoder);
+            groups.map(|(index, _)| Reading::Joints(index)).collect::<Vec<_>>()
+        };
+        let proprio = || [table(ARM), joints(true), table(ACTUATORS)].into_iter().flatten();
+        match self {
+            Self::Proprio => proprio().collect(),
+            Self::Tactile => table(TACTILE),
+            Self::State if control.decides() => table(RESTING),
+            Self::State => proprio().chain(joints(false)).chain(table(SIMULATED)).chain(table(LAST_ACTION)).collect(),
+        }
+    }
+
+    /// Its columns, in order, for a hand and a control mode.
+    pub fn table(self, hand: &Hand, control: Control) -> Vec<Column> {
+        self.readings(hand, control).iter().map(|reading| reading.column(hand, control)).collect()
+    }
+
+    /// True if the hand has columns in it: a hand without tactile sensors has no tactile observation.
+    pub fn exists(self, hand: &Hand, control: Control) -> bool {
+        total_size(&self.table(hand, control)) > 0
+    }
+
+    /// True if no sensor of a real robot measures some part of it.
+    pub fn privileged(self) -> bool {
+        self == Self::State
+    }
+}
+
+/// An observation of one pool: its columns and their readers.
+pub struct ObservationSpec {
+    /// The observation.
+    pub observation: Observation,
+    /// The columns, in order.
+    pub columns: Vec<Column>,
+    /// Number of entries.
+    pub size: usize,
+    readings: Vec<Reading>,
+}
+
+impl ObservationSpec {
+    /// The observation for a hand and a control mode.
+    pub fn new(observation: Observation, hand: &Hand, control: Control) -> Self {
+        Self::of_readings(observation, observation.readings(hand, control), hand, control)
+    }
+
+    /// An observation with other rows than its own.
+    pub(crate) fn of_readings(observation: Observation, readings: Vec<Reading>, hand: &Hand, control: Control) -> Self {
+        let columns: Vec<Column> = readings.iter().map(|reading| reading.column(hand, control)).collect();
+        Self { observation, size: total_size(&columns), columns, readings }
+    }
+
+    /// Appends the observation.
+    ///
+    /// # Errors
+    /// [`AgentError::WrongSize`] for a reader whose number of entries differs from its row.
+    pub fn read(&self, view: &View<'_>, out: &mut Vec<f32>) -> Result<(), AgentError> {
+        out.reserve(self.size);
+        self.readings.iter().zip(&self.columns).try_for_each(|(reading, column)| reading.read(column, view, out))
+    }
+}

@@ -1,0 +1,259 @@
+//! One episode under an agent: actions in, reward terms and endings out.
+
+use crate::AgentError;
+use crate::actions::action::{OPEN_SHARE, actuator_commands, pose_and_preshape};
+use crate::actions::arm_controller::ArmController;
+use crate::actions::control::ClosedLoop;
+use crate::actions::decision::Decision;
+use crate::actions::workspace::{LOST_DISTANCE, LOST_HEIGHT};
+use crate::objects::Prepared;
+use crate::observations::view::View;
+use crate::pool::env_spec::EnvSpec;
+use crate::pool::record::Record;
+use crate::rewards::potentials::Potentials;
+use crate::rewards::reward::{Attempt, TermValues, Transition, effort};
+use crate::starts::initial_state::InitialState;
+use graspbox_episode::{Episode, FailureKind, Judge};
+use graspbox_vision::visual_models::object_color;
+use graspbox_vision::{ScenePose, Viewpoint};
+use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
+
+/// One episode under an agent.
+pub struct AgentEpisode {
+    episode: Episode,
+    prepared: Arc<Prepared>,
+    arm: ArmController,
+    record: Record,
+}
+
+impl AgentEpisode {
+    /// Begins an episode.
+    ///
+    /// * `initial`: from [`InitialState::sample`].
+    pub fn new(initial: &InitialState, spec: &EnvSpec) -> Self {
+        let factors = [initial.friction, initial.mass];
+        let (hand, object) = (&initial.world_from_hand, &initial.world_from_object);
+        let criterion = spec.config.success;
+        let mut episode = Episode::reset_at(&initial.scene, hand, object, initial.preshape, factors, criterion);
+        let first_center = episode.world().object_center();
+        if let Some(height) = initial.dropped {
+            episode.dropped(height);
+        }
+        let record = Record {
+            object: initial.object,
+            resting: initial.resting,
+            dropped: initial.dropped.is_some(),
+            friction: initial.friction,
+            mass: initial.mass,
+            first_center,
+            last_action: vec![0.0; spec.action],
+            preshape: initial.preshape,
+            steps: 0,
+            touched: false,
+            lifting: false,
+            success: false,
+            failure: None,
+            survives_shake: false,
+            stopped: false,
+            potentials: Potentials::of(&episode, &initial.prepared, &first_center),
+            viewpoint: initial.viewpoint.clone(),
+        };
+        let arm = ArmController::new(hand, &initial.hand_error);
+        Self::resume(episode, Arc::clone(&initial.prepared), arm, record)
+    }
+
+    /// An episode from a saved state.
+    pub(crate) fn resume(episode: Episode, prepared: Arc<Prepared>, arm: ArmController, record: Record) -> Self {
+        Self { episode, prepared, arm, record }
+    }
+
+    pub(crate) fn record(&self) -> &Record {
+        &self.record
+    }
+
+    /// Resets the parts of the info that cover all control periods of an action; call it before the first of them.
+    pub(crate) fn begin_action(&mut self) {
+        self.record.stopped = false;
+    }
+
+    /// Advances by one control period, or makes the decision. Returns the reward terms, and whether the episode ended by success or loss.
+    ///
+    /// * `action`: (n,), finite, with the columns of [`crate::Control::table`].
+    ///
+    /// # Errors
+    /// [`AgentError::Episode`] for an actuator command that is not finite, which no finite action causes.
+    pub fn step(&mut self, action: &[f32], spec: &EnvSpec) -> Result<(TermValues, bool), AgentError> {
+        self.record.steps = self.record.steps.saturating_add(1);
+        self.record.last_action.clear();
+        self.record.last_action.extend(action.iter().map(|a| a.clamp(-1.0, 1.0)));
+        match spec.config.control.closed_loop() {
+            Some(mode) => {
+                let transition = self.control_period(mode, action, spec)?;
+                Ok((transition.terms(), transition.success || transition.lost))
+            }
+            None => Ok((self.decide(action, spec)?.terms(), true)),
+        }
+    }
+
+    fn control_period(&mut self, mode: ClosedLoop, action: &[f32], spec: &EnvSpec) -> Result<Transition, AgentError> {
+        let motion = self.arm.begin(&mode.goal(action, self.arm.believed()));
+        let (actuators, open) = (&action[spec.config.control.hand_size()..], self.hand_is_open());
+        let commands = actuator_commands(spec.hand(), actuators, open, &mut self.record.preshape);
+        let mut transition = Transition { before: self.record.potentials, ..Transition::default() };
+        let dt = self.episode.world().dt();
+        for i in 0..spec.substeps {
+            let load = self.episode.world().hand_load();
+            transition.table |= load.scenery;
+            self.record.touched |= load.object;
+            let time = f64::from(i) * dt;
+            let hand = self.arm.advance(&motion, time, dt, &spec.guard, &load);
+            transition.stop |= self.arm.stop.active;
+            match self.episode.advance(&hand, &commands) {
+                Ok(()) => self.watch_lift(),
+                // The action is finite, so the world has diverged: tendon tensions are NaN.
+                Err(_) if self.episode.world().has_diverged() => break,
+                Err(error) => return Err(error.into()),
+            }
+            if self.episode.judge().success(self.episode.world()) {
+                transition.success = true;
+                break;
+            }
+        }
+        let diverged = self.episode.world().has_diverged();
+        transition.success &= !diverged;
+        transition.secure = transition.success && self.episode.verdict().secure;
+        transition.lost = !transition.success && (diverged || self.lost());
+        transition.effort = effort(&self.arm, self.episode.world());
+        self.record.success = transition.success;
+        self.record.stopped |= transition.stop;
+        self.record.touched |= self.touches();
+        transition.after = Potentials::of(&self.episode, &self.prepared, &self.record.first_center);
+        self.record.potentials = transition.after;
+        Ok(transition)
+    }
+
+    /// Moves the hand to the pose of `action` and tries the grasp, which ends the episode.
+    fn decide(&mut self, action: &[f32], spec: &EnvSpec) -> Result<Attempt, AgentError> {
+        self.record.failure = Some(FailureKind::Infeasible);
+        let Some((believed, preshape)) = pose_and_preshape(action, spec.hand()) else {
+            return Ok(Attempt { infeasible: true, ..Attempt::default() });
+        };
+        let hand = self.arm.teleport(&believed);
+        let decision = Decision {
+            spec,
+            prepared: &self.prepared,
+            first_center: &self.record.first_center,
+            factors: [self.record.friction, self.record.mass],
+            world_from_object: self.episode.world().world_from_object(),
+        };
+        let outcome = decision.attempt(&self.episode, &hand, preshape)?;
+        self.episode = outcome.episode;
+        self.arm.sync(&self.episode.world().world_from_hand());
+        self.record.success = outcome.attempt.success;
+        self.record.failure = outcome.failure;
+        self.record.survives_shake = outcome.survives_shake;
+        self.record.touched = outcome.touched;
+        self.record.potentials = outcome.attempt.potentials;
+        Ok(outcome.attempt)
+    }
+
+    /// True while no actuator has closed so far that the preshape must not change.
+    fn hand_is_open(&self) -> bool {
+        let world = self.episode.world();
+        let hand = world.hand();
+        hand.grasp_actuators().all(|index| {
+            let [open, closed] = hand.actuators[index].travel;
+            world.actuators()[index].position <= open + OPEN_SHARE * (closed - open)
+        })
+    }
+
+    /// Tells the judge that lifting begins, when the object first leaves the table while the hand touches it.
+    fn watch_lift(&mut self) {
+        if !self.record.lifting && !self.episode.judge().on_scenery() && self.touches() {
+            self.record.lifting = true;
+            self.record.touched = true;
+            self.episode.begin_lift();
+        }
+    }
+
+    fn touches(&self) -> bool {
+        !self.episode.world().contacts().links.is_empty()
+    }
+
+    /// True if the object is off the table or out of the workspace.
+    fn lost(&self) -> bool {
+        let center = self.episode.world().object_center();
+        center.z < LOST_HEIGHT || center.coords.xy().norm() > LOST_DISTANCE
+    }
+
+    /// The view from which observations and infos are read.
+    pub fn view<'a>(&'a self, spec: &'a EnvSpec) -> View<'a> {
+        View::new(&self.episode, &self.prepared, &self.arm, &self.record, &spec.flags)
+    }
+
+    /// The state machine.
+    pub fn episode(&self) -> &Episode {
+        &self.episode
+    }
+
+    /// The object.
+    pub fn prepared(&self) -> &Arc<Prepared> {
+        &self.prepared
+    }
+
+    /// The judge.
+    pub fn judge(&self) -> &Judge {
+        self.episode.judge()
+    }
+
+    /// The arm.
+    pub fn arm(&self) -> &ArmController {
+        &self.arm
+    }
+
+    /// The last action, clipped; zeros before the first.
+    pub fn last_action(&self) -> &[f32] {
+        &self.record.last_action
+    }
+
+    /// Control periods since the episode began.
+    pub fn steps(&self) -> u32 {
+        self.record.steps
+    }
+
+    /// Potentials of the reward's shaping terms.
+    pub fn potentials(&self) -> &Potentials {
+        &self.record.potentials
+    }
+
+    /// Cameras and light.
+    pub fn viewpoint(&self) -> &Viewpoint {
+        &self.record.viewpoint
+    }
+
+    /// Present poses of all bodies, for rendering.
+    ///
+    /// # Errors
+    /// [`AgentError::NotRenderable`] for a mesh that cannot be rendered.
+    pub fn scene_pose(&self) -> Result<ScenePose<'_>, AgentError> {
+        let object = self.prepared.model()?;
+        let color = object_color(self.prepared.body().name());
+        Ok(ScenePose::of(self.episode.world(), object, color))
+    }
+
+    /// Centre of mass of the object when the episode began, world, metres.
+    pub fn first_center(&self) -> &Point3<f64> {
+        &self.record.first_center
+    }
+
+    /// Middle of the object's bounds, object frame, metres.
+    pub fn bounds_center(&self) -> Point3<f64> {
+        self.prepared.bounds_center()
+    }
+
+    /// Half sides of the object's bounds along its axes, metres.
+    pub fn half_extents(&self) -> Vector3<f64> {
+        self.prepared.half_extents()
+    }
+}

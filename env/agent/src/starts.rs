@@ -1,0 +1,14 @@
+//! How an episode starts.
+//!
+//! | module | purpose |
+//! |---|---|
+//! | [`reset_options`] | options of a reset |
+//! | [`random_stream`] | the random stream of one environment |
+//! | [`initial_state`] | the initial state of an episode |
+//! | [`initial_samples`], [`hand_placement`] | its random samples, and the place of the hand |
+
+pub mod hand_placement;
+pub mod initial_samples;
+pub mod initial_state;
+pub mod random_stream;
+pub mod reset_options;

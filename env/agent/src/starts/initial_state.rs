@@ -1,0 +1,262 @@
+//! The initial state of an episode: sampled from the environment's stream, or set by options.
+//!
+//! Sampled, uniformly unless stated otherwise: the object; its resting pose, with the probability that a dropped object ends in it; its rotation
+//! about the vertical, and its position within 5 cm of the table's middle. The hand is open, its grasp frame within 10 cm of the middle and
+//! 0.15 to 0.30 m above the table, its palm facing down with a tilt of up to 0.2 rad, at any rotation about the vertical; if it collides with
+//! the object, it is raised in steps of 5 cm. Before a decision it waits 0.35 m higher, with the whole pose rotated by 50 degrees to the side
+//! about the table's middle: its palm faces the object, and it hides the object neither from the camera in front nor from one overhead.
+
+use crate::AgentError;
+use crate::actions::workspace::{LOST_DISTANCE, LOST_HEIGHT};
+use crate::objects::{Need, Prepared, RestingChoice};
+use crate::pool::env_spec::EnvSpec;
+use crate::starts::hand_placement::HandPlacement;
+use crate::starts::initial_samples::InitialSamples;
+use crate::starts::random_stream::RandomStream;
+use crate::starts::reset_options::{ObjectChoice, ResetOptions, bad_option, factor, finite, rigid};
+use graspbox_episode::scene::OUT_OF_THE_WAY;
+use graspbox_episode::{Episode, Scene, SuccessCriterion};
+use graspbox_mesh::TriMesh;
+use graspbox_vision::Viewpoint;
+use graspbox_vision::viewpoint::Variation;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use std::sync::Arc;
+
+/// Greatest height from which an object is dropped, metres.
+const HIGHEST: f64 = 1.0;
+/// Greatest depth of a requested object pose in the table, metres.
+const SUNK: f64 = 1e-3;
+
+/// The initial state of an episode.
+pub struct InitialState {
+    /// Index of the object.
+    pub object: usize,
+    /// Index of its resting pose.
+    pub resting: usize,
+    /// The object.
+    pub prepared: Arc<Prepared>,
+    /// Height of the object's centre of mass at rest, metres, if the object is dropped from a requested pose.
+    pub dropped: Option<f64>,
+    /// The object at rest.
+    pub scene: Arc<Scene>,
+    /// Pose of the object.
+    pub world_from_object: Isometry3<f64>,
+    /// Pose of the hand.
+    pub world_from_hand: Isometry3<f64>,
+    /// Preshape, as one number.
+    pub preshape: f64,
+    /// Factor on the object's friction.
+    pub friction: f64,
+    /// Factor on the object's mass.
+    pub mass: f64,
+    /// The true hand in the arm's estimate of it.
+    pub hand_error: Isometry3<f64>,
+    /// Cameras and light.
+    pub viewpoint: Viewpoint,
+}
+
+impl InitialState {
+    /// The preparation that the initial state of [`InitialState::sample`] would need; the stream is unchanged.
+    ///
+    /// # Errors
+    /// [`AgentError::UnknownObject`] or [`AgentError::NoSuchObject`].
+    pub fn need(spec: &EnvSpec, stream: &RandomStream, options: &ResetOptions) -> Result<Need, AgentError> {
+        let samples = InitialSamples::new(&mut stream.clone(), spec.objects.len());
+        Ok(Need {
+            object: object_index(spec, &samples, options)?,
+            resting: options.resting.map_or(RestingChoice::Share(samples.resting), RestingChoice::Index),
+            model: !spec.observer.specs().is_empty(),
+        })
+    }
+
+    /// Samples an initial state; `options` replace sampled values.
+    ///
+    /// # Errors
+    /// [`AgentError::BadOption`], or an error of an object that cannot be prepared.
+    pub fn sample(spec: &EnvSpec, stream: &mut RandomStream, options: &ResetOptions) -> Result<Self, AgentError> {
+        let vary = &spec.config.randomization;
+        let samples = InitialSamples::new(stream, spec.objects.len());
+        let (object, prepared) = choose_object(spec, &samples, options)?;
+        let (resting, scene) = choose_resting(spec, &prepared, &samples, options)?;
+        let preshape = checked_preshape(spec, options)?;
+        let between = |[low, high]: [f64; 2], share: f64| low + (high - low) * share;
+        let friction = factor(options.friction, between(vary.friction, samples.friction), "friction")?;
+        let mass = factor(options.mass, between(vary.mass, samples.mass), "mass")?;
+        let mut world_from_object = place_object(spec, &prepared, &scene, &samples, options)?;
+        let mut dropped = None;
+        if options.world_from_object.is_some() {
+            let (rests, height) = settled(&scene, &world_from_object, [friction, mass])?;
+            dropped = Some(height);
+            if spec.config.control.decides() {
+                world_from_object = rests;
+            }
+        }
+        let placement = HandPlacement {
+            spec,
+            object: scene.name(),
+            obstacles: scene.obstacles_at(&world_from_object),
+            world_from_object: &world_from_object,
+        };
+        let world_from_hand = placement.place(&samples, options, preshape)?;
+        let hand_error = Isometry3::from_parts(
+            Translation3::from(samples.shift * vary.hand_position),
+            UnitQuaternion::from_scaled_axis(samples.turn * vary.hand_rotation),
+        );
+        let viewpoint = sample_viewpoint(spec, options, samples.viewpoint)?;
+        Ok(Self {
+            object,
+            resting,
+            prepared,
+            dropped,
+            scene,
+            world_from_object,
+            world_from_hand,
+            preshape,
+            friction,
+            mass,
+            hand_error,
+            viewpoint,
+        })
+    }
+}
+
+/// Cameras and light: poses from the options are not varied, the others are.
+fn sample_viewpoint(spec: &EnvSpec, options: &ResetOptions, seed: u64) -> Result<Viewpoint, AgentError> {
+    let vary = &spec.config.randomization;
+    let variation =
+        Variation { camera_position: vary.camera_position, camera_rotation: vary.camera_rotation, light: vary.light };
+    let given = options.cameras.iter().map(|(name, rows)| {
+        let known = spec.config.cameras.cameras.iter().position(|camera| camera.name == *name);
+        let unknown = || bad_option("cameras", format!("there is no camera {name:?}"));
+        Ok((known.ok_or_else(unknown)?, rigid(rows, "cameras")?))
+    });
+    let given = given.collect::<Result<Vec<_>, AgentError>>()?;
+    let mut stream = RandomStream::new(seed);
+    let (cameras, light) = (spec.observer.mounted_cameras(), spec.observer.light());
+    Ok(Viewpoint::sample(cameras, light, &variation, &given, || stream.sample_within(1.0)))
+}
+
+fn choose_object(
+    spec: &EnvSpec,
+    samples: &InitialSamples,
+    options: &ResetOptions,
+) -> Result<(usize, Arc<Prepared>), AgentError> {
+    let object = object_index(spec, samples, options)?;
+    Ok((object, spec.objects.prepared(object)?))
+}
+
+fn object_index(spec: &EnvSpec, samples: &InitialSamples, options: &ResetOptions) -> Result<usize, AgentError> {
+    match &options.object {
+        None => Ok(samples.object),
+        Some(ObjectChoice::Index(index)) => Ok(*index),
+        Some(ObjectChoice::Name(name)) => {
+            let found = spec.objects.names().position(|n| n == name);
+            found.ok_or_else(|| AgentError::UnknownObject { name: name.clone() })
+        }
+    }
+}
+
+fn choose_resting(
+    spec: &EnvSpec,
+    prepared: &Prepared,
+    samples: &InitialSamples,
+    options: &ResetOptions,
+) -> Result<(usize, Arc<Scene>), AgentError> {
+    let (name, count) = (prepared.body().name(), prepared.probabilities().len());
+    let wanted = match options.resting {
+        Some(resting) if resting >= count => {
+            let why = format!(
+                "there is no resting pose {resting}: object `{name}` has {count} resting poses, counted from 0"
+            );
+            return Err(bad_option("resting", why));
+        }
+        Some(resting) => resting,
+        None => prepared.resting(RestingChoice::Share(samples.resting)),
+    };
+    let (resting, scene) = spec.objects.scene(prepared, wanted)?;
+    if options.resting.is_some() && resting != wanted {
+        return Err(bad_option("resting", format!("object `{name}` does not come to rest in pose {wanted}")));
+    }
+    Ok((resting, scene))
+}
+
+fn checked_preshape(spec: &EnvSpec, options: &ResetOptions) -> Result<f64, AgentError> {
+    let [low, high] = spec.hand().preshape_limits();
+    let preshape = options.preshape.unwrap_or(low);
+    if (low..=high).contains(&preshape) {
+        Ok(preshape)
+    } else {
+        let unit = spec.hand().preshape_unit();
+        Err(bad_option("preshape", format!("{preshape} is out of range; the hand takes {low} to {high} {unit}")))
+    }
+}
+
+/// The pose at which the object rests, or from which it is dropped.
+fn place_object(
+    spec: &EnvSpec,
+    prepared: &Prepared,
+    scene: &Scene,
+    samples: &InitialSamples,
+    options: &ResetOptions,
+) -> Result<Isometry3<f64>, AgentError> {
+    let vary = &spec.config.randomization;
+    let moved = |i: usize| samples.place[i] + samples.moved[i] * vary.object_position;
+    let (option, pose) = match (&options.world_from_object, &options.place) {
+        (Some(_), Some(_)) => return Err(bad_option("place", "give it or world_from_object, not both")),
+        (Some(_), None) if options.resting.is_some() => {
+            return Err(bad_option("resting", "give it or world_from_object, not both"));
+        }
+        (Some(rows), None) => ("world_from_object", given_object(prepared, rows)?),
+        (None, Some([x, y, turn])) => {
+            let [x, y, turn] = [finite(*x, "place")?, finite(*y, "place")?, finite(*turn, "place")?];
+            ("place", planar(x, y, turn) * scene.world_from_object())
+        }
+        (None, None) => return Ok(planar(moved(0), moved(1), samples.place[2]) * scene.world_from_object()),
+    };
+    let center = pose * scene.center_of_mass();
+    if center.coords.xy().norm() > LOST_DISTANCE || center.z > HIGHEST {
+        let [x, y, z] = [center.x, center.y, center.z];
+        let why = format!(
+            "the object's centre of mass would be at {x:.3}, {y:.3}, {z:.3} m; keep it within {LOST_DISTANCE} m of the table's middle \
+             and {HIGHEST} m above the table"
+        );
+        return Err(bad_option(option, why));
+    }
+    Ok(pose)
+}
+
+/// The scene of an object dropped from `world_from_object` without a hand, and the height of its centre of mass at rest, metres.
+fn settled(
+    scene: &Arc<Scene>,
+    world_from_object: &Isometry3<f64>,
+    factors: [f64; 2],
+) -> Result<(Isometry3<f64>, f64), AgentError> {
+    let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
+    let preshape = scene.template().hand().preshape_limits()[0];
+    let mut alone = Episode::reset_at(scene, &away, world_from_object, preshape, factors, SuccessCriterion::default());
+    alone.rest()?;
+    let (world, option) = (alone.world(), "world_from_object");
+    let center = world.object_center();
+    if !world.is_finite() || center.z < LOST_HEIGHT {
+        return Err(bad_option(option, "dropped there, the object falls off the table"));
+    }
+    if center.coords.xy().norm() > LOST_DISTANCE {
+        return Err(bad_option(option, format!("dropped there, the object leaves the workspace of {LOST_DISTANCE} m")));
+    }
+    Ok((world.world_from_object(), center.z))
+}
+
+/// A motion on the table: x, y (m), rotation about the vertical (rad).
+fn planar(x: f64, y: f64, turn: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::new(x, y, 0.0), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn))
+}
+
+fn given_object(prepared: &Prepared, rows: &[[f64; 4]; 4]) -> Result<Isometry3<f64>, AgentError> {
+    let pose = rigid(rows, "world_from_object")?;
+    let mesh: &TriMesh = prepared.body().mesh();
+    let lowest = mesh.vertices().iter().map(|v| (pose * v).z).fold(f64::INFINITY, f64::min);
+    if lowest < -SUNK {
+        return Err(bad_option("world_from_object", format!("the object would reach {:.4} m into the table", -lowest)));
+    }
+    Ok(pose)
+}

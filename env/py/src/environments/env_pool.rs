@@ -1,0 +1,304 @@
+//! `graspbox._core.EnvPool`: many environments in one call; `Objects`: the objects that they sample.
+
+use crate::convert::{Array, config, entries, json};
+use crate::environments::env_arrays::arrays;
+use crate::errors::CoreError;
+use crate::gil::{awaited, detached, interruptible};
+use crate::hand::Hand;
+use crate::mesh::Mesh;
+use graspbox_agent::pool::env_pool::Stepped;
+use graspbox_agent::starts::initial_samples::InitialSamples;
+use graspbox_agent::starts::random_stream::RandomStream;
+use graspbox_agent::{self as agent, AgentConfig, AgentError, Batch, ObjectDescription, ResetOptions, Source, Tables};
+use graspbox_sim::PhysicsConfig;
+use numpy::PyReadonlyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use rayon::prelude::*;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// An input array of float32.
+type Singles<'py> = PyReadonlyArrayDyn<'py, f32>;
+
+#[derive(FromPyObject)]
+enum Given<'py> {
+    Mesh(PyRef<'py, Mesh>),
+    Json(String),
+}
+
+/// A handle on objects that environments share; each is prepared at first use.
+#[pyclass(frozen, weakref, module = "graspbox._core")]
+pub struct Objects(Arc<agent::Objects>);
+
+#[pymethods]
+impl Objects {
+    /// Takes meshes, or descriptions as JSON (`name`, and `path` or `family` and `seed`; `scale`, `mass`); `physics` is JSON.
+    #[new]
+    #[pyo3(signature = (sources, hand, physics, cache))]
+    fn new(sources: Vec<Given<'_>>, hand: &Hand, physics: &str, cache: Option<PathBuf>) -> PyResult<Self> {
+        let physics: PhysicsConfig = config(physics, "PhysicsConfig")?;
+        let source = |given: Given<'_>| match given {
+            Given::Mesh(mesh) => Ok(Source::Given(Arc::new(mesh.0.spec.clone()))),
+            Given::Json(text) => Ok(config::<ObjectDescription>(&text, "an object")?.try_into()?),
+        };
+        let sources = sources.into_iter().map(source).collect::<Result<Vec<_>, CoreError>>()?;
+        let objects = agent::Objects::new(sources, Arc::clone(&hand.0), physics, cache).map_err(CoreError::from)?;
+        Ok(Self(Arc::new(objects)))
+    }
+
+    #[getter]
+    fn names(&self) -> Vec<&str> {
+        self.0.names().collect()
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Prepares objects in all resting poses, with their render models if `model` is true.
+    fn prepare(
+        &self,
+        py: Python<'_>,
+        indices: Vec<usize>,
+        model: bool,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<()> {
+        let objects = Arc::clone(&self.0);
+        let (stopped, stop) = stopper();
+        interruptible(py, num_threads, stop, move || {
+            let each = indices.into_par_iter().with_max_len(1);
+            each.try_for_each(|index| match stopped.load(Ordering::Acquire) {
+                true => Err(CoreError::Interrupted),
+                false => Ok(objects.prepare(index, model)?),
+            })
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Objects({} objects)", self.0.len())
+    }
+}
+
+/// A received environment, with the results of its step.
+type Arrival = (usize, Result<Stepped, CoreError>);
+
+/// A pool of environments.
+#[pyclass(frozen, module = "graspbox._core")]
+pub struct EnvPool {
+    pub(crate) core: Arc<agent::EnvPool>,
+    pub(crate) num_threads: Option<usize>,
+    sender: Mutex<Sender<Arrival>>,
+    arrivals: Mutex<Receiver<Arrival>>,
+}
+
+/// Results of a call: arrays of every environment, and of the ended episodes if any ended and was followed by the next in the call.
+type Rows<'py> = (Bound<'py, PyDict>, Option<Bound<'py, PyDict>>);
+
+#[pymethods]
+impl EnvPool {
+    #[new]
+    #[pyo3(signature = (objects, config, num_envs, num_threads))]
+    fn new(
+        objects: &Objects,
+        config: &str,
+        num_envs: usize,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let config: AgentConfig = crate::convert::config(config, "AgentConfig")?;
+        let core = agent::EnvPool::new(Arc::clone(&objects.0), config, num_envs).map_err(CoreError::from)?;
+        crate::gil::thread_count(num_threads)?;
+        let (sender, arrivals) = channel();
+        Ok(Self { core: Arc::new(core), num_threads, sender: Mutex::new(sender), arrivals: Mutex::new(arrivals) })
+    }
+
+    #[getter]
+    fn num_envs(&self) -> usize {
+        self.core.len()
+    }
+
+    /// Begins new episodes where `mask` is true; `options` are JSON: none, one for all environments, or one per environment.
+    #[pyo3(signature = (seeds=None, mask=None, options=None, out=None))]
+    fn reset<'py>(
+        &self,
+        py: Python<'py>,
+        seeds: Option<Vec<Option<u64>>>,
+        mask: Option<PyReadonlyArrayDyn<'py, bool>>,
+        options: Option<Vec<String>>,
+        out: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let count = self.core.len();
+        let seeds = seeds.unwrap_or_else(|| vec![None; count]);
+        let mask = mask.map(|m| entries(&m, "the reset mask", &[Some(count)]).map(<[bool]>::to_vec));
+        let mask = mask.transpose()?;
+        let options: Vec<ResetOptions> = match options {
+            None => vec![ResetOptions::default()],
+            Some(texts) => texts.iter().map(|text| config(text, "reset options")).collect::<Result<_, _>>()?,
+        };
+        let core = Arc::clone(&self.core);
+        let (stopped, stop) = stopper();
+        let batch = interruptible(py, self.num_threads, stop, move || {
+            core.reset_until(&stopped, &seeds, mask.as_deref(), &options)
+        })?;
+        arrays(py, self.core.spec(), batch, out)
+    }
+
+    /// Steps every environment; `actions` is (num_envs, action) float32.
+    #[pyo3(signature = (actions, out=None))]
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        actions: Singles<'py>,
+        out: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Rows<'py>> {
+        let actions = self.actions(&actions, self.core.len())?;
+        let core = Arc::clone(&self.core);
+        let (stopped, stop) = stopper();
+        let stepped = interruptible(py, self.num_threads, stop, move || core.step_until(&stopped, &actions))?;
+        self.rows(py, stepped, out)
+    }
+
+    /// Starts steps of environments; `recv` returns them in the order in which they finish.
+    fn send(&self, py: Python<'_>, actions: Singles<'_>, envs: Vec<usize>) -> PyResult<()> {
+        let actions = self.actions(&actions, envs.len())?;
+        let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let core = Arc::clone(&self.core);
+        detached(py, self.num_threads, move || {
+            core.send(&envs, &actions, move |env, result| {
+                // There is no receiver once the pool has been dropped.
+                drop(sender.send((env, result.map_err(CoreError::from))));
+            })
+        })
+    }
+
+    /// The next `count` environments that finish, in the format of [`EnvPool::step`]; the array `env` contains their indices.
+    ///
+    /// A signal cancels steps that have not begun; their environments are unchanged.
+    #[pyo3(signature = (count))]
+    fn recv<'py>(&self, py: Python<'py>, count: usize) -> PyResult<Rows<'py>> {
+        let away = self.core.away();
+        if count == 0 || count > away {
+            return Err(CoreError::Config(format!("count is {count}; {away} steps are pending")).into());
+        }
+        let mut arrived = Vec::with_capacity(count);
+        if let Err(error) = self.gather(py, &mut arrived, count) {
+            // Environments that have finished already are kept for the next call.
+            let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
+            for (env, stepped) in arrived {
+                drop(sender.send((env, Ok(stepped))));
+            }
+            return Err(error);
+        }
+        let spec = self.core.spec();
+        let (mut now, mut last) = (Batch::new(spec, count), Batch::new(spec, 0));
+        for (env, stepped) in arrived {
+            self.core.arrived(env);
+            now.append(stepped.now);
+            last.append(stepped.last);
+        }
+        self.rows(py, Stepped { now, last }, None)
+    }
+
+    /// The present results of every environment.
+    fn now<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        arrays(py, self.core.spec(), self.core.now(), None)
+    }
+
+    /// The complete state of an environment.
+    fn get_state<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Bound<'py, PyBytes>> {
+        let core = Arc::clone(&self.core);
+        let bytes = detached(py, self.num_threads, move || core.env(env)?.save(core.spec(), env))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Restores a state from `get_state`. Returns the arrays of that environment only.
+    fn set_state<'py>(&self, py: Python<'py>, env: usize, state: &[u8]) -> PyResult<Bound<'py, PyDict>> {
+        let (core, state) = (Arc::clone(&self.core), state.to_vec());
+        let batch = detached(py, self.num_threads, move || core.restore(env, &state))?;
+        arrays(py, self.core.spec(), batch, None)
+    }
+
+    /// Object (world_from_object), hand (world_from_hand) and the arm's estimate of the hand, (num_envs, 4, 4) each.
+    fn poses<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py, f64>; 3]> {
+        let mut poses = [const { Vec::new() }; 3];
+        for env in 0..self.core.len() {
+            let locked = self.core.env(env).map_err(CoreError::from)?;
+            let episode = locked.episode().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
+            let world = episode.episode().world();
+            poses[0].push(world.world_from_object());
+            poses[1].push(world.world_from_hand());
+            poses[2].push(*episode.arm().believed());
+        }
+        let [object, hand, believed] = poses.map(|p| crate::convert::matrices(py, p.into_iter()));
+        Ok([object?, hand?, believed?])
+    }
+
+    fn __repr__(&self) -> String {
+        format!("EnvPool({} environments)", self.core.len())
+    }
+}
+
+/// A flag for one call, and the function that sets it after a signal: environments that the call has not reached by then are unchanged.
+fn stopper() -> (Arc<AtomicBool>, impl FnOnce()) {
+    let flag = Arc::new(AtomicBool::new(false));
+    let set = Arc::clone(&flag);
+    (flag, move || set.store(true, Ordering::Release))
+}
+
+impl Drop for EnvPool {
+    fn drop(&mut self) {
+        self.core.call_back();
+    }
+}
+
+impl EnvPool {
+    /// Waits until `count` environments have finished; a signal cancels steps that have not begun.
+    fn gather(&self, py: Python<'_>, arrived: &mut Vec<(usize, Stepped)>, count: usize) -> PyResult<()> {
+        while arrived.len() < count {
+            match awaited(py, &self.arrivals) {
+                Ok(Some((env, Ok(stepped)))) => arrived.push((env, stepped)),
+                Ok(Some((env, Err(error)))) => {
+                    self.core.arrived(env);
+                    return Err(error.into());
+                }
+                Ok(None) => {
+                    // Received environments still count as pending. Another thread may have cancelled the steps that this one awaits.
+                    let away = self.core.away();
+                    if away < count {
+                        return Err(CoreError::from(AgentError::Cancelled { count, pending: away }).into());
+                    }
+                }
+                Err(signal) => {
+                    self.core.call_back();
+                    return Err(signal);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn actions(&self, actions: &Singles<'_>, rows: usize) -> Result<Vec<f32>, CoreError> {
+        let shape = [Some(rows), Some(self.core.spec().action)];
+        entries(actions, "actions", &shape).map(<[f32]>::to_vec)
+    }
+
+    fn rows<'py>(&self, py: Python<'py>, stepped: Stepped, out: Option<&Bound<'py, PyDict>>) -> PyResult<Rows<'py>> {
+        let spec = self.core.spec();
+        let last = (!stepped.last.is_empty()).then(|| arrays(py, spec, stepped.last, None));
+        Ok((arrays(py, spec, stepped.now, out)?, last.transpose()?))
+    }
+}
+
+/// The tables of all inputs and outputs of the environments of a hand, as JSON.
+#[pyfunction]
+pub fn agent_tables(hand: &Hand) -> PyResult<String> {
+    Ok(json(&Tables::new(&hand.0))?)
+}
+
+/// Indices of the objects, below `count`, that environments sample at a reset with each of the seeds.
+#[pyfunction]
+pub fn sampled_objects(seeds: Vec<u64>, count: usize) -> Vec<usize> {
+    seeds.into_iter().map(|seed| InitialSamples::new(&mut RandomStream::new(seed), count).object).collect()
+}

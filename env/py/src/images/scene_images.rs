@@ -1,0 +1,142 @@
+//! Images of many objects at rest, and voxels from many depth images: one call on all threads.
+
+use crate::convert::{Array, Floats, array, config, entries, isometries, matrices};
+use crate::errors::CoreError;
+use crate::gil::detached;
+use crate::images::vision::{image_arrays, lens, still};
+use crate::mesh::Mesh;
+use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Renderer, ViewPlan, occupancy};
+use graspbox_mesh::VoxelFrame;
+use graspbox_vision::VisualModels;
+use nalgebra::{Isometry3, Point3};
+use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+use serde::Deserialize;
+use std::sync::Arc;
+
+/// Settings of [`render_scenes`] beside objects and cameras.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneImagesConfig {
+    /// Rows and columns.
+    image_size: [u32; 2],
+    /// Vertical field of view, radians.
+    fov: f64,
+    /// Clipping depths, metres.
+    near: f64,
+    far: f64,
+    rgb: bool,
+    segmentation: bool,
+    /// Whether table and ground are rendered.
+    table: bool,
+}
+
+/// One image for each of n scenes: an object of `meshes` by its index, at `world_from_object` (n, 4, 4), seen from `world_from_camera`
+/// (n, 4, 4).
+///
+/// `depth` (n, H, W) float32, and `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 if requested.
+#[pyfunction]
+#[pyo3(signature = (meshes, mesh_of, world_from_object, world_from_camera, config, num_threads))]
+pub fn render_scenes<'py>(
+    py: Python<'py>,
+    meshes: Vec<PyRef<'py, Mesh>>,
+    mesh_of: Vec<usize>,
+    world_from_object: Floats<'py>,
+    world_from_camera: Floats<'py>,
+    config: &str,
+    #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let settings: SceneImagesConfig = self::config(config, "the images")?;
+    let objects = isometries(&world_from_object, "world_from_object")?;
+    let cameras = isometries(&world_from_camera, "world_from_camera")?;
+    let count = objects.len();
+    for (what, given) in [("mesh_of", mesh_of.len()), ("world_from_camera", cameras.len())] {
+        if given != count {
+            let text = format!("{what} has length {given}; give one for each of the {count} images");
+            return Err(CoreError::Config(text).into());
+        }
+    }
+    if let Some(index) = mesh_of.iter().find(|index| **index >= meshes.len()) {
+        return Err(CoreError::Config(format!("mesh_of holds {index}; there are {} meshes", meshes.len())).into());
+    }
+    let [height, width] = settings.image_size;
+    let lens = Intrinsics::from_fov(width, height, settings.fov).map_err(CoreError::from)?;
+    let meshes: Vec<_> = meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect();
+    let channels = Channels { rgb: settings.rgb, segmentation: settings.segmentation };
+    let frames = detached(py, num_threads, move || {
+        let models = VisualModels::bare(settings.table)?;
+        let one = |renderer: &mut Renderer, index: usize| -> Result<Frame, CoreError> {
+            let mesh = &meshes[mesh_of[index]];
+            let scene = still(mesh, mesh.render_model()?, objects[index], Isometry3::identity(), Vec::new());
+            let camera = Camera::new(lens, cameras[index])?.with_range(settings.near, settings.far)?;
+            Ok(renderer.render(&models.instances(&scene), &camera, &Light::default(), channels)?)
+        };
+        let frames: Vec<_> = (0..count).into_par_iter().map_init(|| Renderer::new(Detail::Auto), one).collect();
+        frames.into_iter().collect::<Result<Vec<Frame>, CoreError>>()
+    })?;
+    image_arrays(py, &frames, channels, height, width)
+}
+
+/// Poses of the cameras of a plan (JSON) around `target`: `world_from_camera` (count, 4, 4).
+#[pyfunction]
+pub fn camera_poses<'py>(
+    py: Python<'py>,
+    plan: &str,
+    target: [f64; 3],
+    count: usize,
+    seed: u64,
+) -> PyResult<Array<'py, f64>> {
+    let plan: ViewPlan = config(plan, "ViewPlan")?;
+    // Poses do not depend on the lens.
+    let lens = Intrinsics::from_fov(1, 1, 1.0).map_err(CoreError::from)?;
+    let cameras = graspbox_camera::views(&plan, lens, Point3::from(target), count, seed).map_err(CoreError::from)?;
+    matrices(py, cameras.iter().map(|camera| *camera.world_from_camera()))
+}
+
+/// Fuses the depth images (n, V, H, W) of n scenes into a cube of voxels each: (n, N, N, N) uint8, 0 unseen, 1 free, 2 occupied.
+///
+/// `frame_from_camera` (n V, 4, 4) poses the cameras in the frames of the cubes; `intrinsics` is (3, 3), `origin` (3,).
+#[pyfunction]
+#[pyo3(signature = (depth, intrinsics, frame_from_camera, resolution, origin, side, far, nothing_is_free, num_threads))]
+#[expect(clippy::too_many_arguments, reason = "every array of the views crosses by itself")]
+pub fn occupancies<'py>(
+    py: Python<'py>,
+    depth: PyReadonlyArrayDyn<'py, f32>,
+    intrinsics: Floats<'py>,
+    frame_from_camera: Floats<'py>,
+    resolution: usize,
+    origin: [f64; 3],
+    side: f64,
+    far: f64,
+    nothing_is_free: bool,
+    #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+) -> PyResult<Array<'py, u8>> {
+    let values = entries(&depth, "depth", &[None, None, None, None])?.to_vec();
+    let [count, views, height, width] = [0, 1, 2, 3].map(|axis| depth.shape()[axis]);
+    let poses = isometries(&frame_from_camera, "frame_from_camera")?;
+    if poses.len() != count * views {
+        let text =
+            format!("frame_from_camera has {} poses; give one for each of {} images", poses.len(), count * views);
+        return Err(CoreError::Config(text).into());
+    }
+    let lens = lens(&intrinsics, height as u32, width as u32)?;
+    let cells = detached(py, num_threads, move || {
+        let grid = VoxelFrame::new(resolution, Point3::from(origin), side)?;
+        let pixels = height * width;
+        let one = |scene: usize| -> Result<Vec<u8>, CoreError> {
+            let of_view = |view: usize| {
+                let index = scene * views + view;
+                let camera = Camera::new(lens, poses[index])?.with_range(1e-4, far)?;
+                Ok(DepthView { camera, depth: &values[index * pixels..(index + 1) * pixels] })
+            };
+            let seen = (0..views).map(of_view).collect::<Result<Vec<_>, CoreError>>()?;
+            let cells = occupancy(&grid, &Isometry3::identity(), &seen, nothing_is_free)?;
+            Ok(cells.into_iter().map(|cell| cell as u8).collect())
+        };
+        let cells: Vec<_> = (0..count).into_par_iter().map(one).collect();
+        cells.into_iter().collect::<Result<Vec<_>, CoreError>>()
+    })?;
+    array(py, cells.concat(), &[count, resolution, resolution, resolution])
+}

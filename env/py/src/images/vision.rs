@@ -1,0 +1,225 @@
+//! Images of environments and objects, pictures, cameras.
+
+use crate::convert::{Array, Floats, array, config, isometries, isometry, json, matrices, point};
+use crate::environments::env_pool::EnvPool;
+use crate::errors::CoreError;
+use crate::gil::detached;
+use crate::hand::Hand;
+use crate::mesh::{Mesh, MeshData};
+use graspbox_agent::AgentError;
+use graspbox_agent::observations::tables::image_tables as image_tables_of;
+use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Model, ViewPlan};
+use graspbox_mesh::VoxelFrame;
+use graspbox_vision::visual_models::object_color;
+use graspbox_vision::{CamerasConfig, ImageKind, Observer, PictureConfig, ScenePose, VisualModels, render_views};
+use nalgebra::{Isometry3, Point3};
+use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde::Deserialize;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Kinds of images, by the name that begins an image's name.
+#[pyfunction]
+pub fn image_kinds() -> Vec<&'static str> {
+    ImageKind::ALL.map(ImageKind::name).to_vec()
+}
+
+/// Names, shapes, dtypes, bounds, frames, cameras, units and missing values of the images of a config, as JSON.
+#[pyfunction]
+pub fn image_tables(hand: &Hand, cameras: &str) -> PyResult<String> {
+    let config: CamerasConfig = config(cameras, "CamerasConfig")?;
+    Ok(json(&image_tables_of(&hand.0, config).map_err(CoreError::from)?)?)
+}
+
+/// Pictures (n, H, W, 3) uint8 of the present state of environments `envs`; `picture` is JSON.
+#[pyfunction]
+#[pyo3(signature = (pool, envs, picture))]
+pub fn pictures<'py>(py: Python<'py>, pool: &EnvPool, envs: Vec<usize>, picture: &str) -> PyResult<Array<'py, u8>> {
+    let picture: PictureConfig = config(picture, "PictureConfig")?;
+    let [height, width] = picture.image_size.map(|n| n as usize);
+    let (core, count) = (Arc::clone(&pool.core), envs.len());
+    let pixels = detached(py, pool.num_threads, move || core.pictures(&envs, &picture))?;
+    array(py, pixels, &[count, height, width, 3])
+}
+
+/// By the camera's name: its intrinsics (3, 3), and its present pose in every environment, `world_from_camera` (num_envs, 4, 4).
+#[pyfunction]
+pub fn poses_of_cameras<'py>(py: Python<'py>, pool: &EnvPool) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for camera in pool.core.cameras().map_err(CoreError::from)? {
+        let intrinsics = array(py, camera.intrinsics.to_vec(), &[3, 3])?;
+        dict.set_item(&camera.name, (intrinsics, matrices(py, camera.world_from_camera.into_iter())?))?;
+    }
+    Ok(dict)
+}
+
+/// The lens of a matrix (3, 3).
+///
+/// # Errors
+/// Another shape.
+pub(crate) fn lens(matrix: &Floats, height: u32, width: u32) -> Result<Intrinsics, CoreError> {
+    let k = crate::convert::entries(matrix, "intrinsics", &[Some(3), Some(3)])?;
+    Ok(Intrinsics { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5] })
+}
+
+/// Settings of [`views`] beside mesh and poses.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewsConfig {
+    plan: ViewPlan,
+    count: usize,
+    seed: u64,
+    image_size: [u32; 2],
+    fov: f64,
+    near: f64,
+    far: f64,
+    rgb: bool,
+    segmentation: bool,
+    table: bool,
+    levels: bool,
+}
+
+/// Renders an object from many sides.
+///
+/// `depth` (n, H, W) float32, `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 if requested, `intrinsics` (3, 3),
+/// `world_from_camera` and `camera_from_object` (n, 4, 4).
+#[pyfunction]
+#[pyo3(signature = (mesh, config, world_from_object, target, num_threads))]
+pub fn views<'py>(
+    py: Python<'py>,
+    mesh: &Mesh,
+    config: &str,
+    world_from_object: Option<Floats<'py>>,
+    target: Option<Floats<'py>>,
+    #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let config: ViewsConfig = crate::convert::config(config, "views")?;
+    let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
+    let pose = pose.unwrap_or_else(|| graspbox_mesh::default_pose(&mesh.0.spec.mesh));
+    let bounds = mesh.0.spec.mesh.transformed(&pose).aabb();
+    let target = target.map(|p| point(&p, "target")).transpose()?;
+    let target = target.unwrap_or_else(|| nalgebra::center(&bounds.min, &bounds.max));
+    let [height, width] = config.image_size;
+    let lens = Intrinsics::from_fov(width, height, config.fov).map_err(CoreError::from)?;
+    let data = Arc::clone(&mesh.0);
+    let channels = Channels { rgb: config.rgb, segmentation: config.segmentation };
+    let (cameras, frames) = detached(py, num_threads, move || {
+        let around = graspbox_camera::views(&config.plan, lens, target, config.count, config.seed)?;
+        let ranged = around.into_iter().map(|c| c.with_range(config.near, config.far));
+        let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
+        // Without levels of detail there is nothing to prepare, and existing ones are not used.
+        let (object, detail) = match config.levels {
+            true => (data.render_model()?, Detail::Auto),
+            false => (data.surface()?, Detail::Full),
+        };
+        let scene_pose = still(&data, object, pose, Isometry3::identity(), Vec::new());
+        let models = VisualModels::bare(config.table)?;
+        let frames = render_views(&models, &scene_pose, &cameras, &Light::default(), channels, detail)?;
+        Ok::<_, CoreError>((cameras, frames))
+    })?;
+    let dict = image_arrays(py, &frames, channels, height, width)?;
+    dict.set_item("intrinsics", array(py, lens.matrix().to_vec(), &[3, 3])?)?;
+    let world_from_camera = cameras.iter().map(|c| *c.world_from_camera());
+    dict.set_item("world_from_camera", matrices(py, world_from_camera)?)?;
+    let camera_from_object = cameras.iter().map(|c| c.camera_from_object(&pose));
+    dict.set_item("camera_from_object", matrices(py, camera_from_object)?)?;
+    Ok(dict)
+}
+
+/// The arrays of images, by name: `depth`, and `rgb` and `segmentation` if they were requested.
+pub(crate) fn image_arrays<'py>(
+    py: Python<'py>,
+    frames: &[Frame],
+    channels: Channels,
+    height: u32,
+    width: u32,
+) -> PyResult<Bound<'py, PyDict>> {
+    let shape = [frames.len(), height as usize, width as usize];
+    let joined = |get: fn(&Frame) -> &[u8]| frames.iter().map(get).collect::<Vec<_>>().concat();
+    let depth = frames.iter().map(|f| f.depth.as_slice()).collect::<Vec<_>>().concat();
+    let dict = PyDict::new(py);
+    dict.set_item("depth", array(py, depth, &shape)?)?;
+    if channels.rgb {
+        dict.set_item("rgb", array(py, joined(|f| &f.rgb), &[shape[0], shape[1], shape[2], 3])?)?;
+    }
+    if channels.segmentation {
+        dict.set_item("segmentation", array(py, joined(|f| &f.segmentation), &shape)?)?;
+    }
+    Ok(dict)
+}
+
+/// Fuses depth images (n, H, W) into a cube of voxels: (N, N, N) uint8, 0 unseen, 1 free, 2 occupied.
+///
+/// `frame_from_camera` (n, 4, 4) poses the cameras in the frame of the cube; `intrinsics` is (3, 3).
+#[pyfunction]
+#[pyo3(signature = (depth, intrinsics, frame_from_camera, resolution, origin, side, far, nothing_is_free))]
+#[expect(clippy::too_many_arguments, reason = "every array of the views crosses by itself")]
+pub fn occupancy<'py>(
+    py: Python<'py>,
+    depth: PyReadonlyArrayDyn<'py, f32>,
+    intrinsics: Floats<'py>,
+    frame_from_camera: Floats<'py>,
+    resolution: usize,
+    origin: Floats<'py>,
+    side: f64,
+    far: f64,
+    nothing_is_free: bool,
+) -> PyResult<Array<'py, u8>> {
+    let poses = isometries(&frame_from_camera, "frame_from_camera")?;
+    let values = crate::convert::entries(&depth, "depth", &[Some(poses.len()), None, None])?.to_vec();
+    let [height, width] = [1, 2].map(|axis| depth.shape()[axis]);
+    let lens = lens(&intrinsics, height as u32, width as u32)?;
+    let origin: Point3<f64> = point(&origin, "origin")?;
+    let cells = detached(py, None, move || {
+        let grid = VoxelFrame::new(resolution, origin, side)?;
+        let cameras = poses.iter().map(|pose| Camera::new(lens, *pose)?.with_range(1e-4, far));
+        let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
+        let images = values.chunks_exact((height * width).max(1));
+        let views: Vec<_> =
+            cameras.into_iter().zip(images).map(|(camera, depth)| DepthView { camera, depth }).collect();
+        Ok::<_, CoreError>(graspbox_camera::occupancy(&grid, &Isometry3::identity(), &views, nothing_is_free)?)
+    })?;
+    let cells = cells.into_iter().map(|cell| cell as u8).collect();
+    array(py, cells, &[resolution; 3])
+}
+
+/// Times the images of `observer` (JSON) of the present state of an environment, on one thread; seconds (repeats,).
+#[pyfunction]
+#[pyo3(name = "_time_images")]
+pub fn time_images<'py>(
+    py: Python<'py>,
+    pool: &EnvPool,
+    env: usize,
+    cameras: &str,
+    repeats: usize,
+) -> PyResult<Array<'py, f64>> {
+    let config: CamerasConfig = config(cameras, "CamerasConfig")?;
+    let core = Arc::clone(&pool.core);
+    let seconds = detached(py, Some(1), move || {
+        let observer = Observer::new(Arc::clone(core.spec().hand()), config, core.spec().objects.visual_models())?;
+        let locked = core.env(env)?;
+        let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
+        let mut images = Vec::new();
+        let mut seconds = Vec::with_capacity(repeats);
+        for _ in 0..repeats {
+            let started = Instant::now();
+            observer.render(&episode.scene_pose()?, episode.viewpoint(), &mut images)?;
+            seconds.push(started.elapsed().as_secs_f64());
+        }
+        Ok::<_, AgentError>(seconds)
+    })?;
+    array(py, seconds, &[repeats])
+}
+
+/// An object at rest.
+pub(crate) fn still<'a>(
+    data: &MeshData,
+    object: &'a Model,
+    world_from_object: Isometry3<f64>,
+    world_from_hand: Isometry3<f64>,
+    world_from_links: Vec<Isometry3<f64>>,
+) -> ScenePose<'a> {
+    ScenePose { object, color: object_color(&data.spec.name), world_from_object, world_from_hand, world_from_links }
+}

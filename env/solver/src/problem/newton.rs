@@ -1,0 +1,314 @@
+//! Newton's method for the equations of a step, with a convex problem as the fallback when it stalls.
+//!
+//! 1. Start at the last velocities, or with the object at rest on the scenery if that leaves a smaller residual.
+//! 2. Take steps with the factors of the last derivative while they converge fast: this suffices for most steps of a held object.
+//! 3. Newton's method on `r(v) = 0` with friction bounds that follow the normal impulses. A full step that does not reduce the residual crosses a
+//!    kink of the contact law (contacts open, close, stick or slide); a step of the convex problem, with the bounds frozen, replaces it.
+//! 4. Where that stalls: solve the convex problem, and run 3 again from its solution.
+//! 5. Where that stalls too: solve the convex problem with more updates of the bounds, and report that the step did not converge.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::StateError;
+use crate::kinematics::{Kinematics, Twist};
+use crate::model::{Model, OBJECT};
+use crate::problem::matrix::Factors;
+use crate::problem::{Bounds, Problem};
+
+/// A Newton step is accepted if it reduces the residual's size (its squared norm) by this share, dimensionless: 2 % of the norm. A smooth
+/// residual falls by far more; less means that the step crossed a kink.
+const MIN_DECREASE: f64 = 0.04;
+/// Factors are reused for another step if they reduced the residual's norm to this share, dimensionless. Slower convergence costs more
+/// evaluations than a new factorization.
+const REUSE_CONTRACTION: f64 = 0.2;
+/// Most convex steps before Newton's method counts as stalled; it bounds the cost of a step, and the convex fallback takes over.
+const MAX_CONVEX_STEPS: usize = 12;
+/// Iterations of the convex problem in which the friction bounds still follow, in the first and in the last fallback. Later iterations freeze
+/// them, since only the convex problem is sure to converge.
+const BOUND_UPDATES: [usize; 2] = [3, 6];
+/// A line search ends where the slope has fallen to this share of the first slope, dimensionless: Newton's next step corrects the rest.
+const SLOPE_REDUCTION: f64 = 0.1;
+/// Most evaluations of a line search: bisection alone would shrink the bracket to 1e-6 of the step.
+const MAX_LINE_EVALUATIONS: usize = 20;
+/// A line search evaluates no nearer to an end of its bracket than this share of its width, dimensionless: it keeps the bracket shrinking.
+const BRACKET_MARGIN: f64 = 0.02;
+/// The iteration ends if the next step is expected to be shorter than this share of the tolerance, dimensionless. The expectation assumes
+/// that steps shrink with the residual, hence the margin of two.
+const EXPECTED_STEP: f64 = 0.5;
+
+/// Buffers of the iteration.
+#[derive(Clone, Default)]
+pub(crate) struct Newton {
+    direction: Vec<f64>,
+    from: Vec<f64>,
+    /// Solution of the convex problem, kept while Newton's method runs again.
+    convex: Vec<f64>,
+    /// Velocities at the start of the iteration, kept for a step that does not converge.
+    first_guess: Vec<f64>,
+    last: FactoredDerivative,
+}
+
+/// The factors of the last derivative and its number of contact points, kept from step to step.
+#[derive(Clone, Default, Serialize, Deserialize)]
+pub(crate) struct FactoredDerivative {
+    factors: Factors,
+    points: usize,
+}
+
+impl Newton {
+    pub fn new(model: &Model) -> Self {
+        let n = model.unknowns();
+        Self {
+            direction: vec![0.0; n],
+            from: vec![0.0; n],
+            convex: vec![0.0; n],
+            first_guess: vec![0.0; n],
+            last: FactoredDerivative { factors: Factors::new(n), points: 0 },
+        }
+    }
+
+    /// The state that the next step depends on.
+    pub fn save(&self) -> FactoredDerivative {
+        self.last.clone()
+    }
+
+    /// Restores the result of [`Newton::save`].
+    ///
+    /// # Errors
+    /// [`StateError`] for another number of unknowns, or factors that no matrix has; nothing changes then.
+    pub fn load(&mut self, saved: FactoredDerivative) -> Result<(), StateError> {
+        if !saved.factors.fits(&self.last.factors) {
+            return Err(StateError::OtherModel { what: "unknowns" });
+        }
+        if !saved.factors.is_possible() {
+            return Err(StateError::Impossible { what: "factors" });
+        }
+        self.last = saved;
+        Ok(())
+    }
+
+    /// Solves for `problem.v`, starting at its present value; impulses and cable forces are those at the solution.
+    ///
+    /// * `scenery`: twist of the scenery, for the start with the object at rest on it.
+    ///
+    /// Returns false if the iteration did not converge. The velocities are then those of the last convex problem, unless its residual is larger
+    /// than that of the start: then they are the start's, since a diverged iteration would throw the object.
+    pub fn solve(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> bool {
+        let begun = self.start(model, kinematics, problem, scenery);
+        self.first_guess.copy_from_slice(&problem.v);
+        let (first, done) = self.reuse_factors(model, kinematics, problem, begun);
+        if done || self.newton(model, kinematics, problem, first) {
+            return true;
+        }
+        self.solve_convex(model, kinematics, problem, BOUND_UPDATES[0]);
+        self.convex.copy_from_slice(&problem.v);
+        let first = problem.evaluate(model, kinematics, Bounds::Follow);
+        if self.newton(model, kinematics, problem, first) {
+            return true;
+        }
+        problem.v.copy_from_slice(&self.convex);
+        let last = self.solve_convex(model, kinematics, problem, BOUND_UPDATES[1]);
+        if last > begun || last.is_nan() {
+            problem.v.copy_from_slice(&self.first_guess);
+            problem.evaluate(model, kinematics, Bounds::Follow);
+        }
+        false
+    }
+
+    /// Chooses the start of the iteration, and returns the residual's size there.
+    ///
+    /// The last velocities are relative to the base. When the base accelerates, the velocity of an object that rests on the table changes in that
+    /// frame; with the last velocity it would seem to slide, and the iteration would have to find its friction anew.
+    fn start(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> f64 {
+        let now = problem.evaluate(model, kinematics, Bounds::Follow);
+        if !problem.patches.iter().any(|p| p.a == OBJECT && p.b == model.scenery_body()) {
+            return now;
+        }
+        self.from.copy_from_slice(&problem.v);
+        problem.set_object_twist(scenery);
+        self.direction.iter_mut().zip(&self.from).zip(&problem.v).for_each(|((d, from), v)| *d = v - from);
+        let same = self.step_size(model) <= model.config.stick_speed;
+        if !same {
+            let then = problem.evaluate(model, kinematics, Bounds::Follow);
+            if then < now {
+                return then;
+            }
+        }
+        problem.v.copy_from_slice(&self.from);
+        if same { now } else { problem.evaluate(model, kinematics, Bounds::Follow) }
+    }
+
+    /// Takes Newton steps with the factors of the last derivative, which is close to the present one unless contacts open, close, stick or slide.
+    /// Returns the residual's size after them, and whether the iteration converged.
+    fn reuse_factors(
+        &mut self,
+        model: &Model,
+        kinematics: &Kinematics,
+        problem: &mut Problem,
+        first: f64,
+    ) -> (f64, bool) {
+        let mut now = first;
+        if !self.last.factors.is_valid() || self.last.points != problem.points.len() {
+            return (now, false);
+        }
+        for _ in 0..model.config.max_iterations {
+            self.negate_residual(problem);
+            if !self.last.factors.solve(&mut self.direction) {
+                return (now, false);
+            }
+            let length = self.step_size(model);
+            self.from.copy_from_slice(&problem.v);
+            self.move_by(problem, 1.0);
+            let then = problem.evaluate(model, kinematics, Bounds::Follow);
+            // Strictly less: a residual of 0 cannot fall, and `then / now` would be NaN.
+            let falls = then < now * (1.0 - MIN_DECREASE);
+            if !falls {
+                problem.v.copy_from_slice(&self.from);
+                return (problem.evaluate(model, kinematics, Bounds::Follow), false);
+            }
+            let shrunk = (then / now).sqrt();
+            if length * shrunk <= EXPECTED_STEP * model.config.tolerance {
+                return (then, true);
+            }
+            if shrunk > REUSE_CONTRACTION {
+                return (then, false);
+            }
+            now = then;
+        }
+        (now, false)
+    }
+
+    /// Newton's method with friction bounds that follow, from a residual of size `now`. Returns false if it stalls.
+    ///
+    /// Where a Newton step does not descend, contacts are about to open, close, stick or slide: a step of the convex problem crosses these kinks.
+    fn newton(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, mut now: f64) -> bool {
+        let tolerance = model.config.tolerance;
+        let mut convex_steps = 0;
+        for _ in 0..model.config.max_iterations {
+            problem.differentiate(model, kinematics, Bounds::Follow);
+            self.negate_residual(problem);
+            self.last.points = problem.points.len();
+            if !problem.derivative.factor(&mut self.last.factors) || !self.last.factors.solve(&mut self.direction) {
+                self.last.factors.forget();
+                return false;
+            }
+            let length = self.step_size(model);
+            self.from.copy_from_slice(&problem.v);
+            self.move_by(problem, 1.0);
+            let then = problem.evaluate(model, kinematics, Bounds::Follow);
+            if length <= tolerance {
+                return true;
+            }
+            if then <= now * (1.0 - MIN_DECREASE) {
+                if length * (then / now).sqrt() <= EXPECTED_STEP * tolerance {
+                    return true;
+                }
+                now = then;
+                continue;
+            }
+            convex_steps += 1;
+            if convex_steps > MAX_CONVEX_STEPS {
+                return false;
+            }
+            problem.v.copy_from_slice(&self.from);
+            problem.evaluate(model, kinematics, Bounds::Follow);
+            if !self.convex_step(model, kinematics, problem) {
+                return false;
+            }
+            now = problem.evaluate(model, kinematics, Bounds::Follow);
+        }
+        false
+    }
+
+    /// Takes one step of the convex problem from the last evaluation. Returns false if its matrix is not positive definite.
+    fn convex_step(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
+        problem.differentiate(model, kinematics, Bounds::Frozen);
+        self.negate_residual(problem);
+        if !problem.derivative.solve_definite(&mut self.direction) {
+            return false;
+        }
+        self.from.copy_from_slice(&problem.v);
+        self.line_search(model, kinematics, problem);
+        true
+    }
+
+    /// Newton's method with line search on the convex problem. The friction bounds follow for `updates` iterations, then stay frozen.
+    /// Returns the size of the remaining residual.
+    fn solve_convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, updates: usize) -> f64 {
+        let mut size = f64::INFINITY;
+        for iteration in 0..model.config.max_iterations {
+            if iteration < updates {
+                problem.evaluate(model, kinematics, Bounds::Follow);
+            }
+            size = problem.evaluate(model, kinematics, Bounds::Frozen);
+            problem.differentiate(model, kinematics, Bounds::Frozen);
+            self.negate_residual(problem);
+            if !problem.derivative.solve_definite(&mut self.direction) {
+                return size;
+            }
+            self.from.copy_from_slice(&problem.v);
+            if self.step_size(model) <= model.config.tolerance {
+                self.move_by(problem, 1.0);
+                return problem.evaluate(model, kinematics, Bounds::Frozen);
+            }
+            self.line_search(model, kinematics, problem);
+        }
+        size
+    }
+
+    /// Moves along the direction to the least cost: finds a root of the cost's slope by the Illinois method (modified regula falsi).
+    fn line_search(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) {
+        let slope = |this: &mut Self, problem: &mut Problem, step: f64| {
+            this.move_by(problem, step);
+            problem.evaluate(model, kinematics, Bounds::Frozen);
+            problem.residual.iter().zip(&this.direction).map(|(r, d)| r * d).sum::<f64>()
+        };
+        let start: f64 = problem.residual.iter().zip(&self.direction).map(|(r, d)| r * d).sum();
+        let full = slope(self, problem, 1.0);
+        if full <= SLOPE_REDUCTION * start.abs() {
+            return;
+        }
+        let (mut low, mut at_low, mut high, mut at_high) = (0.0, start, 1.0, full);
+        let mut last = 0.0_f64;
+        for _ in 0..MAX_LINE_EVALUATIONS {
+            let margin = BRACKET_MARGIN * (high - low);
+            let (least, most): (f64, f64) = (low + margin, high - margin);
+            if least.is_nan() || most.is_nan() || least > most {
+                return; // The forces overflowed; `Solver::is_finite` reports that.
+            }
+            let step = ((low * at_high - high * at_low) / (at_high - at_low)).clamp(least, most);
+            let found = slope(self, problem, step);
+            if found.abs() <= SLOPE_REDUCTION * start.abs() {
+                return;
+            }
+            if found > 0.0 {
+                (high, at_high) = (step, found);
+                at_low *= if last > 0.0 { 0.5 } else { 1.0 };
+            } else {
+                (low, at_low) = (step, found);
+                at_high *= if last < 0.0 { 0.5 } else { 1.0 };
+            }
+            last = found;
+        }
+    }
+
+    /// Writes the right-hand side of Newton's equation, `-r`.
+    fn negate_residual(&mut self, problem: &Problem) {
+        for (d, r) in self.direction.iter_mut().zip(&problem.residual) {
+            *d = -r;
+        }
+    }
+
+    /// Sets the velocities to `from + step * direction`.
+    /// Sets the velocities to `from + step * direction`.
+    fn move_by(&self, problem: &mut Problem, step: f64) {
+        for ((v, from), d) in problem.v.iter_mut().zip(&self.from).zip(&self.direction) {
+            *v = from + step * d;
+        }
+    }
+
+    /// Largest change of a velocity in a full step along the direction, m/s; angular velocities count by [`Model::levers`].
+    fn step_size(&self, model: &Model) -> f64 {
+        self.direction.iter().zip(&model.levers).fold(0.0, |most, (d, lever)| most.max(d.abs() * lever))
+    }
+}
