@@ -76,8 +76,8 @@ def learned_from(made: list[Made], chosen_on: str | None) -> list[str]:
     found: list[str] = []
     names: tuple[str, ...] = ()
     for one in made:
-        given, split = one.objects.get("objects", ()), one.objects.get("split")
-        names = (given,) if isinstance(given, str) else tuple(given)
+        sets, split = one.objects.get("objects", ()), one.objects.get("split")
+        names = (sets,) if isinstance(sets, str) else tuple(sets)
         found += of_splits(names, [split]) if split else names
     if chosen_on is not None:
         found += of_splits(names, [chosen_on])
@@ -125,10 +125,10 @@ def publish(settings: Settings, command: str) -> list[Score]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and publish; returns the exit status."""
-    given = sys.argv[1:] if arguments is None else arguments
-    settings = tyro.cli(Settings, args=given, description=__doc__)
+    line = sys.argv[1:] if arguments is None else arguments
+    settings = tyro.cli(Settings, args=line, description=__doc__)
     try:
-        words = [shown(Path(word)) if Path(word).is_absolute() else word for word in given]
+        words = [shown(Path(word)) if Path(word).is_absolute() else word for word in line]
         scores = publish(settings, shlex.join(["python", "scripts/publish_sb3.py", *words]))
     except (GraspboxError, OSError, yaml.YAMLError) as error:
         console.print(f"error: {error}", markup=False)

@@ -24,12 +24,12 @@ class MadeOnce(Generic[Made]):
         self._make, self._lock = make, threading.Lock()
         self._made: dict[tuple[Any, ...], Made] = {}
 
-    def __call__(self, *given: Any) -> Made:
+    def __call__(self, *arguments: Any) -> Made:
         """Return the value, which the first call makes."""
         with self._lock:
-            if given not in self._made:
-                self._made[given] = self._make(*given)
-            return self._made[given]
+            if arguments not in self._made:
+                self._made[arguments] = self._make(*arguments)
+            return self._made[arguments]
 
     def __copy__(self) -> Self:
         return self

@@ -322,10 +322,12 @@ def _traced_completion(net: CompletionNet, crop: CropConfig) -> Traced:
 def _traced_scorer(
     members: Sequence[ScorerNet], calibration: Calibration, grid: HandGrid, finalists: int = FINALISTS
 ) -> Traced:
-    given = _grasps_of_a_block(grid, 4 * finalists)
-    example = [torch.from_numpy(array[: finalists + 7]) for array in given]
+    grasps = _grasps_of_a_block(grid, 4 * finalists)
+    example = [torch.from_numpy(array[: finalists + 7]) for array in grasps]
     # With finalists alone, the result does not depend on how ties between grasps are broken.
-    checks = [{k: v[i : i + finalists] for k, v in given._asdict().items()} for i in range(0, 4 * finalists, finalists)]
+    checks = [
+        {k: v[i : i + finalists] for k, v in grasps._asdict().items()} for i in range(0, 4 * finalists, finalists)
+    ]
     return Traced(ScorerGraph(members, calibration, finalists), example, checks=checks)
 
 

@@ -139,8 +139,8 @@ def evaluate(
     try:
         chosen.bind(Task.of(envs))
         result = run_usable(chosen, envs, count, first, progress=progress)
-        given = len(envs.unwrapped.object_names) + left_out  # type: ignore[attr-defined]
-        result = replace(result, condition=condition, objects_given=given, objects_left_out=left_out)
+        total = len(envs.unwrapped.object_names) + left_out  # type: ignore[attr-defined]
+        result = replace(result, condition=condition, objects_given=total, objects_left_out=left_out)
         return replace(result, settings=_described(settings))
     finally:
         envs.close()

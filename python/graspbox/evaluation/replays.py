@@ -180,8 +180,8 @@ class Replay:
         ConfigError, ObjectSetError, MissingExtraError
             As for ``gymnasium.make``.
         """
-        given = {**self.settings, "scale": self.scale, "mass": self.mass, **keywords}
-        return gymnasium.make(self.env_id, objects=self.source, **given).unwrapped
+        arguments = {**self.settings, "scale": self.scale, "mass": self.mass, **keywords}
+        return gymnasium.make(self.env_id, objects=self.source, **arguments).unwrapped
 
     def run(self, env: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
         """Step an environment of `make`; yields observation and info of the reset and of every step.

@@ -254,5 +254,5 @@ def _graspgen(document: dict[str, Any], hand: Hand, preshape: float | None) -> E
     about = document.get("object")
     if not isinstance(about, dict):
         raise ConfigError("object is missing or is not an object with file and scale")
-    given = (document.get("gripper"), about.get("file"), about.get("scale"))
-    return _json_grasps(hand, preshape, document["grasps"], "object_in_gripper", *given)
+    metadata = (document.get("gripper"), about.get("file"), about.get("scale"))
+    return _json_grasps(hand, preshape, document["grasps"], "object_in_gripper", *metadata)

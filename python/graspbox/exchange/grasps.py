@@ -152,10 +152,10 @@ class ExchangeGrasps(ByValue):
             If an array has another shape, a pose is not a rigid motion or more than 10 m away, or a number is out of
             range.
         """
-        found, given = load_hand(hand), floats(poses, "poses")
-        if given.ndim != 3:
-            raise ConfigError(f"poses has shape {given.shape}; give (n, 4, 4)")
-        count = len(given)
+        found, matrices = load_hand(hand), floats(poses, "poses")
+        if matrices.ndim != 3:
+            raise ConfigError(f"poses has shape {matrices.shape}; give (n, 4, 4)")
+        count = len(matrices)
         given_shape = np.asarray(default_preshape(found) if preshape is None else floats(preshape, "preshape"))
         if given_shape.shape not in {(), (count,)}:
             raise ConfigError(f"preshape has shape {given_shape.shape}; give one number, or one for each of {count}")
@@ -166,7 +166,7 @@ class ExchangeGrasps(ByValue):
             raise ConfigError(f"world_from_object has shape {world.shape}; give (4, 4) or {(count, 4, 4)}")
         return cls(
             hand=found,
-            poses=given.copy(),
+            poses=matrices.copy(),
             preshape=shapes.copy(),
             success=_column(success, "success", count),
             confidence=_column(confidence, "confidence", count),

@@ -48,10 +48,10 @@ _TRIALS = (
 )
 
 
-def _hand_of(name: object, given: HandLike | None) -> Hand:
+def _hand_of(name: object, override: HandLike | None) -> Hand:
     """Load the hand of a source, which stores its name alone."""
-    if given is not None:
-        hand = load_hand(given)
+    if override is not None:
+        hand = load_hand(override)
         if isinstance(name, str) and name and hand.name != name:
             raise ConfigError(f"the grasps are of the hand {name!r}, not {hand.name!r}; leave hand out, or give theirs")
         return hand

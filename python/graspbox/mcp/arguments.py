@@ -121,7 +121,7 @@ class GraspImageArguments(_Arguments):
 Arguments = TypeVar("Arguments", bound=_Arguments)
 
 
-def parsed(kind: type[Arguments], given: Mapping[str, Any]) -> Arguments:
+def parsed(kind: type[Arguments], values: Mapping[str, Any]) -> Arguments:
     """Check the arguments of a call.
 
     Raises
@@ -131,7 +131,7 @@ def parsed(kind: type[Arguments], given: Mapping[str, Any]) -> Arguments:
     """
     try:
         # As JSON, in which a list is an array of any kind and 1 is a number.
-        return kind.model_validate_json(json.dumps(given))
+        return kind.model_validate_json(json.dumps(values))
     except ValidationError as error:
         raise ConfigError(_sentence(error, kind)) from None
     except ValueError as error:

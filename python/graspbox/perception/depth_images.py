@@ -190,11 +190,11 @@ def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[n
     ConfigError
         If they are no pinhole camera, or cannot be those of an image of that size.
     """
-    given = floats(intrinsics, "intrinsics")
+    matrix = floats(intrinsics, "intrinsics")
     rows, columns = shape
-    if given.shape != (3, 3) or not np.isfinite(given).all():
-        raise ConfigError(f"intrinsics have shape {given.shape}; give a finite 3x3 matrix")
-    fx, fy, cx, cy = given[0, 0], given[1, 1], given[0, 2], given[1, 2]
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise ConfigError(f"intrinsics have shape {matrix.shape}; give a finite 3x3 matrix")
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     if not (fx > 0 and fy > 0):
         raise ConfigError(f"the focal lengths are {fx:g} and {fy:g}; give positive numbers of pixels")
     if fx < 0.2 * columns:
@@ -208,7 +208,7 @@ def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[n
                 f"{name} is {center:g}, outside of an image of {columns} x {rows} pixels; the intrinsics belong to an "
                 "image of another size"
             )
-    return given
+    return matrix
 
 
 def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:

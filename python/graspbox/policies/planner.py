@@ -57,8 +57,8 @@ class KnownObjects:
         if "object" not in info:
             raise ConfigError(f"the policy {policy!r} needs info['object'], the object's name; give reset its info")
         # With info='numeric' it is an index.
-        given = info["object"]
-        return given if isinstance(given, str) else self._objects.names[int(given)]
+        entry = info["object"]
+        return entry if isinstance(entry, str) else self._objects.names[int(entry)]
 
 
 class Planner(Policy):

@@ -45,9 +45,9 @@ class Score:
         return ScoreRow(self.objects, found.env_id, *counts, more=more)
 
 
-def object_set(given: str) -> object_sets.ObjectSet:
+def object_set(source: str) -> object_sets.ObjectSet:
     """Find the objects of ``NAME`` or ``NAME/SPLIT``; raises as `graspbox.object_sets.load`."""
-    name, split = object_sets.name_and_split(given)
+    name, split = object_sets.name_and_split(source)
     return object_sets.load(name, split=split)
 
 

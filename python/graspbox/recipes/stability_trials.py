@@ -76,14 +76,14 @@ class Recorder:
     def __init__(self, policy: Path, objects: str, times: tuple[float, ...], seed: int, per_scene: int) -> None:
         self._policy = DepthGrasp(policy)
         self._seed, self._per_scene = seed, per_scene
-        given: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             "objects": objects,
             "hand": read_depth_policy(policy).hand,
             "autoreset_mode": AutoresetMode.DISABLED,
             "max_episode_steps": 400,
         }
         self._looking = gymnasium.make_vec(
-            "graspbox/Grasp-v0", BLOCK, obs=("depth", "proprio"), **DepthGrasp.settings, **given
+            "graspbox/Grasp-v0", BLOCK, obs=("depth", "proprio"), **DepthGrasp.settings, **arguments
         )
         task = Task.of(self._looking)
         self._policy.bind(task)
@@ -91,7 +91,7 @@ class Recorder:
         self._inputs = StabilityInputs(hand, times, self._policy.finder.crop, task.control)
         self._executor = GraspExecutor(task, hand, self._policy.observer.hand_view)
         self._proprio = Codec(task.control, hand, "proprio")
-        trying = gymnasium.make_vec("graspbox/Grasp-v0", BLOCK * per_scene, obs=self._inputs.obs, **given)
+        trying = gymnasium.make_vec("graspbox/Grasp-v0", BLOCK * per_scene, obs=self._inputs.obs, **arguments)
         # Gymnasium's class declares neither seeds per environment nor send and recv.
         self._trying: Any = trying.unwrapped
 

@@ -88,7 +88,7 @@ class Offer:
             hint = f"did you mean {near[0] + text[len(kind) :]!r}?" if near else "choose procedural, ycb or NAME=SET"
             raise ConfigError(f"objects has {text!r}, which names no object set; {hint}")
 
-    def find(self, given: Any, scale: float = 1.0, mass: float | None = None) -> ObjectSet:
+    def find(self, objects: Any, scale: float = 1.0, mass: float | None = None) -> ObjectSet:
         """Find the objects that a client names; `scale` and `mass` as of `graspbox.object_sets.load`.
 
         Raises
@@ -96,9 +96,9 @@ class Offer:
         ObjectSetError
             For objects that are not offered, and for too many objects.
         """
-        names: list[str] = [given] if isinstance(given, str) else given
+        names: list[str] = [objects] if isinstance(objects, str) else objects
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise ObjectSetError(f"objects is {shown(given)}; give names of object sets")
+            raise ObjectSetError(f"objects is {shown(objects)}; give names of object sets")
         # The work below grows with the number of names, and other clients wait meanwhile.
         if len(names) > MAX_OBJECTS:
             raise ObjectSetError(f"objects has {len(names)} names; this server takes at most {MAX_OBJECTS} objects")

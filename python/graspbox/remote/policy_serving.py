@@ -259,8 +259,8 @@ def _checked_row(name: str, value: Any, space: Any) -> Any:
     if found is not None and found.shape == (1, *space.shape):
         found = found[0]
     if found is None or found.shape != space.shape or found.dtype.kind not in "biuf":
-        given = "missing" if found is None else f"{found.dtype} of shape {found.shape}"
-        raise ConfigError(f"the observation {name!r} is {given}; {wanted}")
+        received = "missing" if found is None else f"{found.dtype} of shape {found.shape}"
+        raise ConfigError(f"the observation {name!r} is {received}; {wanted}")
     with np.errstate(all="ignore"):
         row = np.ascontiguousarray(found, dtype=space.dtype)[None]
     # Overflow of the space's type, and values that an integer type cannot represent.

@@ -191,8 +191,8 @@ class RemotePolicy(Policy):
         try:
             found = np.asarray(answer[self._name], dtype=np.float32)
         except (TypeError, ValueError):
-            given = shown(answer[self._name])
-            raise ConfigError(f"the server {self._url} gives {self._name} as {given}; numbers are needed") from None
+            received = shown(answer[self._name])
+            raise ConfigError(f"the server {self._url} gives {self._name} as {received}; numbers are needed") from None
         size = self.task.action_space.shape
         if found.shape == size:
             found = found[None]

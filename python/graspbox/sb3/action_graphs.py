@@ -84,9 +84,9 @@ class ActionGraph(nn.Module):  # type: ignore[misc]
     def forward(self, *observations: Tensor) -> Tensor:
         """Return actions (n, k) for observations (n, ...) in the order of `inputs`."""
         pairs = zip(self.inputs, observations, strict=True)
-        given = {name: self.seen[f"of_{name}"](values) for name, values in pairs}
+        observation = {name: self.seen[f"of_{name}"](values) for name, values in pairs}
         ready = preprocess_obs(
-            given if self._named else given[self.inputs[0]], self._space, normalize_images=self._images
+            observation if self._named else observation[self.inputs[0]], self._space, normalize_images=self._images
         )
         found = self.head(self.latent(self.extractor(ready)))
         if self._tanh:

@@ -432,8 +432,10 @@ class CloningTerm:
         rows = torch.randint(len(self._steps), (self._batch,), generator=self._random)
         loss, error = cloning_loss(self._model, *self._steps[rows])
         # Not `loss.backward()`: it would change the gradients of other parameters in the loss.
-        given = [parameter for parameter in self._moved if parameter.requires_grad]
-        for parameter, slope in zip(given, torch.autograd.grad(weight * loss, given, allow_unused=True), strict=True):
+        parameters = [parameter for parameter in self._moved if parameter.requires_grad]
+        for parameter, slope in zip(
+            parameters, torch.autograd.grad(weight * loss, parameters, allow_unused=True), strict=True
+        ):
             if slope is not None:
                 parameter.grad = slope if parameter.grad is None else parameter.grad + slope
         self._model.logger.record("clone/error", error.item())

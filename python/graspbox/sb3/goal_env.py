@@ -99,8 +99,8 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         self.goals = Goals(base)
         self.goals.bind(Task.of(env))
         self._names = tuple(name for name in names if name != GOAL_NAME)
-        given: Any = env.single_observation_space
-        boxes = {name: given[name] for name in self._names} | {GOAL_NAME: goal_space()}
+        observed: Any = env.single_observation_space
+        boxes = {name: observed[name] for name in self._names} | {GOAL_NAME: goal_space()}
         self.single_observation_space = spaces.Dict(boxes)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 

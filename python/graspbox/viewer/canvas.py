@@ -62,9 +62,9 @@ class Canvas:
         """Show errors of a function in the page instead of raising them."""
 
         @functools.wraps(work)
-        def run(*given: Any) -> Any:
+        def run(*arguments: Any) -> Any:
             try:
-                return work(*given)
+                return work(*arguments)
             except GraspboxError as error:
                 self.complain(str(error))
             except Exception as error:  # a bug must not end the thread of the page

@@ -80,8 +80,8 @@ def _check_options(one: str | None, objects: list[str] | None, scene_only: Mappi
         for name, value in scene_only.items():
             if value is not None:
                 raise typer.BadParameter("a set of objects has no hand; leave it out", param_hint=name)
-    given = [name for name in ("--pose", "--plan") if scene_only[name] is not None]
-    if len(given) == 2:
+    used = [name for name in ("--pose", "--plan") if scene_only[name] is not None]
+    if len(used) == 2:
         raise typer.BadParameter("it names another pose than --plan; give one of them", param_hint="--pose")
     if scene_only["--preshape"] is not None and scene_only["--pose"] is None:
         raise typer.BadParameter("it belongs to --pose; a grasp of a plan has its own", param_hint="--preshape")

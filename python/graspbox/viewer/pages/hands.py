@@ -128,8 +128,8 @@ class HandPage(Page):
             with gui.add_folder("Joints"):
                 for name, (least, most), at in zip(hand.joints, hand.joint_limits, positions, strict=True):
                     step = max(round(float(most - least) / 200, 6), 1e-6)
-                    given = float(np.clip(before.get(name, at), least, most))
-                    self.sliders[name] = gui.add_slider(name, float(least), float(most), step, given)
+                    initial = float(np.clip(before.get(name, at), least, most))
+                    self.sliders[name] = gui.add_slider(name, float(least), float(most), step, initial)
         self.canvas.on(self.preshape, self.closed, call=self._grasp)
         self.canvas.on(*self.sliders.values(), call=self.refresh)
         self.canvas.on(self.show_tendons, self.show_sensors, self.show_swept, call=self.refresh)
