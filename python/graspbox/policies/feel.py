@@ -32,7 +32,7 @@ class Attempt:
     ----------
     found : FoundGrasp
         The grasp.
-    felt : (k,) float32
+    readings : (k,) float32
         Inputs of the network: facts known before, and readings (`graspbox.models.stability.inputs.StabilityReading`).
     probability : float
         Predicted probability that it holds.
@@ -41,7 +41,7 @@ class Attempt:
     """
 
     found: FoundGrasp
-    felt: NDArray[np.float32]
+    readings: NDArray[np.float32]
     probability: float
     released: bool
 

@@ -8,7 +8,7 @@ interrupted recording resumes.
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -19,7 +19,7 @@ from graspbox.artifacts.folders import read_depth_policy
 from graspbox.envs.coding import Codec
 from graspbox.envs.scripted import ScriptedGrasp
 from graspbox.evaluation import trial_seeds
-from graspbox.models.stability.inputs import StabilityInputs, StabilityReading
+from graspbox.models.stability.inputs import STORED_NAME, StabilityInputs, StabilityReading
 from graspbox.perception.finder import FoundGrasp
 from graspbox.policies import DepthGrasp, GraspExecutor, Task
 from graspbox.training.array_files import ArrayTable, load_or_make_parts
@@ -40,7 +40,7 @@ class StabilityTrials(ArrayTable):
 
     Attributes
     ----------
-    felt : (n, k) float32
+    readings : (n, k) float32
         Known facts and sensor readings (`graspbox.models.stability.inputs.StabilityReading`).
     held, secure : (n,) bool
         Outcome of the trial: `graspbox.simulation` defines success and security.
@@ -48,11 +48,12 @@ class StabilityTrials(ArrayTable):
         Whether the grasp was the policy's own choice.
     """
 
-    felt: NDArray[np.float32]
+    readings: NDArray[np.float32]
     held: NDArray[np.bool_]
     secure: NDArray[np.bool_]
     first: NDArray[np.bool_]
 
+    stored_names: ClassVar = {"readings": STORED_NAME}
     nothing = "no grasp was tried in any scene; the policy finds nothing"
 
 

@@ -134,7 +134,7 @@ class PoseSet:
             shapes = np.linspace(shapes[0], shapes[-1], _MOST_SHAPES)
         self._shape = np.abs(preshape[:, None] - shapes).argmin(axis=1)
         wires = [wire_hand(hand, float(value)) for value in shapes]
-        self._fine, self._coarse = ([draw(wire, _STICK) for wire in wires] for draw in (sticks, needles))
+        self._fine, self._coarse = ([lines(wire, _STICK) for wire in wires] for lines in (sticks, needles))
         #: Nodes that are shown, by shape, and the indices of the poses of each.
         self.nodes: dict[int, Any] = {}
         self.rows: dict[int, NDArray[np.int64]] = {}
