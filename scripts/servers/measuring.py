@@ -34,7 +34,7 @@ class Args:
         extra = "".join(f"  {name} {value:.3g}" for name, value in more.items())
         print(f"{work:<60} {row['median']:>10.4g} {unit}{extra}", flush=True)
 
-    def compare(self, what: str, work: dict[str, Callable[[], float]]) -> None:
+    def compare(self, label: str, work: dict[str, Callable[[], float]]) -> None:
         """Run each in turn, and add a row for each, with its ratio to the first."""
         found: dict[str, list[float]] = {name: [] for name in work}
         for one in work.values():
@@ -44,7 +44,7 @@ class Args:
                 found[name].append(one())
         first = np.array(next(iter(found.values())))
         for name, rates in found.items():
-            self.add(f"{what}: {name}", rates, "1/s", ratio=float(np.median(np.array(rates) / first)))
+            self.add(f"{label}: {name}", rates, "1/s", ratio=float(np.median(np.array(rates) / first)))
 
 
 def at_once(ask: Callable[[Any, int], None], clients: Sequence[Any], count: int) -> float:

@@ -295,7 +295,7 @@ def test_a_failed_recording_leaves_no_file(tmp_path: Path) -> None:
     module = import_module("graspbox.rerun")
     with pytest.raises(ConfigError, match=r"name a file that ends in \.rrd"):
         module.log([], tmp_path / "x.txt")
-    with pytest.raises(ConfigError, match="what holds a int"):
+    with pytest.raises(ConfigError, match="items has a int"):
         module.log([3], tmp_path / "x.rrd")
     with pytest.raises(FileError):
         module.log([], tmp_path / "no" / "\0.rrd")

@@ -333,7 +333,7 @@ def test_what_cannot_be_viewed_is_refused(tmp_path: Path) -> None:
     for what in ("no-such-thing", str(tmp_path)):
         with pytest.raises(errors.ObjectSetError, match="names nothing that can be viewed; give one of: "):
             show(what, port=0)
-    with pytest.raises(errors.ConfigError, match="what is of the type int; give one of"):
+    with pytest.raises(errors.ConfigError, match="source is of the type int; give one of"):
         show(3, port=0)
     with pytest.raises(errors.ConfigError, match="there is no environment 'graspbox/Nothing-v0'"):
         show("graspbox/Nothing-v0", port=0)

@@ -166,7 +166,7 @@ class _Hdf5:
     def __init__(self, h5py: Any, file: Any) -> None:
         self.h5py, self.file = h5py, file
 
-    def _dataset(self, name: str, kinds: str, what: str) -> Any:
+    def _dataset(self, name: str, kinds: str, expected: str) -> Any:
         group = self.file
         for part in name.split("/"):
             link = group.get(part, getlink=True) if isinstance(group, self.h5py.Group) else None
@@ -177,7 +177,7 @@ class _Hdf5:
             group = group[part]
         found = group
         if not isinstance(found, self.h5py.Dataset) or found.dtype.kind not in kinds:
-            raise ConfigError(f"{name!r} is not {what}")
+            raise ConfigError(f"{name!r} is not {expected}")
         if found.external or found.is_virtual:
             raise ConfigError(f"{name!r} is stored in another file; give a file that holds its own data")
         return found

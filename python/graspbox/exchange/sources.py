@@ -120,14 +120,14 @@ def from_table(table: Mapping[str, Any], *, hand: HandLike | None = None) -> lis
 def _table_row(
     name: str, row: Mapping[str, Any], grasps: list[dict[str, Any]], hand: HandLike | None
 ) -> ExchangeGrasps:
-    what = f"grasps of {name!r}"
+    label = f"grasps of {name!r}"
     return ExchangeGrasps.of(
-        matrices([g.get("object_from_hand") for g in grasps], f"{what}: object_from_hand"),
-        numbers([g.get("preshape") for g in grasps], f"{what}: preshape"),
+        matrices([g.get("object_from_hand") for g in grasps], f"{label}: object_from_hand"),
+        numbers([g.get("preshape") for g in grasps], f"{label}: preshape"),
         hand=_hand_of(row.get("hand"), hand),
-        success=numbers([g.get("success") for g in grasps], f"{what}: success"),
-        score=numbers([g.get("score") for g in grasps], f"{what}: score"),
-        world_from_object=matrices([row.get("world_from_object")], f"{what}: world_from_object")[0],
+        success=numbers([g.get("success") for g in grasps], f"{label}: success"),
+        score=numbers([g.get("score") for g in grasps], f"{label}: score"),
+        world_from_object=matrices([row.get("world_from_object")], f"{label}: world_from_object")[0],
         object_name=name,
     )
 

@@ -115,7 +115,7 @@ def network_card(
     privileged = {*tables(load_hand(config.hand))["privileged"], "segmentation"}
     true = [name for name in names if name.split("_")[0] in privileged]
     summary = (
-        f"{_origin([one.what for one in made], config.algorithm)}: one network from observations to actions. It acts "
+        f"{_origin([one.kind for one in made], config.algorithm)}: one network from observations to actions. It acts "
         f"in `{config.environment.id}` and observes {listed(names)}."
     )
     if GOAL_NAME in config.uses:
@@ -126,7 +126,7 @@ def network_card(
         )
     if true:
         summary += f" It is **privileged**: no sensor measures {listed(true)}; the simulation gives it."
-    steps = [(one.what, one.told, "-" if one.seconds is None else shown_time(one.seconds)) for one in made]
+    steps = [(one.kind, one.told, "-" if one.seconds is None else shown_time(one.seconds)) for one in made]
     training = (
         f"{code(*(one.command for one in made), command)}\n\n{table(('step', 'description', 'time'), steps, 'll')}"
     )

@@ -345,13 +345,13 @@ def _evaluate(settings: CloneSettings, run: Run, model: Any, updates: int) -> di
         return known
     model.num_timesteps = updates
     save(model, run.folder / "checkpoint", run.seconds, buffer=False)
-    what = read_settings(run.folder)
+    kept = read_settings(run.folder)
     policy: Any = ModelPolicy(model, model.get_vec_normalize_env(), "clone")
-    policy, keywords = with_goals(policy, what["env"])
+    policy, keywords = with_goals(policy, kept["env"])
     # Validation objects are allowed here, even if the policy that provides the goals was trained on them.
     keywords |= {"split": settings.evaluate, "trials": settings.episodes, "include_learned": True}
-    keywords |= {"seed": EVALUATION_SEED, "num_envs": min(what["num_envs"], settings.episodes)}
-    row = summary(evaluation.evaluate(policy, what["id"], **keywords))
+    keywords |= {"seed": EVALUATION_SEED, "num_envs": min(kept["num_envs"], settings.episodes)}
+    row = summary(evaluation.evaluate(policy, kept["id"], **keywords))
     rows.append({"timesteps": updates, "seconds": round(run.seconds, 1), **row})
     run.log(f"{updates} updates: {row['success']:.1%} of {row['episodes']} held-out trials succeed")
     return rows[-1]

@@ -28,7 +28,7 @@ class Made:
 
     Attributes
     ----------
-    what : str
+    kind : str
         ``demonstrations``, ``clone`` or ``training``.
     command : str
         The command that reproduces it, apart from time limits and interruptions.
@@ -40,7 +40,7 @@ class Made:
         Wall time, evaluations included; None if unknown.
     """
 
-    what: str
+    kind: str
     command: str
     told: str
     objects: Mapping[str, Any] = field(default_factory=dict)

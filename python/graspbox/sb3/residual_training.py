@@ -185,12 +185,12 @@ def train_seed(
         If the folder holds a run with other settings.
     """
     bounds, watched = settings.bounds(), settings.watched
-    what = {"seed": seed, "watched": watched, "num_envs": settings.num_envs, **settings.kept()}
+    values = {"seed": seed, "watched": watched, "num_envs": settings.num_envs, **settings.kept()}
     # Objects of the test.
-    del what["unseen"], what["trials"]
+    del values["unseen"], values["trials"]
     keywords: dict[str, Any] = {"objects": list(settings.objects), "reward": settings.reward}
     keywords |= {"hand": settings.named_hand}
-    with Run(folder, what, resume=settings.resume, echo=echo) as run:
+    with Run(folder, values, resume=settings.resume, echo=echo) as run:
         begun, base = has_checkpoint(run.folder), _base(settings)
         env = make_residual_env(settings.num_envs, _base(settings), bounds, split="train", **keywords)
         shown = {**base.settings, "obs": base.obs, **keywords, "split": "validation"}

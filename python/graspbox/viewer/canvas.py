@@ -28,7 +28,7 @@ _GREY, _LINE = (205, 205, 205), 0.0006
 
 
 class Canvas:
-    """What pages draw on.
+    """A viser server as pages use it.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class Canvas:
         self.status = self.gui.add_markdown("")
         self.problem = self.gui.add_markdown("", visible=False)
 
-    def _cannot_open(self, what: Any) -> None:
-        raise ConfigError(f"this canvas has no viewer that could show {what!r}; open another view")
+    def _cannot_open(self, source: Any) -> None:
+        raise ConfigError(f"this canvas has no viewer that could show {source!r}; open another view")
 
     def say(self, text: str) -> None:
         """Show a line of text (Markdown) at the top of the panel."""
@@ -102,12 +102,12 @@ class Canvas:
         return thread
 
     def close(self) -> None:
-        """End the background work; what waits is dropped."""
+        """End the background work, without the tasks that have not begun."""
         self.closed.set()
         self._worker.shutdown(wait=True, cancel_futures=True)
 
     def look(self, target: ArrayLike, distance: float, direction: Sequence[float] = (0.75, -1.0, 0.6)) -> None:
-        """Place the camera, of browsers that show the page now and later; metres."""
+        """Place the camera of all present and later browsers; metres."""
         way = np.asarray(direction, dtype=np.float64)
         at = np.asarray(target, dtype=np.float64)
         eye = at + distance * way / np.linalg.norm(way)

@@ -28,12 +28,12 @@ _MOST_SHAPES = 6
 
 
 class DrawnHand:
-    """A hand, drawn by its collision shapes and hinges; a node for each moving link, which alone moves with its joint.
+    """A hand, drawn by its collision shapes and hinges; with a node for each moving link.
 
     Parameters
     ----------
     canvas : Canvas
-        Where to draw.
+        The canvas of the page.
     name : str
         Name of its nodes.
     hand : Hand

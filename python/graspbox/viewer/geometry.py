@@ -1,4 +1,4 @@
-"""Colours, poses in viser's notation, and meshes of which nodes draw many instances. No viser here."""
+"""Colours, poses in viser's notation, and meshes for instanced nodes; without viser."""
 
 from itertools import pairwise
 from typing import TypeAlias

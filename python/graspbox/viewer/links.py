@@ -1,4 +1,4 @@
-"""Frames of a hand's links from its two files, and where they put sensors and tendons; the core gives frames of joints.
+"""Frames of a hand's links, sensors and tendons, from its two files; the core gives frames of joints alone.
 
 Positions follow `graspbox.Hand.joints`; mimic joints follow their leaders. The core has checked the files.
 """
@@ -135,7 +135,7 @@ class HandLinks:
         return np.array(segments)
 
     def _below(self, link: int, above: int) -> bool:
-        """Tell whether a link hangs on another one."""
+        """Return whether a link descends from another one."""
         link = self._links[link].parent
         while link >= 0 and link != above:
             link = self._links[link].parent

@@ -24,7 +24,7 @@ def find_object(name: str, sha256: str, options: Options) -> Mesh:
     sha256 : str
         Hash of its mesh (`graspbox.planning.plan_files.mesh_hash`); empty: not checked.
     options : Options
-        ``objects`` names the set or mesh file where the name does not find it.
+        ``objects`` names the set or mesh file if the name is not enough.
 
     Raises
     ------

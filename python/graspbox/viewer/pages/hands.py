@@ -16,7 +16,7 @@ from graspbox.viewer.page import Page
 
 __all__ = ["HandPage", "HandSource"]
 
-#: Seconds between looks at the files.
+#: Seconds between checks of the files.
 _PERIOD = 0.5
 #: Radius of a sensor in the scene, and length of its normal, metres.
 _SENSOR, _NORMAL = 0.0022, 0.008
@@ -44,13 +44,13 @@ def _content(path: Path) -> bytes:
 
 
 class HandPage(Page):
-    """See the module. `what` is a `HandSource`."""
+    """Page of a hand; `content` is a `HandSource`."""
 
     title: ClassVar[str] = "hand"
 
     def build(self) -> None:
         """Draw the hand; files that describe none give an empty page with the error, until they are corrected."""
-        source: HandSource = self.what
+        source: HandSource = self.content
         self._text = source.text()
         self.hand: Hand | None = None
         self._parts: list[Any] = []
@@ -66,8 +66,8 @@ class HandPage(Page):
             self.check()
 
     def check(self) -> bool:
-        """Read the files again if they have changed; tells whether they have."""
-        text = self.what.text()
+        """Read the files again if they have changed; return whether they have."""
+        text = self.content.text()
         if text == self._text:
             return False
         self._text = text
@@ -77,7 +77,7 @@ class HandPage(Page):
     def read(self) -> None:
         """Read the hand and draw it; an error is shown, and the last good hand stays."""
         try:
-            hand = load_hand(self.what.hand)
+            hand = load_hand(self.content.hand)
             links = HandLinks(hand)
         except GraspboxError as error:
             lines = str(error).splitlines()
