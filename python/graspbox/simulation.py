@@ -224,7 +224,7 @@ class Scene:
         Raises
         ------
         ConfigError
-            Names what differs.
+            Names the difference.
         """
         way_out = "give its poses and preshape to try them anyway"
         if plan.hand_name and plan.hand_name != self.hand.name:

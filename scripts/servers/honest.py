@@ -1,4 +1,4 @@
-"""An honest client in a process of its own, whose round trips show what an attack on the server does to it.
+"""An honest client in a separate process, whose round trips show the effect of an attack on the server.
 
 This file is also the client's program: it steps an environment, or asks a policy, until its standard input ends, and
 prints its round trips, milliseconds, as JSON.

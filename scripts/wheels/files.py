@@ -17,7 +17,7 @@ GLIBC = (2, 28)
 
 
 class CheckError(Exception):
-    """Something is wrong with a wheel; the message says what."""
+    """A wheel is wrong; the message names the problem."""
 
 
 def run(command: Sequence[str], cwd: Path | None = None) -> str:

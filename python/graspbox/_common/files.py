@@ -180,7 +180,7 @@ def read_bounded(path: str | os.PathLike[str], limit: int) -> bytes:
         if path.exists() and not path.is_file():
             raise OSError(22, "it is not a regular file", str(path))
         with path.open("rb") as file:
-            # `read` allocates what it is asked for; some files have no size.
+            # `read` allocates the requested size; some files have no size.
             size = max(os.fstat(file.fileno()).st_size, 1 << 20)
             content = file.read(min(limit, size) + 1)
     except OSError as error:

@@ -10,7 +10,7 @@ Made = TypeVar("Made")
 
 
 class MadeOnce(Generic[Made]):
-    """Makes a value at its first use, once for all copies of what holds it; threads may share it.
+    """Makes a value at its first use, once for all copies of its owner; threads may share it.
 
     A pickle holds the function, and makes the value again.
 

@@ -205,7 +205,7 @@ def step_rates(threads: int | None, seed: int = 0) -> list[Row]:
     envs, seconds = {obs: make(obs) for obs in ("state", "depth")}, {"state": 0.0, "depth": 0.0}
     for one in envs.values():
         one.reset(seed=seed)
-    # By turns, so that whatever else the machine does slows both alike.
+    # By turns, so that other load on the machine slows both alike.
     for action in actions:
         for obs, one in envs.items():
             started = time.perf_counter()

@@ -69,7 +69,9 @@ def grasp(
     ] = True,
     shake: Annotated[
         bool,
-        typer.Option("--shake", help="Shake every success on six axes with 2 g; the table counts what is still held."),
+        typer.Option(
+            "--shake", help="Shake every success on six axes with 2 g; the table counts the objects still held."
+        ),
     ] = False,
     hand: common.HandName = "reflex",
     split: common.Split = None,

@@ -97,7 +97,7 @@ def record(
     """
     check_rerun(rerun)
     common.find(objects, split, scale, mass)
-    # What is not given is no setting of the environment.
+    # Options that were left out are no settings of the environment.
     overrides: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
     overrides |= {"mass": mass} if mass is not None else {}
     with common.progress() as bar:

@@ -255,7 +255,7 @@ class Settings(_Common, _ClosedLoop, _Decision, _Vector, total=False):
     """Keywords of any environment."""
 
 
-#: Keywords whose types are checked by what takes them.
+#: Keywords whose types are checked where they are used.
 _CHECKED_LATER = ("remote", "hand", "num_threads")
 
 

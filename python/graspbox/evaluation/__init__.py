@@ -161,7 +161,7 @@ def _described(settings: dict[str, Any]) -> dict[str, Any] | None:
 def _looked_up(objects: ObjectsArgument, settings: dict[str, Any]) -> object_sets.ObjectSet:
     """Find the objects on this machine, to leave out those from which the policy learned.
 
-    The settings that chose them are taken out: the environments get what is kept.
+    The settings that chose them are taken out: the environments get the others.
     """
     remote = settings.get("remote") is not None
     # A server applies the others.

@@ -24,7 +24,7 @@ _KEYS = ("condition", "policy", "objects", "seed")
 
 @dataclass(frozen=True)
 class Comparison:
-    """What to measure.
+    """Plan of a comparison.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Policies with a part left out, added or replaced by ground truth, to measure what each part is worth.
+"""Policies with a part left out, added or replaced by ground truth, to measure the contribution of each part.
 
 | name | policy |
 |---|---|

@@ -124,12 +124,12 @@ def _pose(seven: Array, name: str) -> Array:
 
 
 def read_fields(path: Path) -> dict[str, Any]:
-    """Read the entries of a file without running what it holds: arrays, numbers and texts by their names.
+    """Read the entries of a file without running its code: arrays, numbers and texts by their names.
 
     Raises
     ------
     ConfigError
-        If it is no such file, or holds anything else.
+        If it is no such file, or has other contents.
     FileError
         If it cannot be read, or is larger than 64 MiB.
     """
@@ -153,13 +153,13 @@ def read_fields(path: Path) -> dict[str, Any]:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Builds stand-ins for numpy arrays, numpy scalars, and what pickles need no import for.
+    """Builds stand-ins for numpy arrays and scalars; Python's basic types need no import.
 
     numpy's own classes are not called: the state of an array or of a type can be forged. Stand-ins check it.
     """
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return what stands for one of the five names that pickled arrays use."""
+        """Return the stand-in for one of the five names that pickled arrays use."""
         known = _ALLOWED.get((module.replace("numpy._core", "numpy.core"), name))
         if known is None:
             raise ConfigError(f"it wants to call {f'{module}.{name}'[:80]!r}; only arrays, numbers and text are read")

@@ -148,7 +148,7 @@ def save_each(grasps: Sequence[ExchangeGrasps], folder: str | os.PathLike[str], 
     names = [file_name(one.object_name) for one in grasps]
     if len(set(names)) < len(names):
         again = next(name for name in names if names.count(name) > 1)
-        raise ConfigError(f"{again!r} names two objects; give every object a name of its own")
+        raise ConfigError(f"{again!r} names two objects; give every object another name")
     written = []
     for name, one in zip(names, grasps, strict=True):
         parts = [(target / f"{name}{row.suffix}", one)]

@@ -1,4 +1,4 @@
-"""Grasps of one object and one hand, as they leave graspbox and come back."""
+"""Grasps of one object and one hand, for export and import."""
 
 import os
 from collections.abc import Sequence
@@ -29,10 +29,10 @@ _COLUMNS = ("poses", "preshape", "success", "confidence", "score", "world_from_o
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExchangeGrasps(ByValue):
-    """Grasps of one object, with what other programs need to know of it; n rows.
+    """n grasps of one object, with the data of the object that other programs need.
 
     Make them with `of`, or with the functions of `graspbox.exchange`. A slice, a mask or an array of indices selects
-    rows. NaN marks what is unknown.
+    rows. NaN marks unknown values.
 
     Attributes
     ----------

@@ -252,7 +252,7 @@ def read(
     Raises
     ------
     ConfigError, PlanError
-        If it is none of these; the message names what is wrong.
+        If it is none of these; the message names the problem.
     FileError
         If it cannot be read, or is larger than 256 MiB.
     """
@@ -262,7 +262,7 @@ def read(
     try:
         document = json.loads(read_bounded(path, MAX_JSON))
     except (ValueError, RecursionError):
-        raise ConfigError(f"{str(path)!r} is not JSON; give a plan, or what `grasp` or `grasp-image` wrote") from None
+        raise ConfigError(f"{str(path)!r} is not JSON; give a plan, or a result of `grasp` or `grasp-image`") from None
     try:
         if isinstance(document, dict) and document.get("format") == "graspbox.plan":
             return [from_plan(Plan.load(path), hand=hand)]
@@ -273,5 +273,5 @@ def read(
     except ConfigError as error:
         raise ConfigError(f"{str(path)!r}: {error}") from None
     raise ConfigError(
-        f"{str(path)!r} is JSON, but not of graspbox's grasps; give a plan, or what `grasp` or `grasp-image` wrote"
+        f"{str(path)!r} is JSON, but not of graspbox's grasps; give a plan, or a result of `grasp` or `grasp-image`"
     )

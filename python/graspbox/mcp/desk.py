@@ -1,4 +1,4 @@
-"""Objects, files and hands that an agent names: nothing outside of the folder and of what the server offers."""
+"""Objects, files and hands that an agent names: nothing outside the folder and the offer of the server."""
 
 from pathlib import Path, PurePath
 
@@ -18,12 +18,12 @@ _LISTED, _READ = 20, 1000
 
 
 class Desk:
-    """What an agent may name.
+    """Objects, files and hands that an agent may name.
 
     Parameters
     ----------
     settings : ToolSettings
-        What the server offers.
+        The offer of the server.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class Desk:
         Raises
         ------
         ObjectSetError
-            If the set is not offered, or holds several objects, none of which is named.
+            If the set is not offered, or has several objects, none of which is named.
         ConfigError, FileError
             As `file`.
         """
@@ -108,7 +108,7 @@ class Desk:
         names = ", ".join(found.names[:_LISTED])
         if arguments.name is not None:
             raise ObjectSetError(f"{source!r} has no object {arguments.name[:100]!r}; it has {names}")
-        raise ObjectSetError(f"{source!r} holds {len(found)} objects; give the name of one, such as {names}")
+        raise ObjectSetError(f"{source!r} has {len(found)} objects; give the name of one, such as {names}")
 
     def hand(self, name: str | None) -> str:
         """Check the name of a hand; the first that is offered by default.

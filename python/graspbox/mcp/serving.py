@@ -1,4 +1,4 @@
-"""The protocol: lists the tools, checks calls, and runs them one at a time in a process of their own."""
+"""The protocol: lists the tools, checks calls, and runs them one at a time in a separate process."""
 
 import base64
 import json
@@ -29,7 +29,7 @@ class ToolServer:
     Parameters
     ----------
     settings : ToolSettings
-        What it offers.
+        The offer of the server.
 
     Attributes
     ----------

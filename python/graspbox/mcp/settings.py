@@ -21,7 +21,7 @@ MAX_PIXELS = 4096 * 3072
 
 @dataclass(frozen=True)
 class ToolSettings:
-    """What a server of tools offers.
+    """Offer and limits of a server of tools.
 
     Attributes
     ----------

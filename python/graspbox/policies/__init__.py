@@ -134,7 +134,7 @@ def load(name: str | os.PathLike[str]) -> Policy:
     ----------
     name : str or path
         One of `available`, the folder of a published policy, or ``hf://owner/name``, with ``@revision`` for a branch, a
-        tag or a commit, of one on the Hugging Face hub: the table of the module says what each does. A folder hides an
+        tag or a commit, of one on the Hugging Face hub: the table of the module describes each. A folder hides an
         installed policy of the same name.
 
     Raises

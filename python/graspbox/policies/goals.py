@@ -5,7 +5,7 @@ A policy that acts in every step, such as a clone tuned by rewards, need not loo
 observation ``goal`` tells where its grasp is, seen from the hand. Nothing of it is privileged. Until then, and where no
 grasp was found, ``goal`` is zero.
 
-| name | what it does |
+| name | purpose |
 |---|---|
 | `GOAL`       | the entries of the observation |
 | `Goals`      | makes it, for some environments |

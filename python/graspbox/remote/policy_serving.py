@@ -2,7 +2,7 @@
 
 The request determines the answer. ``depth`` with ``intrinsics`` is a request for grasps
 (`graspbox.remote.grasp_requests`). Observations of an environment are answered with ``actions``; each connection then
-has a policy of its own, bound to one environment, and ``{"reset": True}`` with the observations begins an episode.
+has its own policy, bound to one environment, and ``{"reset": True}`` with the observations begins an episode.
 These policies share their networks.
 """
 
@@ -143,7 +143,7 @@ class PolicyServer(RunningServer):
             raise ConfigError(f"the request is {shown(request)}; send a map of observations")
         if "intrinsics" in request or job.json:
             if self._grasper is None:
-                raise ConfigError("this policy finds no grasps in images of your own; send observations")
+                raise ConfigError("this policy finds no grasps in your own images; send observations")
             return grasp_requests.decide(self._grasper, request)
         if isinstance(self._actors, GraspboxError):
             raise ConfigError(f"this policy finds grasps in images, but does not act: {self._actors}")

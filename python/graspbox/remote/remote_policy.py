@@ -74,7 +74,7 @@ class RemotePolicy(Policy):
         named = self.metadata.get("observations")
         self.obs = obs or (tuple(named) if named else None)
         if self.obs is None:
-            raise ConfigError(f"the server {url} does not say what it observes; name observations with obs (--obs)")
+            raise ConfigError(f"the server {url} does not name its observations; name them with obs (--obs)")
         self.name = str(self.metadata.get("policy") or url)
         self.env_id = self.metadata.get("environment")
         self.settings = dict(self.metadata.get("settings") or {}) if self._ours else {}
@@ -138,7 +138,7 @@ class RemotePolicy(Policy):
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         self._pending[env].clear()
         self._active[env] = True
-        # Only graspbox servers know episodes.
+        # Only graspbox servers have episodes.
         self._starts[env] = {"reset": True, "seed": seed} if self._ours else {}
 
     def act(self, observation: Any) -> Actions:

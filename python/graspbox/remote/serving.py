@@ -134,7 +134,7 @@ class EnvironmentServer(RunningServer):
             with _about(name):
                 if wrong:
                     raise ConfigError(
-                        "a server makes environments of its own, without a window; leave remote and 'human' out"
+                        "a server makes its own environments, without a window; leave remote and 'human' out"
                     )
         split = settings.pop("split", None)
         choice = {name: settings.pop(name) for name in ("scale", "mass") if name in settings}

@@ -30,12 +30,12 @@ _DEFAULT_ENV = "graspbox/GraspPose-v0"
 
 
 def is_evaluation(content: Any) -> bool:
-    """Tell whether JSON is that of ``graspbox evaluate``."""
+    """Return whether JSON is that of ``graspbox evaluate``."""
     return isinstance(content, Mapping) and {"policy", "condition", "rate", "ci95"} <= content.keys()
 
 
 def is_evaluations(folder: Path) -> bool:
-    """Tell whether a folder is that of ``scripts/evaluate_policies.py``."""
+    """Return whether a folder is that of ``scripts/evaluate_policies.py``."""
     return (folder / "results.jsonl").is_file() and (folder / "settings.json").is_file()
 
 

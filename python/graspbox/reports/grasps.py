@@ -28,12 +28,12 @@ _PER_KIND = 6
 
 
 def is_grasps(content: Any) -> bool:
-    """Tell whether JSON is that of ``graspbox grasp``."""
+    """Return whether JSON is that of ``graspbox grasp``."""
     return isinstance(content, Mapping) and {"objects", "tried", "first_rate", "objects_with_success"} <= content.keys()
 
 
 def is_dataset(folder: Path) -> bool:
-    """Tell whether a folder is a data set of ``graspbox dataset``."""
+    """Return whether a folder is a data set of ``graspbox dataset``."""
     return (folder / "manifest.json").is_file() and (folder / "trials").is_dir()
 
 

@@ -18,7 +18,7 @@ _LOSSES = "losses.jsonl"
 
 
 def is_training(folder: Path) -> bool:
-    """Tell whether a folder is a training run, or has stages that are."""
+    """Return whether a folder is a training run, or has stages that are."""
     return any(_losses(folder))
 
 

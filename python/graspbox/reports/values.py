@@ -1,4 +1,4 @@
-"""Values of JSON files, checked: each error names the file, the field and what to do."""
+"""Values of JSON files, checked: each error names the file, the field and the remedy."""
 
 import json
 from collections.abc import Mapping

@@ -240,7 +240,7 @@ def _decision(replay: Replay, env: Any, hand: Hand, images: tuple[str, ...]) -> 
 
 
 def _outcome(replay: Replay, now: str) -> str:
-    """Tell the outcome of the episode, and that of its repetition where it differs."""
+    """Describe the outcome of the episode, and that of its repetition where it differs."""
     before = replay.failure or "success"
     if before == "failure" and now != "success":
         return now

@@ -143,8 +143,8 @@ def export_policy(
     except Exception as error:  # the exporter's errors share no base class
         kind, first = type(graph.extractor).__name__, next(iter(str(error).strip().splitlines()), "")
         raise ConfigError(
-            f"the policy cannot be written as ONNX; its features extractor, {kind}, or a layer does what ONNX cannot "
-            f"hold, such as numpy's functions: {first}"
+            f"the policy cannot be written as ONNX; its features extractor, {kind}, or a layer has an operation "
+            f"that ONNX lacks, such as numpy's functions: {first}"
         ) from error
 
 

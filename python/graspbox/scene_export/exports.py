@@ -37,7 +37,7 @@ _NAMES: dict[Format, str] = {"mjcf": "xml", "usd": "usda", "urdf": "urdf"}
 
 @dataclass(frozen=True)
 class Export:
-    """What an export wrote.
+    """Files of an export.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Export:
     files : tuple of Path
         All files, first the one to open.
     not_expressed : tuple of str
-        What the format cannot say, as sentences.
+        Properties of the scene that the format cannot express, as sentences.
     """
 
     to: Format
@@ -59,7 +59,7 @@ class Export:
 
 @dataclass(frozen=True)
 class SetExport:
-    """What an export of an object set wrote.
+    """Files of the export of an object set.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def _format(to: str) -> Format:
 
 
 def _usd() -> ModuleType:
-    """Import what writes USD."""
+    """Import the writer of USD."""
     imported("pxr", "USD needs usd-core, from the extra 'usd'", "usd")
     from graspbox.scene_export import usd
 
@@ -259,7 +259,7 @@ def export_objects(
     *,
     done: Callable[[str], None] | None = None,
 ) -> SetExport:
-    """Write every object of a set as `export_object` does, each into a folder of its own, and ``objects.json``.
+    """Write every object of a set as `export_object` does, each into its own folder, and ``objects.json``.
 
     Parameters
     ----------

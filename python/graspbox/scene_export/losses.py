@@ -1,4 +1,4 @@
-"""What each format cannot say of a scene, as sentences: in every exported ``scene.json`` and in the guide."""
+"""Limits of the formats, as sentences: in every exported ``scene.json`` and in the guide."""
 
 from typing import Literal, TypeAlias
 
@@ -11,7 +11,7 @@ FORMATS: tuple[Format, ...] = ("mjcf", "usd", "urdf")
 _LOCKED = "Self-locking drives (the swivels of the ReFlex) are fixed; export again for another preshape."
 _SENSORS = "Tactile sensors and joint encoders of the hand are left out."
 
-#: What a file of each format leaves to its reader.
+#: Properties of a scene that a file of each format cannot express.
 NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
     "mjcf": (
         "Actuators do not move by themselves: ctrl of a tendon is spool_radius x position, ctrl of a servo is ratio x "

@@ -82,7 +82,7 @@ def _add_inertial(body: ET.Element, mass: float, center: Array, inertia: Array) 
 
 
 class _Builder:
-    """One model in the making."""
+    """Builder of a model."""
 
     def __init__(self, name: str, physics: PhysicsConfig, numerics: Numerics, start: Start | None):
         self.physics, self.numerics, self.start = physics, numerics, start
@@ -165,7 +165,7 @@ class _Builder:
         self._add_actuators(hand)
 
     def _link_pose(self, link: Link, index: int, free: Sequence[int]) -> Array:
-        """Return ``parent_from_link``; for a link without a joint of its own, at the position of the start."""
+        """Return ``parent_from_link``; for a link without its own joint, at the position of the start."""
         if self.start is None:
             return link.parent_from_link
         if index == BASE:

@@ -159,7 +159,7 @@ class PoseModel(nn.Module):  # type: ignore[misc]
 
     @classmethod
     def load(cls, folder: Path) -> "PoseModel":
-        """Read what `save` wrote.
+        """Read the files of `save`.
 
         Raises
         ------

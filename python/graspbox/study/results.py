@@ -199,7 +199,7 @@ def page(
         "the average of the object's training poses, `constant` one training pose for everything "
         "(`graspbox.study.execution`).\n",
         baseline_table(baselines),
-        "## What training did\n",
+        "## Training\n",
         '"Weights moved by" is over all layers but the last, as a share of their norm.\n',
         cause_table(results),
     ]

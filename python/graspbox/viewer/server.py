@@ -201,7 +201,7 @@ def _viser() -> Any:
 
 
 def _start(host: str, port: int, label: str) -> Any:
-    """Start viser's server, without its tunnel to the internet, which any page that reaches the server could request."""
+    """Start viser's server, without its tunnel to the internet, which any page on the server could request."""
     with contextlib.redirect_stdout(io.StringIO()):  # it prints a table even without `verbose`
         server = _viser().ViserServer(host, port, label, verbose=False)
     server.request_share_url = lambda verbose=True: None

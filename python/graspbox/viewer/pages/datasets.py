@@ -95,7 +95,8 @@ class DatasetPage(Page):
         self.rows.content = html_table(("row", *_COLUMNS), rows, int(marked[0]) if len(marked) else None)
         rate = float(self.columns["success"][kept].mean()) if len(kept) else 0.0
         self.canvas.say(
-            f"**{self.content}**  \n{len(kept)} of {len(self.table)} rows, {rate:.1%} succeed; sheet {sheet} of {sheets}"
+            f"**{self.content}**  \n{len(kept)} of {len(self.table)} rows, {rate:.1%} succeed; "
+            f"sheet {sheet} of {sheets}"
         )
 
     def select(self, index: int) -> None:

@@ -14,7 +14,7 @@ PREFIX = "GRASPBOX_OPENENV_"
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """What the server makes of every session.
+    """Environment of every session.
 
     Attributes
     ----------
