@@ -33,7 +33,7 @@ pub struct DistanceGrid<'a> {
     inside: Vec<bool>,
 }
 
-/// What a node knows: one read of memory, which a query has eight of.
+/// Data of a node: one read of memory; a query needs eight.
 #[derive(Clone, Copy)]
 struct Node {
     /// Distance of the closest face, negative inside, metres.
@@ -239,7 +239,7 @@ impl<'a> DistanceGrid<'a> {
     }
 }
 
-/// A face, and what bounds its distance from below.
+/// A face, and a lower bound of its distance.
 struct Whole {
     face: u32,
     corners: [Point3<f64>; 3],

@@ -1,6 +1,6 @@
 //! Convex parts: the collision geometry of an object.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `params` | parameters, parts and how well they fit |
 //! | `cell` | a piece of the solid, clipped by planes |

@@ -120,7 +120,7 @@ fn exact_adds_the_surface_and_removal_leaves_a_shell() {
         assert!(exact.flags().iter().copied().eq(union));
         let hollow = grid(&mesh, &VoxelOptions { exact: true, remove_internal: true, ..solid(48) });
         let interior = exact.count() - hollow.count();
-        // What is taken out is solid and off the surface, or wrapped in it.
+        // Removed voxels are solid and off the surface, or wrapped in it.
         assert!(interior > 0);
         assert!(hollow.flags().iter().zip(exact.flags()).all(|(left, before)| *before || !left));
         // Voxels off the surface are on one side of it, with all their neighbours that are off it.

@@ -13,7 +13,7 @@ pub(super) struct Lines<'a> {
 }
 
 impl Lines<'_> {
-    /// Inside is what at least two of three scan directions call inside.
+    /// A node is inside if at least two of three scan directions say so.
     pub fn vote(&self) -> Vec<bool> {
         let mut votes = vec![0_u8; self.size.iter().product()];
         for axis in 0..3 {

@@ -5,7 +5,7 @@
 //!
 //! Danielsson, "Euclidean distance mapping", 1980.
 
-/// What every node of a grid knows: columns, node by node.
+/// Data of every node of a grid: columns, node by node.
 pub(super) struct Known {
     /// Its closest face.
     pub face: Vec<u32>,
@@ -100,7 +100,7 @@ impl Known {
     }
 }
 
-/// What a row needs for a moment.
+/// Temporary buffers of a row.
 struct Rows {
     /// Squared distance of the closest point so far; negative where nothing is closer.
     best: Vec<f32>,
@@ -124,7 +124,7 @@ fn measure(distances: &mut [f32], xs: &[f32], [y, z]: [f32; 2], ax: &[f32], ay: 
     }
 }
 
-/// Takes what the neighbours know where they are closer.
+/// Takes the values of neighbours where they are closer.
 fn take_closer(own: &mut [f32], asked: &[f32], masks: &[u32]) {
     for ((own, asked), mask) in own.iter_mut().zip(asked).zip(masks) {
         *own = f32::from_bits(chosen(own.to_bits(), asked.to_bits(), *mask));

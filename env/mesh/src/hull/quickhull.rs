@@ -97,7 +97,7 @@ struct Builder<'a> {
     scratch: Scratch,
 }
 
-/// What [`Builder::add`] needs for a moment.
+/// Temporary buffers of [`Builder::add`].
 #[derive(Default)]
 struct Scratch {
     /// Faces that the new point sees.

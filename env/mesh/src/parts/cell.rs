@@ -35,7 +35,7 @@ pub(super) struct Cell {
 }
 
 impl Cell {
-    /// Cuts in two: what lies on the positive side of the plane, and what lies on the negative one.
+    /// Cuts in two: the part on the positive side of the plane, and that on the negative one.
     pub fn cut(&self, pool: &mut Pool, plane: &Plane) -> [Cell; 2] {
         let height = |p: &Point3<f64>| plane.normal.dot(&p.coords) - plane.offset;
         let mut halves = [Cell::default(), Cell::default()];

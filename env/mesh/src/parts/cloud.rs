@@ -146,7 +146,7 @@ impl Farthest {
     }
 }
 
-/// Looks at the entry of `with` that reaches farthest, and then at those that reach as far as what is found by then.
+/// Looks at the entry of `with` that reaches farthest, and then at those that reach as far as the best so far.
 fn best_first(reach: &[f64], with: &[bool], best: &mut Farthest, mut look: impl FnMut(usize, &mut Farthest)) {
     let mut first = None;
     for (i, (reach, with)) in reach.iter().zip(with).enumerate() {

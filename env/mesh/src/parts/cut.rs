@@ -25,7 +25,7 @@ const CUT_SHARE: f64 = 0.8;
 /// Cells no wider than this many times the allowed error are not cut across that width.
 const LEAST_SIZE: f64 = 2.0;
 
-/// A cell with its hull and what is wrong with it.
+/// A cell with its hull and its error.
 pub(super) struct Piece {
     pub cell: Cell,
     pub hull: Hull,
@@ -169,7 +169,7 @@ fn cost([a, b]: [f64; 2]) -> f64 {
     a + b + BALANCE * (a - b).abs()
 }
 
-/// The extremes of the slabs between neighbouring places: what is below or above a place follows from these alone.
+/// The extremes of the slabs between neighbouring places: the extremes below or above a place follow from these alone.
 struct Slabs {
     /// Where each slab begins among the sorted points; the last entry is their number.
     begins: Vec<usize>,

@@ -44,7 +44,7 @@ pub fn parse_binvox(bytes: &[u8]) -> Result<VoxelGrid, MeshError> {
     let (header, runs) = Header::read(bytes)?;
     let frame = VoxelFrame::new(header.resolution, header.translate, header.scale)
         .map_err(|error| malformed(error.to_string()))?;
-    // A pair of bytes stands for 255 voxels at most, so this also bounds what is allocated by the size of the file.
+    // A pair of bytes stands for 255 voxels at most, so the size of the file also bounds the allocation.
     if !runs.len().is_multiple_of(2) || (runs.len() / 2).saturating_mul(255) < frame.len() {
         return Err(truncated(header.resolution, runs.len() / 2));
     }
@@ -108,7 +108,7 @@ struct Header {
 }
 
 impl Header {
-    /// The header, and what follows it.
+    /// The header, and the rest.
     fn read(bytes: &[u8]) -> Result<(Self, &[u8]), MeshError> {
         let mut rest = bytes;
         let mut line = || {

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-/// Half a voxel, and a billionth more: a face between two voxels touches both, whatever its coordinates were rounded to.
+/// Half a voxel, and a billionth more: a face between two voxels touches both, for any rounding of its coordinates.
 const REACH: f64 = 0.5 + 1e-9;
 
 /// Where the centre of a touching voxel can be along one direction.
