@@ -60,7 +60,7 @@ def counts(row: Measured) -> tuple[int, int, int]:
 
 
 def save_pictures(folder: Path, first: list[Measured], stressed: list[Measured]) -> None:
-    """Draw the rates under the first condition, under errors, and the stated chances beside the true ones."""
+    """Draw the rates under the first condition, under errors, and the predicted probabilities against the rates."""
     sets: dict[str, dict[str, tuple[int, int, int]]] = {}
     for row in pooled(first, by=lambda r: (r.policy, r.objects)):
         sets.setdefault(row.objects, {})[row.policy] = counts(row)

@@ -48,7 +48,7 @@ class Args:
 
 
 def at_once(ask: Callable[[Any, int], None], clients: Sequence[Any], count: int) -> float:
-    """Let clients share a number of requests, each in a thread of its own; returns requests per second."""
+    """Let clients share a number of requests, each in its own thread; returns requests per second."""
     each = count // len(clients)
     threads = [threading.Thread(target=ask, args=(client, each)) for client in clients]
     started = time.perf_counter()

@@ -24,7 +24,7 @@ def _failure(error: OSError, path: Path) -> FileError:
 
 
 def _is_special(path: Path) -> bool:
-    """Tell whether a path is a device or a pipe, which is written to directly instead of being replaced."""
+    """Return whether a path is a device or a pipe, which is written to directly instead of being replaced."""
     try:
         mode = path.stat().st_mode
     except OSError:

@@ -17,7 +17,7 @@ class MadeOnce(Generic[Made]):
     Parameters
     ----------
     make : callable
-        Makes the value; arguments must be hashable, and every combination of them has a value of its own.
+        Makes the value; arguments must be hashable, and every combination of them has its own value.
     """
 
     def __init__(self, make: Callable[..., Made]) -> None:

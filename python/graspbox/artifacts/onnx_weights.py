@@ -23,7 +23,7 @@ _VARINT, _EIGHT, _BYTES, _FOUR = 0, 1, 2, 5
 
 
 def check_weights(content: bytes, called: str) -> None:
-    """Refuse weights that are not finite; onnxruntime tells if the file, `called` in errors, is no network at all.
+    """Refuse weights that are not finite; onnxruntime reports a file, `called` in errors, that is no network at all.
 
     A single infinity is no weight but a bound, and allowed.
 

@@ -47,7 +47,7 @@ ServerToken = Annotated[
 ]
 CaFile = Annotated[
     str | None,
-    typer.Option("--ca-file", help="Certificates to trust beside those of the public authorities, a PEM file."),
+    typer.Option("--ca-file", help="Certificates to trust besides those of the public authorities, a PEM file."),
 ]
 Obs = Annotated[
     list[str] | None,

@@ -1,6 +1,6 @@
 """Keywords of the environments: one row each, with type, default and meaning.
 
-Constructors take them as ``**settings: Unpack[...]``, so type checkers know every keyword. `signed` adds the same list
+Constructors take them as ``**settings: Unpack[...]``, so type checkers check every keyword. `signed` adds the same list
 with its defaults to their signatures, for `inspect.signature` and ``help``, and ``scripts/generate_docs.py`` writes
 their docstrings from it.
 

@@ -172,7 +172,7 @@ def _looked_up(objects: ObjectsArgument, settings: dict[str, Any]) -> object_set
         if not remote:
             raise
         raise ConfigError(
-            f"objects from which the policy learned cannot be left out of a set that only the server knows ({error}); "
+            f"objects from which the policy learned cannot be left out of a set that only the server has ({error}); "
             "give include_learned=True (--include-learned)"
         ) from None
 

@@ -196,7 +196,7 @@ def call(settings: ToolSettings, name: str, arguments: dict[str, Any]) -> _Told:
 
 
 def _told(settings: ToolSettings, work: Callable[[], Any]) -> _Told:
-    """Give an answer, or the sentence of an error, in which files have the names that agents know."""
+    """Give an answer, or the sentence of an error, in which files have their names for agents."""
     try:
         answer = work()
     except InternalError:

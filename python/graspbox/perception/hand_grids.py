@@ -148,7 +148,7 @@ class HandGrid:
     def meets(
         self, occupancy: ArrayLike, poses: ArrayLike, preshape: ArrayLike, *, points: int = 1000
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        """Tell whether the open hand reaches poses, and how many fingers meet the volume as they close.
+        """Return whether the open hand reaches poses, and how many fingers meet the volume as they close.
 
         Parameters
         ----------

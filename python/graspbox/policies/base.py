@@ -132,7 +132,7 @@ class Policy(ABC):
     """Chooses the actions of many environments at once.
 
     `bind` comes first, once. Then `reset` is called for every episode that begins, with the info of that reset, before
-    `act` sees its first observation; ``mask`` says which environments begin one, as the option
+    `act` sees its first observation; ``mask`` marks the environments that begin one, as the option
     ``reset_mask`` of a reset does. With autoreset, call it after the step that began the episodes: the step that ended
     the last ones (``AutoresetMode.SAME_STEP``) or the one after it (``AutoresetMode.NEXT_STEP``).
 

@@ -86,7 +86,7 @@ class FeelThenLift(Policy):
     base: DepthGrasp
     obs: tuple[str, ...] = ("depth", "proprio")
     env_id = "graspbox/Grasp-v0"
-    # Two attempts have taken up to 395 steps.
+    # Two attempts took up to 395 steps.
     settings: Mapping[str, Any] = {"image_size": 128, "max_episode_steps": 450}
 
     def __init__(

@@ -21,7 +21,7 @@ __all__ = ["NetworkPolicy"]
 
 
 class NetworkPolicy(Policy):
-    """Acts as a network says, from observations to actions; onnxruntime runs it, without torch.
+    """Maps observations to actions by a network; onnxruntime runs it, without torch.
 
     `graspbox.sb3.export` writes such folders. The network has no other inputs than `obs`: with ``state`` among them it
     is privileged.

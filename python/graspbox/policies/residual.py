@@ -175,7 +175,7 @@ class Proposals:
                 "graspbox.policies.HeadGrasp or DepthGrasp"
             )
         if "state" in base.obs:
-            raise ConfigError(f"the base policy {base.name!r} has oracles, which know the object; give one without")
+            raise ConfigError(f"the base policy {base.name!r} has oracles, which use the true object; give one without")
         self.base, self.config = base, config
 
     def bind(self, task: Task) -> None:

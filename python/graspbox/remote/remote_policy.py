@@ -184,7 +184,7 @@ class RemotePolicy(Policy):
         """Take the actions to execute from an answer."""
         if isinstance(answer, str):
             # An openpi server sends a traceback, which ends with the error.
-            last = (answer.strip() or "it does not say which").splitlines()[-1]
+            last = (answer.strip() or "it does not name one").splitlines()[-1]
             raise ConfigError(f"the server {self._url} reports an error: {last}")
         if not isinstance(answer, Mapping) or self._name not in answer:
             raise ConnectionLostError(f"the server {self._url} answers {shown(answer)}; it must hold {self._name!r}")

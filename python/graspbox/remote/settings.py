@@ -19,7 +19,7 @@ __all__ = ["ListenerSettings", "PolicyServerSettings", "ServerSettings"]
 
 Texts = Sequence[str]
 FilePath = str | Path
-#: Fields that the core does not know.
+#: Fields that the core does not have.
 _PYTHON = ("insecure", "objects", "hands", "env_id")
 #: Fewest characters of a token.
 _MIN_TOKEN = 16

@@ -97,7 +97,7 @@ class ActionGraph(nn.Module):  # type: ignore[misc]
 
 
 def _is_transposed(space: Box) -> bool:
-    """Tell whether a model takes channels first where its environment has channels last.
+    """Return whether a model takes channels first where its environment has channels last.
 
     Environments of graspbox have no images with channels first.
     """

@@ -184,7 +184,7 @@ def actor_parameters(model: BaseAlgorithm) -> list[torch.nn.Parameter]:
 
 
 def held_out(episode: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell which steps are held out of cloning: those of every tenth episode."""
+    """Return which steps are held out of cloning: those of every tenth episode."""
     aside: NDArray[np.bool_] = episode % 10 == 9
     return aside
 

@@ -133,7 +133,7 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
 def with_goals(
     policy: Policy, settings: Mapping[str, Any], base: Policy | None = None
 ) -> tuple[Policy, dict[str, Any]]:
-    """Wrap a policy to observe goals if the keywords of its run say so.
+    """Wrap a policy to observe goals if the keywords of its run ask for it.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def goal_base(settings: Mapping[str, Any]) -> Policy | None:
     wanted = not isinstance(obs, str) and GOAL_NAME in obs
     if (folder is not None) != wanted or obs == GOAL_NAME:
         raise ConfigError(
-            f"obs is {obs!r} and goal_from {folder!r}; the observation 'goal' stands beside others, and goal_from "
-            "names the folder of the policy that looks, such as policies/depth"
+            f"obs is {obs!r} and goal_from {folder!r}; the observation 'goal' needs other observations, and "
+            "goal_from the folder of the policy that sees the image, such as policies/depth"
         )
     return None if folder is None else policies.load(str(folder))

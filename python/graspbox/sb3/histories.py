@@ -100,7 +100,7 @@ def _progress(folder: Path) -> dict[str, Any]:
 def _trained(folder: Path, settings: Mapping[str, Any], parameters: Path, progress: Mapping[str, Any]) -> Made:
     known = read_parameters(parameters, settings["algorithm"], settings["id"])
     begun = settings.get("begins_as")
-    # A clone replaces demonstrations of its own.
+    # A clone replaces its own demonstrations.
     skipped = ("steps", "demonstrations") if begun else ("steps",)
     words = ["graspbox", "train", "sb3", settings["algorithm"], "--out", shown(folder)]
     words += ["--env", settings["id"], *(["--clone", shown(Path(begun))] if begun else [])]

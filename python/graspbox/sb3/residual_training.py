@@ -177,7 +177,7 @@ def train_seed(
     Returns
     -------
     RunCallback
-        Holds its evaluations; ``interrupted`` tells whether it was interrupted.
+        Its evaluations, and ``interrupted``: whether it was interrupted.
 
     Raises
     ------

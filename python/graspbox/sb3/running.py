@@ -161,7 +161,7 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> ModelPolicy:
 
 
 def has_checkpoint(run: Path) -> bool:
-    """Tell whether a run has a checkpoint to resume from.
+    """Return whether a run has a checkpoint to resume from.
 
     Raises
     ------

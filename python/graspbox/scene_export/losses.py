@@ -35,18 +35,18 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "Rotor inertia is the attribute graspbox:armature.",
         "Joints that mimic another are free, with the attributes graspbox:mimicJoint, mimicRatio and mimicOffset.",
         _LOCKED,
-        "UsdPhysics does not say how two frictions combine: graspbox multiplies them, as PhysX does for these files; "
+        "UsdPhysics does not define how two frictions combine: graspbox multiplies them, as PhysX does for these files; "
         "other readers may average.",
         _SENSORS,
     ),
     "urdf": (
-        "A URDF holds one articulated body: object, table and hand are files of their own; scene.json has their poses.",
+        "A URDF contains one articulated body: object, table and hand are separate files; scene.json has their poses.",
         "hand.urdf is the hand's own file: tendons, springs, damping, armature, soft stops, servos and friction are in "
-        "hand.toml beside it.",
+        "hand.toml next to it.",
         "Friction of object and table is the element contact, which Bullet reads (and multiplies with the other "
         "body's); other readers ignore it.",
         "Self-locking drives are ordinary joints: hold them at the positions in scene.json.",
-        "URDF does not say which links of the hand may collide with each other.",
+        "URDF does not define which links of the hand may collide with each other.",
         _SENSORS,
     ),
 }

@@ -64,7 +64,7 @@ class Numerics:
 
 @dataclass(frozen=True)
 class MeshFiles:
-    """Names of the mesh files that a model refers to, beside it; a model without them contains its meshes."""
+    """Names of the mesh files of a model, relative to it; a model without them contains its meshes."""
 
     parts: Sequence[str]
     visual: str | None = None

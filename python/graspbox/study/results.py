@@ -1,4 +1,4 @@
-"""Results of the reproduction as Markdown: tables 3.2 and 3.3 of the study beside ours, and the page of all."""
+"""Results of the reproduction as Markdown: tables 3.2 and 3.3 of the study next to ours, and the page of all."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

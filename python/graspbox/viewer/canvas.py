@@ -96,7 +96,7 @@ class Canvas:
         return self._worker.submit(self.guarded(work))
 
     def thread(self, work: Callable[[], object], name: str) -> threading.Thread:
-        """Run a loop that ends with `closed` in a thread of its own."""
+        """Run a loop that ends with `closed` in its own thread."""
         thread = threading.Thread(target=self.guarded(work), name=f"graspbox-viewer-{name}", daemon=True)
         thread.start()
         return thread

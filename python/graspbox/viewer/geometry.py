@@ -40,7 +40,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Color: TypeAlias = tuple[int, int, int]
 Solid: TypeAlias = tuple[NDArray[np.float32], NDArray[np.uint32]]
 
-# The colours of `graspbox.pictures`, which readers with any colour vision can tell apart.
+# The colours of `graspbox.pictures`, which readers with any colour vision can distinguish.
 OBJECT: Color = (216, 183, 140)
 SUCCESS: Color = (0, 158, 115)
 FAILURE: Color = (213, 94, 0)

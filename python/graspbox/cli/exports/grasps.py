@@ -178,7 +178,7 @@ Joints = Annotated[
     bool, typer.Option(help="Simulate joint positions, where the format has them and the object is known.")
 ]
 Meshes = Annotated[
-    bool, typer.Option(help="Write the meshes of known objects as .obj into the folder meshes beside the file.")
+    bool, typer.Option(help="Write the meshes of known objects as .obj into the folder meshes next to the file.")
 ]
 Frame = Annotated[str, typer.Option("--frame", help="Frame of the grasps of an image: table or camera.")]
 OtherHand = Annotated[

@@ -32,7 +32,7 @@ FEEL_TIMES = (1.3, 1.8)
 STORED_NAME = "felt"
 #: Columns of ``proprio`` that hold the arm's position, not sensor readings of the hand.
 _ARM = ("hand_position", "hand_rotation", "hand_velocity", "hand_spin", "preshape")
-#: Number of best grasps whose mean score tells whether there are alternatives.
+#: Number of best grasps whose mean score shows whether there are alternatives.
 _OTHERS = 10
 #: Filled share from which a voxel belongs to the object, of 255.
 _FILLED = 64
