@@ -2,8 +2,8 @@
 
 A policy that acts in every step, such as a clone tuned by rewards, need not look at images itself. Another one
 (`DepthGrasp`, `HeadGrasp`) looks once, as soon as the hand is out of the camera's image, and from then on the
-observation ``goal`` is the pose of its grasp relative to the hand. Nothing of it is privileged. Until then, and where no
-grasp was found, ``goal`` is zero.
+observation ``goal`` is the pose of its grasp relative to the hand. Nothing of it is privileged. Until then, and
+where no grasp was found, ``goal`` is zero.
 
 | name | purpose |
 |---|---|
@@ -134,7 +134,7 @@ class Goals:
 
 
 class GoalPolicy(Policy):
-    """A policy of ``Grasp-v0`` that observes the goal of another one, in addition to the observations of the environments.
+    """A policy of ``Grasp-v0`` that also observes the goal of another policy.
 
     Parameters
     ----------

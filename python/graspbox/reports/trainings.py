@@ -78,7 +78,7 @@ def _thinned(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def _dates(folder: Path) -> Mapping[str, str]:
-    """Times of the first and the last entry of the log."""
+    """Read the times of the first and the last entry of the log."""
     log = folder / "log.txt"
     if not log.is_file():
         newest = max(_losses(folder), key=lambda path: path.stat().st_mtime)

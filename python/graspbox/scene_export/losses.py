@@ -23,7 +23,7 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         _LOCKED,
         "The table is an infinite plane; that of graspbox has sides of 1.2 m.",
         "MuJoCo's friction is the larger coefficient of two geoms: the object has 0, so that the other surface's "
-        "applies, which holds the product of both factors; objects that you add need explicit pairs.",
+        "applies, which is the product of both factors; objects that you add need explicit pairs.",
         _SENSORS,
     ),
     "usd": (
@@ -35,8 +35,8 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "Rotor inertia is the attribute graspbox:armature.",
         "Joints that mimic another are free, with the attributes graspbox:mimicJoint, mimicRatio and mimicOffset.",
         _LOCKED,
-        "UsdPhysics does not define how two frictions combine: graspbox multiplies them, as PhysX does for these files; "
-        "other readers may average.",
+        "UsdPhysics does not define how two frictions combine: graspbox multiplies them, as PhysX does for these "
+        "files; other readers may average.",
         _SENSORS,
     ),
     "urdf": (
