@@ -28,7 +28,7 @@ class Settings:
     inputs: tuple[str, ...] = ("state", "seeing")
     """Observations of the policies: state, seeing, goal."""
     demonstrator: str = "expert"
-    """Demonstrating policy: a name, or a folder; for the input `goal` the folder of one that looks once."""
+    """Demonstrating policy: a name, or a folder; for the input `goal` the folder of one that sees one image."""
     objects: tuple[str, ...] = OBJECTS
     """Object sets to learn from, the split `train` of each."""
     unseen: tuple[str, ...] = UNSEEN

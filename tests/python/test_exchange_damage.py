@@ -270,7 +270,7 @@ class _Runs:
 
 def test_pickles_run_no_code(tmp_path: Path) -> None:
     (tmp_path / "it.npy").write_bytes(_npy({**_fields(), "more": _Runs(tmp_path / "ran")}))
-    refused(tmp_path / "it.npy", "it wants to call")
+    refused(tmp_path / "it.npy", "it calls")
     assert not (tmp_path / "ran").exists()
 
 
@@ -368,7 +368,7 @@ def test_selections() -> None:
     assert "3 of 3 succeeded" in repr(made)
     with pytest.raises(errors.ConfigError, match="1 selects one row"):
         made[1]  # type: ignore[index]
-    with pytest.raises(errors.ConfigError, match="holds 1 grasp, not 3"):
+    with pytest.raises(errors.ConfigError, match="has 1 grasp, not 3"):
         exchange.save(made, "it.npy", "dexgraspbench")
     with pytest.raises(errors.ConfigError, match=r"has no suffix; end it in \.h5"):
         exchange.save(made, "it", "acronym")

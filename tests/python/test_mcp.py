@@ -174,7 +174,7 @@ def test_paths_that_leave_the_folder_are_refused(settings: ToolSettings, path: s
 @pytest.mark.parametrize(
     ("name", "arguments", "sentence"),
     [
-        ("look", {"object": "none.off"}, "none.off: there is no such mesh file; the folder holds box.off, broken.off"),
+        ("look", {"object": "none.off"}, "none.off: there is no such mesh file; the folder has box.off, broken.off"),
         ("look", {"object": "odd.off"}, "there is no such mesh file"),
         ("look", {"object": "loop.off"}, "is no path of a mesh file"),
         ("look", {"object": "a\0.off"}, "is no path of a mesh file"),

@@ -175,7 +175,7 @@ def test_changed_files_of_a_hand_are_read_again(tmp_path: Path) -> None:
         toml.write_text(good.replace("max_tension", "max_tensoin", 1))
         wait_for(lambda: "max_tensoin" in viewer.canvas.problem.content)
         assert viewer.canvas.problem.visible
-        assert "The last good version stays." in viewer.canvas.problem.content
+        assert "The last valid version is kept." in viewer.canvas.problem.content
         assert page.hand.name == "mine"
         toml.write_text(good)
         wait_for(lambda: not viewer.canvas.problem.visible and page.hand.name == "reflex")

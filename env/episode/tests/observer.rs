@@ -1,4 +1,4 @@
-//! Observers see every step of a trial up to the end of the hold, and delay early stops only where the config asks for it.
+//! Observers see every step of a trial up to the end of the hold, and delay early stops only where the config requires it.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_episode::{

@@ -247,7 +247,7 @@ fn joints_are_held_by_one_thing_each() {
     );
 }
 
-/// A joint follows one that leads, of its own kind, and reaches wherever that goes.
+/// A joint follows a leader of the same kind, over the whole range of the leader.
 #[test]
 fn joints_follow_what_they_can_follow() {
     let middle = "<axis xyz=\"0 -1 0\"/>\n    <limit lower=\"0\" upper=\"1.2\" effort=\"1\" velocity=\"5\"/>";

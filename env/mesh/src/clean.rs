@@ -1,6 +1,6 @@
 //! Cleaning: weld, drop degenerate and duplicate faces, orient, split into components; and the watertight test.
 //!
-//! Nothing is filled or remeshed: an open mesh stays open, and the report says so.
+//! Nothing is filled or remeshed: an open mesh stays open, and the report notes it.
 
 mod intersect;
 mod orient;

@@ -51,7 +51,7 @@ const LEAST_COSINE: f64 = 0.3;
 /// Collapses edges until no more than `target_faces` are left.
 ///
 /// A mesh with fewer faces is returned as it is. Where topology forbids it (the last collapses of a small component, edges with
-/// three faces), more faces than asked for may be left.
+/// three faces), more faces than requested may be left.
 ///
 /// # Errors
 /// [`MeshError::BadParameter`] for a target below 4: no closed surface has fewer faces.

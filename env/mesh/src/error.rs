@@ -86,7 +86,7 @@ pub enum MeshError {
         /// Where and how.
         detail: String,
     },
-    /// The content is of another format than the ending says.
+    /// The format of the content differs from the ending.
     #[error("it is named as {format}, but looks like {found}; give it the ending of its format, or convert it")]
     WrongFormat {
         /// The format that the ending names.
@@ -99,7 +99,7 @@ pub enum MeshError {
     OutOfMemory {
         /// Purpose of the memory.
         what: &'static str,
-        /// How much was asked for.
+        /// The requested size.
         bytes: u64,
     },
     /// A face has fewer than three corners, so it is no triangle and cannot be cut into triangles.

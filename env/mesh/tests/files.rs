@@ -189,7 +189,7 @@ fn a_wrong_ending_is_named() {
     assert!(!matches!(cut, MeshError::WrongFormat { .. }), "{cut}");
 }
 
-/// A long face may go on in the next line; the parser took the backslash for a corner. A comment that ends in one (a Windows path)
+/// A long face may continue on the next line; the parser took the backslash for a corner. A comment that ends in one (a Windows path)
 /// does not hide the line after it.
 #[test]
 fn obj_lines_continue_after_a_backslash() {

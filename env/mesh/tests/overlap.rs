@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use shapes::{cuboid, cup, sphere, torus};
 use std::f64::consts::PI;
 
-/// Several meshes as one; `flips` says which are turned inside out first.
+/// Several meshes as one; those in `flips` are turned inside out first.
 fn joined(meshes: &[TriMesh], flips: &[bool]) -> TriMesh {
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     for (i, mesh) in meshes.iter().enumerate() {

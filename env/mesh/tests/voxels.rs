@@ -82,7 +82,7 @@ fn solids_know_cavities_and_overlaps() {
     assert_eq!(count(&with(&box_of(0.08, 0.0), false)), 16_usize.pow(3), "a box in a box is no cavity");
 }
 
-/// Removes or turns single faces: the rule that is used says so, and hardly a voxel changes.
+/// Removes or turns single faces: the rule reports it, and few voxels change.
 #[test]
 fn open_and_unoriented_meshes_are_filled_by_stated_rules() {
     let mesh = skew(&sphere(0.05, 40));

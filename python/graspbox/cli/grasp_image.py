@@ -23,7 +23,7 @@ HandErrorOption = Annotated[
     typer.Option(
         "--hand-error",
         metavar="MILLIMETRES DEGREES",
-        help="How far your hand goes from where it is sent, one standard deviation along and about each axis: grasps "
+        help="Positioning error of your hand, one standard deviation along and about each axis: grasps "
         "that tolerate it come first.",
     ),
 ]
@@ -109,7 +109,7 @@ def grasp_image_command(
         float | None, typer.Option("--camera-height", help="Height of the camera over the table, metres.")
     ] = None,
     tilt: Annotated[
-        float | None, typer.Option("--tilt", help="Degrees by which it looks down: 0 horizontal, 90 straight down.")
+        float | None, typer.Option("--tilt", help="Degrees by which it is tilted down: 0 horizontal, 90 straight down.")
     ] = None,
     region: Annotated[
         tuple[int, int, int, int] | None,

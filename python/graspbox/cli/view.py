@@ -1,4 +1,4 @@
-"""``graspbox view``: look at an object, a hand, an environment, a depth image, a data set or a plan in a browser."""
+"""``graspbox view``: views of an object, a hand, an environment, a depth image, a data set or a plan in a browser."""
 
 import signal
 import sys
@@ -61,7 +61,7 @@ def view(
     scale: Scale = 1.0,
     seed: Seed = 0,
 ) -> None:
-    """Look at something in a browser; Ctrl-C ends."""
+    """Open an interactive view in a browser; Ctrl-C ends it."""
     from graspbox.viewer import show
 
     with console.status("preparing"):

@@ -172,13 +172,13 @@ class _Hdf5:
             if link is None:
                 raise ConfigError(f"it lacks {name!r}; give a file of ACRONYM")
             if not isinstance(link, self.h5py.HardLink):
-                raise ConfigError(f"{name!r} is a link to another file or place; give a file that holds its own data")
+                raise ConfigError(f"{name!r} is a link to another file or place; give a file with its own data")
             group = group[part]
         found = group
         if not isinstance(found, self.h5py.Dataset) or found.dtype.kind not in kinds:
             raise ConfigError(f"{name!r} is not {expected}")
         if found.external or found.is_virtual:
-            raise ConfigError(f"{name!r} is stored in another file; give a file that holds its own data")
+            raise ConfigError(f"{name!r} is stored in another file; give a file with its own data")
         return found
 
     def array(self, name: str, row: tuple[int, ...]) -> Array:

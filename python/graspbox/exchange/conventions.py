@@ -9,7 +9,7 @@
 The grasp frame in the base link is an entry of ``hand.toml``, so your own hand needs no row in `CONVENTIONS`.
 
 The order of joints in the arrays of this package is that of `graspbox.Hand.joints` for independent joints. Files that
-hold all joints (DexGraspBench) have them in the order of the hand's URDF: depth first from the base link, children in
+with all joints (DexGraspBench) list them in the order of the hand's URDF: depth first from the base link, children in
 the order of the file, as MuJoCo orders them when it reads this URDF.
 """
 

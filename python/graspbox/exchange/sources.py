@@ -226,7 +226,7 @@ def from_dataset(
 
 
 def sources_of(folder: str | os.PathLike[str]) -> dict[str, tuple[str, float]]:
-    """Return the object set that holds each object of a data set alone, and its scale, by the object's name."""
+    """Return a set with each object of a data set alone, and its scale, by the object's name."""
     from graspbox.dataset import tables
 
     table = tables.load(folder, None, ["object", "source", "scale"])

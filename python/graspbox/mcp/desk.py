@@ -84,7 +84,7 @@ class Desk:
                 break
             if entry.suffix.lower() in suffixes and entry.is_file():
                 names.append(entry.name)
-        return f"; the folder holds {', '.join(sorted(names)[:_LISTED])}" if names else ""
+        return f"; the folder has {', '.join(sorted(names)[:_LISTED])}" if names else ""
 
     def object(self, arguments: ObjectArguments) -> ObjectSpec:
         """Find the one object that a call names.

@@ -99,9 +99,9 @@ class Offer:
         names: list[str] = [objects] if isinstance(objects, str) else objects
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise ObjectSetError(f"objects is {shown(objects)}; give names of object sets")
-        # The work below grows with the number of names, and other clients wait meanwhile.
+        # The work below grows with the number of names, and other clients wait for it.
         if len(names) > MAX_OBJECTS:
-            raise ObjectSetError(f"objects has {len(names)} names; this server takes at most {MAX_OBJECTS} objects")
+            raise ObjectSetError(f"objects has {len(names)} names; this server allows at most {MAX_OBJECTS} objects")
         self._check_count(names)
         found = object_sets.load([self._aliases.get(name, name) for name in names], scale=scale, mass=mass)
         # Errors show the client's own names instead of local folders.
@@ -116,7 +116,9 @@ class Offer:
             seen.add(name)
             count += self._count(name)
             if count > MAX_OBJECTS:
-                raise ObjectSetError(f"objects names at least {count} objects; this server takes at most {MAX_OBJECTS}")
+                raise ObjectSetError(
+                    f"objects names at least {count} objects; this server allows at most {MAX_OBJECTS}"
+                )
 
     def _count(self, name: str) -> int:
         """Count the objects of a set that is offered."""

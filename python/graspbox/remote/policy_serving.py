@@ -43,7 +43,7 @@ class PolicyServer(RunningServer):
     Parameters
     ----------
     policy : str or Path
-        A name that `graspbox.policies.load` takes: a folder, or a baseline that needs no mesh.
+        A name for `graspbox.policies.load`: a folder, or a baseline that needs no mesh.
     settings : PolicyServerSettings, optional
         Address and bounds.
 

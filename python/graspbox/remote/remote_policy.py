@@ -21,7 +21,7 @@ _MOST_SETS, _LONGEST = 1000, 1000
 
 
 class RemotePolicy(Policy):
-    """Asks a server for the actions of each environment, one connection per environment.
+    """Queries a server for the actions of each environment, one connection per environment.
 
     A graspbox server also reports the policy's hand, the object sets from which it learned, and whether it states a
     probability of success.
@@ -187,7 +187,7 @@ class RemotePolicy(Policy):
             last = (answer.strip() or "it does not name one").splitlines()[-1]
             raise ConfigError(f"the server {self._url} reports an error: {last}")
         if not isinstance(answer, Mapping) or self._name not in answer:
-            raise ConnectionLostError(f"the server {self._url} answers {shown(answer)}; it must hold {self._name!r}")
+            raise ConnectionLostError(f"the server {self._url} answers {shown(answer)}; it must contain {self._name!r}")
         try:
             found = np.asarray(answer[self._name], dtype=np.float32)
         except (TypeError, ValueError):

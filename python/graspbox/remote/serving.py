@@ -61,7 +61,7 @@ def description_of(core: GraspCore, environment: str) -> dict[str, Any]:
 
 
 def space_of(space: gymnasium.Space[Any]) -> dict[str, Any]:
-    """Write a space as JSON holds it: a ``Box``, whose bounds are one number where all are equal, or a ``Dict``."""
+    """Write a space as JSON: a ``Box``, whose bounds are one number where all are equal, or a ``Dict``."""
     if isinstance(space, gymnasium.spaces.Dict):
         return {"type": "Dict", "spaces": {name: space_of(one) for name, one in space.spaces.items()}}
     if not isinstance(space, gymnasium.spaces.Box):

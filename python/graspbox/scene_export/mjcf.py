@@ -9,7 +9,7 @@
   clamped to ``[0, max_tension]``. A servo is a position actuator with limited force, and a mimic joint an equality
   constraint. A soft stop is a tendon of one joint with a spring that has the joint's range as its dead band.
 * The friction coefficient of a pair is the product of its two factors. For contacts of the object, whose geoms have 0,
-  MuJoCo's maximum of the two is the other surface's, which holds the product. All others are explicit pairs, which also
+  MuJoCo's maximum of the two is the other surface's, which is the product. All others are explicit pairs, which also
   define the self-collisions of the hand: links of different chains, and the palm with links not adjacent to it.
 """
 

@@ -23,7 +23,7 @@ _STICK = 0.0008
 _MANY = 1000
 #: A link whose frame changed by less is not sent again, metres and shares of 1.
 _STILL = 1e-5
-#: Most different shapes of wire hands in one set; preshapes between them take the nearest.
+#: Most different shapes of wire hands in one set; other preshapes use the nearest.
 _MOST_SHAPES = 6
 
 

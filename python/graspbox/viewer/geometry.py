@@ -65,7 +65,7 @@ def split(pose: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def split_all(poses: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Split poses (n, 4, 4) into quaternions (n, 4) and positions (n, 3), as instances take them."""
+    """Split poses (n, 4, 4) into quaternions (n, 4) and positions (n, 3), for instances."""
     matrices = np.asarray(poses, dtype=np.float64)
     return quaternion_from_rotation(matrices[:, :3, :3]).astype(np.float32), matrices[:, :3, 3].astype(np.float32)
 

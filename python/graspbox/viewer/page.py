@@ -81,5 +81,5 @@ class Page(ABC):
             If the content cannot be shown.
         """
 
-    def close(self) -> None:  # noqa: B027 (most pages hold nothing)
+    def close(self) -> None:  # noqa: B027 (most pages have nothing to close)
         """End players and environments of the page; the canvas ends its own threads."""

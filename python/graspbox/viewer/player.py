@@ -83,7 +83,7 @@ class Player:
         return self._hand.hand
 
     def load(self, trace: Trace) -> None:
-        """Take a trace, and show its first sample; an empty one shows nothing."""
+        """Load a trace, and show its first sample; an empty one shows nothing."""
         self.stop()
         with self._canvas.lock:
             self.trace = trace if len(trace.time) else None

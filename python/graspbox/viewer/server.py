@@ -1,4 +1,4 @@
-"""`Viewer`: a page in a viser server, on this machine unless told otherwise."""
+"""`Viewer`: a page in a viser server, by default reachable from this machine alone."""
 
 import contextlib
 import html
@@ -100,7 +100,7 @@ class Viewer:
         Raises
         ------
         GraspboxError
-            If it is not recognised or cannot be read; the present page stays. The page shows later errors.
+            If it is not recognised or cannot be read; the present page is kept. The page shows later errors.
         """
         kind, found = find(source, self._options)
         self._back.append(self._source)

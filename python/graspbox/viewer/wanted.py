@@ -49,7 +49,7 @@ def find_object(name: str, sha256: str, options: Options) -> Mesh:
 
 
 def _set_of(name: str) -> str | None:
-    """Return the set that holds this object alone, for sets that come with the package."""
+    """Return a set of this object alone, for sets that come with the package."""
     procedural = _PROCEDURAL.fullmatch(name)
     if procedural and procedural[1] in _core.procedural_families():
         return f"procedural:{procedural[1]}:{int(procedural[2])}"

@@ -117,7 +117,7 @@ pub(super) fn hull_of(points: &[Point3<f64>]) -> Option<Hull> {
     let volume = volume(&points, &faces);
     let (min, max) = points.iter().fold((points[0], points[0]), |(a, b), p| (a.inf(p), b.sup(p)));
     let size = (max - min).amax();
-    // Flatter than this the f32 of the physics engine cannot tell inside from outside.
+    // Flatter than this the f32 of the physics engine cannot distinguish inside from outside.
     (volume > 1e-6 * size.powi(3)).then_some(Hull { points, faces, volume })
 }
 

@@ -77,7 +77,7 @@ pub(super) fn cut_down(whole: Cell, pool: &mut Pool, fit: &Fit, max_error: f64, 
 /// The plane whose two hulls have the least volume together.
 ///
 /// * `ahead`: look one cut further. A round shell gains nothing by being halved and much by being quartered, so one cut alone
-///   cannot tell the cut through its axis from the others.
+///   cannot distinguish the cut through its axis from the others.
 fn best_plane(cell: &Cell, pool: &Pool, coarse: &[Vector3<f64>], least: f64, ahead: bool) -> Option<Plane> {
     let points: Vec<_> = cell.points.iter().map(|&v| pool[v as usize]).collect();
     let along = |normal: Vector3<f64>| {

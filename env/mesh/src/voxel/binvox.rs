@@ -5,7 +5,7 @@
 //!
 //! Source: Patrick Min, "binvox voxel file format specification", <https://www.patrickmin.com/binvox/binvox.html>.
 //!
-//! Own code: we know no Rust crate for this format.
+//! Own code: no Rust crate for this format is known.
 
 use super::grid::{MAX_RESOLUTION, VoxelFrame, VoxelGrid, out_of_memory, with_room};
 use crate::error::MeshError;

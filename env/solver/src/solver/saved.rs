@@ -1,4 +1,4 @@
-//! A state as it is saved, and the checks of one that comes from elsewhere: a checksum tells who damaged it, not who made it.
+//! A saved state, and the checks of one of unknown origin: a checksum shows damage, not the author.
 
 use serde::{Deserialize, Serialize};
 

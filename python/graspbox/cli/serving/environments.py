@@ -160,7 +160,7 @@ def serve_until_stopped(server: RunningServer, *said: str) -> None:
         return
     _log.warning("stopped, although calls were running")
     logging.shutdown()
-    # Threads that are still at work cannot be waited for.
+    # Busy threads cannot be joined.
     os._exit(130 if signals > 1 else 1)
 
 

@@ -125,7 +125,7 @@ class DepthImagePage(Page):
         down = np.degrees(np.arcsin(-found.table_from_camera[2, 2]))
         self.canvas.say(
             f"policy **{found.policy.name}**, hand {found.policy.hand}  \n{len(found)} grasps  \n"
-            f"camera {found.table_from_camera[2, 3]:.3f} m above the table, looks down by {down:.1f} degrees"
+            f"camera {found.table_from_camera[2, 3]:.3f} m above the table, tilted down by {down:.1f} degrees"
         )
 
     def _show_object(self, found: ImageGrasps) -> None:

@@ -209,7 +209,7 @@ class EnvironmentPage(Page):
         state = self.observation["state"]
         with self.canvas.server.atomic():
             if self.closed_loop or not self.done:
-                # After a decision the object stays where the hand reaches for it; the images show the end.
+                # After a decision the scene keeps the object at its place before the grasp; the images show the end.
                 self.canvas.move(self.node, object_pose(state, control=self.control, hand=self.hand))
             if self.closed_loop:
                 self.drawn.pose(hand_pose(state, control=self.control, hand=self.hand), self._joints(state))

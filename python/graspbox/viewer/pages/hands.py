@@ -75,13 +75,13 @@ class HandPage(Page):
         return True
 
     def read(self) -> None:
-        """Read the hand and draw it; an error is shown, and the last good hand stays."""
+        """Read the hand and draw it; after an error the last valid hand is kept."""
         try:
             hand = load_hand(self.content.hand)
             links = HandLinks(hand)
         except GraspboxError as error:
             lines = str(error).splitlines()
-            self.canvas.complain("  \n".join(lines) + ("  \nThe last good version stays." if self.hand else ""))
+            self.canvas.complain("  \n".join(lines) + ("  \nThe last valid version is kept." if self.hand else ""))
             return
         with self.canvas.lock, self.canvas.server.atomic():
             before = self._values() if self.hand is not None else {}
