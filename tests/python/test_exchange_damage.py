@@ -325,7 +325,7 @@ def test_truncated_dexgraspbench(tmp_path: Path) -> None:
 
 
 def test_damaged_bytes_are_refused_or_read(tmp_path: Path) -> None:
-    """Whatever single byte of a file is another one, nothing but an error of graspbox comes out."""
+    """A file with any single byte changed raises only errors of graspbox."""
     random = np.random.default_rng(0)
     for name, to in (("it.h5", "acronym"), ("it.yaml", "isaac"), ("it.npy", "dexgraspbench")):
         exchange.save(grasps(1), tmp_path / name, to)

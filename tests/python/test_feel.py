@@ -62,7 +62,7 @@ def test_it_opens_looks_past_the_hand_and_takes_another_grasp(folder: Path) -> N
     for env in range(2):
         first, second = policy.attempts[env]
         assert first.released
-        # The second grasp is lifted, whatever the prediction.
+        # The second grasp is lifted in any case.
         assert not second.released
         (only,) = once.attempts[env]
         # Until it decides, both runs are the same.

@@ -44,7 +44,7 @@ def test_a_table_says_what_objects_weigh(folder: Path) -> None:
     # As a spreadsheet writes it.
     assert masses(folder, b"\xef\xbb\xbf" + table.replace("\n", "\r\n").encode()) == expected
     assert masses(folder, 'name,mass\n"milk",1.03\n')["milk"] == (1.03, "table")
-    # Kilograms are kilograms, whatever the unit of length.
+    # Kilograms are kilograms in any unit of length.
     scaled = masses(folder, table, scale=0.5)
     assert {name: scaled[name] for name in known} == known
     assert scaled["pan.OFF"] == (pytest.approx(FILLED / 8), "density")

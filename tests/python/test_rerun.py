@@ -1,4 +1,4 @@
-"""Recordings for rerun: what the program ``rerun`` reads in them, and the motions that they hold.
+"""Recordings for rerun: their contents as read by the program ``rerun``, and their motions.
 
 Tests of files need rerun-sdk (``make test-rerun``), which is larger than 100 MB; motions need none of it.
 """

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from graspbox import evaluation, object_sets, policies
+from graspbox import evaluation, object_sets
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation.conditions import CONDITIONS, settings_of
@@ -13,6 +13,7 @@ from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, labels, policy_table
 from graspbox.evaluation.variants import load_variant
 from graspbox.object_sets import ObjectSet, learned_sets
+from graspbox.policies import Policy
 from graspbox.training.runs import Run
 
 __all__ = ["Comparison"]
@@ -104,7 +105,7 @@ class Comparison:
         return [Measured.of(done[key], named[job["policy"]]) for key, job in wanted.items()], objects
 
     def _unknown_objects(
-        self, loaded: Mapping[str, policies.Policy], echo: Callable[[str], None]
+        self, loaded: Mapping[str, Policy], echo: Callable[[str], None]
     ) -> tuple[dict[str, ObjectSet], dict[str, int]]:
         """Load the objects of each set from which no policy learned; also count the objects left out, if any."""
         learned = sorted({name for policy in loaded.values() for name in policy.learned_from})
@@ -121,7 +122,7 @@ class Comparison:
         return kept, left_out
 
     def _measure(
-        self, job: dict[str, Any], policy: policies.Policy, objects: ObjectSet, echo: Callable[[str], None], told: Told
+        self, job: dict[str, Any], policy: Policy, objects: ObjectSet, echo: Callable[[str], None], told: Told
     ) -> dict[str, Any]:
         title = f"{job['policy']}, {job['objects']}, {job['condition']}, seed {job['seed']}"
         found = evaluation.evaluate(
