@@ -161,7 +161,7 @@ def test_servers_take_scale_and_mass(folder: Path) -> None:
             gymnasium.make_vec(LOOP, 1, remote=server.url, **{**keywords, "mass": -1})
         (folder / "masses.csv").write_text("name,mass\nmilk,1.03\n")
         known = object_sets.load(f"dir:{folder}")
-        with pytest.raises(ConfigError, match="'milk' has a scale or mass of its own"):
+        with pytest.raises(ConfigError, match="'milk' has its own scale or mass"):
             gymnasium.make_vec(LOOP, 1, objects=known, remote=server.url)
     local = gymnasium.make_vec(LOOP, 1, **{**keywords, "objects": str(folder / "big.off")})
     assert (seen == local.reset(seed=0)[0]).all()
