@@ -245,7 +245,7 @@ def test_a_depth_image_is_shown_with_the_grasps_of_a_policy(
         show(path, port=0)
     with shown(path, intrinsics=lens, policy=str(ROOT / "policies/depth")) as viewer:
         page = viewer.page
-        wait_for(lambda: "looks down" in viewer.canvas.status.content or viewer.canvas.problem.visible)
+        wait_for(lambda: "tilted down" in viewer.canvas.status.content or viewer.canvas.problem.visible)
         assert not viewer.canvas.problem.visible
         assert page.poses.shown == len(page.found) > 3
         np.testing.assert_allclose(page.hand.root.position, page.found.table_from_hand[0, :3, 3])
