@@ -22,7 +22,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests/python"))
 from graspbox.programs import run_program
 from hostile_attacks import ATTACKS, kill
 from hostile_policy import POLICY_ATTACKS
-from hostile_wire import http
 from servers.honest import Honest
 from servers.processes import Served, served
 
@@ -30,17 +29,6 @@ from servers.processes import Served, served
 COLUMNS = {"sent": 9, "seconds": 9, "honest_calls": 14, "p50_ms": 9, "p99_ms": 9, "max_ms": 9, "memory_mb": 11}
 #: Least seconds of an attack: short ones are repeated.
 LEAST = 3.0
-
-
-def settled(server: Served, name: str, value: int) -> int:
-    """Wait at most 20 s until a gauge of the server has a value; returns it."""
-    until = time.monotonic() + 20.0
-    while True:
-        text = http(server.url, "GET /metrics HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n").decode()
-        found = int(next(line.split()[1] for line in text.splitlines() if line.startswith(f"graspbox_{name} ")))
-        if found <= value or time.monotonic() > until:
-            return found
-        time.sleep(0.2)
 
 
 def rest(_url: str, _rng: random.Random, count: int) -> int:
@@ -87,7 +75,7 @@ def campaign(server: Served, plan: list[tuple[str, Any, int]], kind: str, seed: 
                 print("  " + row["failure"].strip().replace("\n", "\n  "), flush=True)
             if not row["alive"]:
                 return {"attacks": rows, "crashed": True}
-        left = settled(server, "sessions", 0)
+        left = server.settled("sessions", 0)
         after.append(server.memory())
     base = min(row["p99_ms"] for name, row in rows.items() if name.startswith("no attack"))
     ratios = {name: round(row["p99_ms"] / base, 2) for name, row in rows.items() if row["p99_ms"] and row["sent"]}
@@ -98,8 +86,8 @@ def campaign(server: Served, plan: list[tuple[str, Any, int]], kind: str, seed: 
         "failures": sum(bool(row["failure"]) for row in rows.values()),
         "crashed": False,
         "sessions_left": left,
-        "environments_left": settled(server, "environments", 0),
-        "connections_left": settled(server, "connections", 1) - 1,
+        "environments_left": server.settled("environments", 0),
+        "connections_left": server.settled("connections", 1) - 1,
         "memory_mb": [round(memory, 1) for memory in after],
         # Memory of the first round is kept for reuse; a leak continues to grow.
         "memory_growth": round(after[-1] / after[0] - 1, 4),

@@ -34,8 +34,8 @@ from graspbox.views import ViewPlan, views
 
 #: From easy to hard: nearly all of the best 20 poses succeed for the first, and few for the last.
 PLANNED = ("procedural:kettle:0", "ycb:006_mustard_bottle", "ycb:072-a_toy_airplane", "ycb:035_power_drill")
-#: Poses to show for each; more would occlude each other.
-SHOWN = 12
+#: Poses to try for each, and to show; more would occlude each other.
+POSES, SHOWN = 20, 12
 #: Has both firm and failed grasps among its best poses.
 TRACED = "ycb:006_mustard_bottle"
 SWEPT = "procedural:kettle:3"
@@ -47,66 +47,66 @@ EXPORTED = "procedural:mug:3"
 PLAYED, START = "ycb:025_mug", 1
 
 
-def planned(name: str, args: argparse.Namespace) -> tuple[Scene, Plan]:
+def planned(name: str) -> tuple[Scene, Plan]:
     """Settle an object and plan for its resting pose; keeps the best poses."""
     scene = Scene(object_sets.load(name)[0].load())
-    found = plan(scene.mesh, seed=args.seed, world_from_object=scene.world_from_object)
-    return scene, found.best(args.poses)
+    found = plan(scene.mesh, seed=0, world_from_object=scene.world_from_object)
+    return scene, found.best(POSES)
 
 
-def write_plan(args: argparse.Namespace) -> None:
+def write_plan(out: Path) -> None:
     """Show plans of several objects, and a grasp of each."""
-    examples = [pictures.GraspExample.run(*planned(name, args)) for name in PLANNED]
-    pictures.save_gallery(args.out / "plan.png", examples, count=min(SHOWN, args.poses))
+    examples = [pictures.GraspExample.run(*planned(name)) for name in PLANNED]
+    pictures.save_gallery(out / "plan.png", examples, count=SHOWN)
 
 
-def write_sweep(args: argparse.Namespace) -> None:
+def write_sweep(out: Path) -> None:
     """Show how boxes depend on thresholds."""
     mesh = object_sets.load(SWEPT)[0].load()
     for fit in ("minimum", "pca"):
-        pictures.save_sweep(args.out / f"sweep_kettle_{fit}.png", mesh, fit=fit)
+        pictures.save_sweep(out / f"sweep_kettle_{fit}.png", mesh, fit=fit)
 
 
-def write_trials(args: argparse.Namespace) -> None:
+def write_trials(out: Path) -> None:
     """Show a firm and a failed grasp."""
-    scene, best = planned(TRACED, args)
+    scene, best = planned(TRACED)
     firm, failed = pictures.firm_and_failed(scene, best)
-    pictures.save_kindness(args.out / "kindness.png", scene.name, failed, firm)
-    pictures.save_stages(args.out / "stages.png", scene, [firm, failed])
+    pictures.save_kindness(out / "kindness.png", scene.name, failed, firm)
+    pictures.save_stages(out / "stages.png", scene, [firm, failed])
 
 
-def write_grasp_image(args: argparse.Namespace) -> None:
+def write_grasp_image(out: Path) -> None:
     """Show the grasps that a policy finds in one depth image."""
     scene = Scene(object_sets.load(SEEN)[0].load())
     camera = ViewPlan("random", axis=(0.0, 0.0, 1.0), cap=1.0, distance=(0.6, 0.6))
     settings: dict[str, Any] = {"plan": camera, "count": 1, "image_size": (360, 480), "images": "depth"}
-    seen = views(scene.mesh, seed=args.seed, world_from_object=scene.world_from_object, **settings)
-    depth = 1e-3 * add_depth_noise(seen.depth, seen.intrinsics, args.seed)[0]
-    found = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], POLICY, seed=args.seed)
-    pictures.save_grasp_image(args.out / "grasp_image.png", found)
+    seen = views(scene.mesh, seed=0, world_from_object=scene.world_from_object, **settings)
+    depth = 1e-3 * add_depth_noise(seen.depth, seen.intrinsics, 0)[0]
+    found = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], POLICY, seed=0)
+    pictures.save_grasp_image(out / "grasp_image.png", found)
 
 
-def write_export(args: argparse.Namespace) -> None:
+def write_export(out: Path) -> None:
     """Show a grasp held by graspbox and by MuJoCo, which steps the exported scene."""
     from exported_scene import save_exported_scene
 
-    save_exported_scene(args.out / "exported_scene.png", *planned(EXPORTED, args))
+    save_exported_scene(out / "exported_scene.png", *planned(EXPORTED))
 
 
-def write_study(args: argparse.Namespace) -> None:
+def write_study(out: Path) -> None:
     """Compare the study's table with graspbox."""
     objects = object_sets.load(comparison.study_objects())
-    result = try_set(objects, poses=args.poses, seed=args.seed, trial=TrialConfig(legacy=True))
+    result = try_set(objects, poses=POSES, seed=0, trial=TrialConfig(legacy=True))
     compared = comparison.Comparison.of(result)
-    comparison.save_comparison(args.out / "table_3_1.png", compared)
+    comparison.save_comparison(out / "table_3_1.png", compared)
 
 
-PICTURES: dict[str, Callable[[argparse.Namespace], None]] = {
+PICTURES: dict[str, Callable[[Path], None]] = {
     "plan": write_plan,
     "sweep": write_sweep,
     "trials": write_trials,
-    "episode": lambda args: pictures.save_episode(args.out / "episode.png", PLAYED, seed=START),
-    "frames": lambda args: pictures.save_hand_frames(args.out / "hand_frames.png"),
+    "episode": lambda out: pictures.save_episode(out / "episode.png", PLAYED, seed=START),
+    "frames": lambda out: pictures.save_hand_frames(out / "hand_frames.png"),
     "grasp_image": write_grasp_image,
     "export": write_export,
     "study": write_study,
@@ -118,17 +118,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(PICTURES)}; all by default")
     parser.add_argument("--out", type=Path, default=Path("docs/pictures"), help="folder of the pictures")
-    parser.add_argument("--poses", type=int, default=20, help="poses to try for each object")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the plans")
     args = parser.parse_args()
     unknown = sorted(set(args.names) - set(PICTURES))
     if unknown:
         parser.error(f"there is no picture {', '.join(unknown)}; choose from {', '.join(PICTURES)}")
-    if args.poses < 1:
-        parser.error(f"--poses is {args.poses}; give 1 or more")
     args.out.mkdir(parents=True, exist_ok=True)
     for name in args.names or PICTURES:
-        PICTURES[name](args)
+        PICTURES[name](args.out)
         print(f"wrote {name} to {args.out}", flush=True)
 
 

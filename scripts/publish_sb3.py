@@ -16,20 +16,18 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import tyro
 import yaml
 
 from graspbox import sb3
 from graspbox.cli.common import console, print_json, progress
-from graspbox.dataset.learned import of_splits
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import MAX_TRIALS
 from graspbox.programs import run_program
 from graspbox.recipes.cards import write_card
 from graspbox.recipes.network_cards import Score, measure, network_card, object_set
-from graspbox.sb3.histories import Made, history, settings_of, shown
+from graspbox.sb3.histories import history, learned_from, settings_of, shown
 from graspbox.sb3.settings import PARAMETERS
 
 LICENCE = Path(__file__).parents[1] / "LICENSE"
@@ -59,8 +57,8 @@ class Settings:
     """Print JSON, and nothing else, on standard output."""
 
 
-def check(settings: Settings) -> None:
-    """Refuse unusable arguments before the work."""
+def publish(settings: Settings, command: str) -> list[Score]:
+    """Export, evaluate and describe a policy; returns its scores."""
     if not 1 <= settings.trials <= MAX_TRIALS:
         raise ConfigError(f"--trials is {settings.trials}; give 1 to {MAX_TRIALS}")
     if settings.seed < 0:
@@ -69,24 +67,6 @@ def check(settings: Settings) -> None:
         raise ConfigError("--objects is empty; name one set or more")
     for name in settings.objects:
         object_set(name)
-
-
-def learned_from(made: list[Made], chosen_on: str | None) -> list[str]:
-    """Name a policy's training object sets, and the split on which its checkpoint was selected."""
-    found: list[str] = []
-    names: tuple[str, ...] = ()
-    for one in made:
-        sets, split = one.objects.get("objects", ()), one.objects.get("split")
-        names = (sets,) if isinstance(sets, str) else tuple(sets)
-        found += of_splits(names, [split]) if split else names
-    if chosen_on is not None:
-        found += of_splits(names, [chosen_on])
-    return found
-
-
-def publish(settings: Settings, command: str) -> list[Score]:
-    """Export, evaluate and describe a policy; returns its scores."""
-    check(settings)
     sb3.require()
     import torch
 
@@ -110,14 +90,8 @@ def publish(settings: Settings, command: str) -> list[Score]:
     )
     with progress() as bar:
         task = bar.add_task(config.name, total=settings.trials * len(settings.objects))
-        scores = measure(
-            str(settings.out),
-            settings.objects,
-            settings.trials,
-            settings.seed,
-            progress=lambda done: bar.update(task, completed=done),
-            num_envs=settings.num_envs,
-        )
+        told = {"progress": lambda done: bar.update(task, completed=done), "num_envs": settings.num_envs}
+        scores = measure(str(settings.out), settings.objects, settings.trials, settings.seed, **told)
     rows = [score.row() for score in scores]
     write_card(settings.out, config, network_card(config, made, rows, seed=settings.seed, command=command))
     return scores
@@ -135,7 +109,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
-    rows: list[dict[str, Any]] = [{"set": score.objects, **score.result.to_json()} for score in scores]
+    rows = [{"set": score.objects, **score.result.to_json()} for score in scores]
     if settings.json:
         print_json(rows)
     else:

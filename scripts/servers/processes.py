@@ -3,10 +3,12 @@
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.request import urlopen
 
 
 @dataclass
@@ -20,6 +22,16 @@ class Served:
         """Return the resident memory, MiB."""
         found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{self.process.pid}/status").read_text())
         return float(found[1]) / 1024 if found else float("nan")
+
+    def settled(self, gauge: str, value: int) -> int:
+        """Wait at most 20 s until one of its gauges has a value; returns it."""
+        until = time.monotonic() + 20.0
+        while True:
+            with urlopen(f"{self.url.replace('ws', 'http', 1)}/metrics") as answer:
+                found = re.search(rf"^graspbox_{gauge} (\d+)", answer.read().decode(), re.MULTILINE)
+            if found is not None and (int(found[1]) <= value or time.monotonic() > until):
+                return int(found[1])
+            time.sleep(0.2)
 
 
 @contextmanager

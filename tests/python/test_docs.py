@@ -171,7 +171,11 @@ def check_python(words: list[str]) -> None:
         cli.train.parse("sb3", [rest[0], "--out", *rest[1:]])
         return
     own = "".join(file.read_text() for file in files)
-    # Options may be fields of classes that the program imports from the package.
+    # Options may be fields of classes that the program imports from its parts or from the package.
+    parts = (
+        ROOT / "scripts" / f"{name.replace('.', '/')}.py" for name in re.findall(r"^from ([\w.]+) import", own, re.M)
+    )
+    own += "".join(part.read_text() for part in parts if part.is_file())
     modules = set(re.findall(r"^from (graspbox[\w.]*) import", own, re.MULTILINE))
     origins = [spec.origin or "" for module in sorted(modules) if (spec := find_spec(module)) is not None]
     source = own + "".join(Path(origin).read_text() for origin in origins if origin.endswith(".py"))

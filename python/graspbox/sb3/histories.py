@@ -13,11 +13,12 @@ from typing import Any
 
 import yaml
 
+from graspbox.dataset.learned import of_splits
 from graspbox.errors import ConfigError
 from graspbox.sb3.settings import read_parameters
 from graspbox.training.runs import read_settings
 
-__all__ = ["Made", "history", "settings_of", "shown"]
+__all__ = ["Made", "history", "learned_from", "settings_of", "shown"]
 
 _NEEDED = {"algorithm", "id", "env", "num_envs", "model", "normalize", "seed"}
 
@@ -60,6 +61,19 @@ def settings_of(folder: Path) -> dict[str, Any]:
         lacking = ", ".join(sorted(missing))
         made = "give the folder of a run of graspbox train sb3 or graspbox train clone"
         raise ConfigError(f"the settings of the run in {str(folder)!r} lack {lacking}; {made}")
+    return found
+
+
+def learned_from(made: list[Made], chosen_on: str | None) -> list[str]:
+    """Name a policy's training object sets, and the split on which its checkpoint was selected."""
+    found: list[str] = []
+    names: tuple[str, ...] = ()
+    for one in made:
+        sets, split = one.objects.get("objects", ()), one.objects.get("split")
+        names = (sets,) if isinstance(sets, str) else tuple(sets)
+        found += of_splits(names, [split]) if split else names
+    if chosen_on is not None:
+        found += of_splits(names, [chosen_on])
     return found
 
 

@@ -18,7 +18,7 @@ __all__ = ["Player"]
 #: Frames per second while a trace plays.
 _RATE = 30.0
 #: Length of a force arrow, metres per N, and its bounds, metres.
-_LENGTH, _SHORTEST, _LONGEST = 0.012, 0.03, 0.15
+_LENGTH, _SHORTEST, _LONGEST = 0.005, 0.01, 0.08
 #: Seconds between changes of the readings while a trace plays, and a change of place that is not sent, metres.
 _TOLD, _STILL = 0.2, 2e-4
 #: Radius of a sensor in the scene, metres, and the force that has the last colour, N.
