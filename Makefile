@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 STAMPS := $(VENV)/.stamps
 RUST := $(shell find env -name '*.rs' -o -name '*.toml' -o -name '*.urdf') Cargo.toml Cargo.lock
 
-# maturin reads VIRTUAL_ENV; with one description of the interpreter, cargo and maturin share what they build.
+# maturin reads VIRTUAL_ENV; with one description of the interpreter, cargo and maturin share their builds.
 export VIRTUAL_ENV := $(VENV)
 export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
 export PATH := $(BIN):$(PATH)
@@ -45,7 +45,7 @@ $(STAMPS)/venv:
 	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9,<2'
 	mkdir -p $(STAMPS) && touch $@
 
-# One stamp for each set of extras; `maturin develop` installs the package in place together with what the extras name.
+# One stamp for each set of extras; `maturin develop` installs the package in place together with the packages of the extras.
 EXTRAS_demo := cli,ycb
 EXTRAS_dev := cli,ycb,data,onnx,hub,dev,docs
 EXTRAS_train := cli,ycb,data,onnx,hub,dev,docs,ray,train
@@ -163,7 +163,7 @@ docs: $(STAMPS)/dev
 
 # --- releases --------------------------------------------------------------------------------------------------------
 
-# zig links against an older glibc; auditwheel and abi3audit check what the wheels need.
+# zig links against an older glibc; auditwheel and abi3audit check the needs of the wheels.
 $(STAMPS)/wheels: $(STAMPS)/venv
 	$(BIN)/python -m pip install --quiet 'maturin[zig]>=1.9,<2' 'hatchling>=1.27,<2' 'auditwheel>=6.2,<7' 'abi3audit>=0.0.26,<0.1'
 	touch $@

@@ -106,20 +106,23 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=2, help="of all attacks; memory growth counts from the second")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="file for the figures, JSON")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     os.nice(5)
-    plan = [(name, attack, int(given.messages * part) or given.connections) for name, (attack, part) in ATTACKS.items()]
-    plans = {"environments": (("serve", "--objects", "procedural"), [*plan, ("clients killed", kill, given.kills)])}
-    if given.policy_folder:
+    plan = [
+        (name, attack, int(arguments.messages * part) or arguments.connections)
+        for name, (attack, part) in ATTACKS.items()
+    ]
+    plans = {"environments": (("serve", "--objects", "procedural"), [*plan, ("clients killed", kill, arguments.kills)])}
+    if arguments.policy_folder:
         asked = [(name, attack, count) for name, (attack, count) in POLICY_ATTACKS.items()]
-        plans["policy"] = (("serve-policy", given.policy_folder), asked)
+        plans["policy"] = (("serve-policy", arguments.policy_folder), asked)
     found: dict[str, Any] = {}
     for name, ((command, *options), work) in plans.items():
         with served(*options, command=command) as server:
-            found[name] = campaign(server, work, name, given.seed, given.rounds)
+            found[name] = campaign(server, work, name, arguments.seed, arguments.rounds)
         print({key: value for key, value in found[name].items() if key not in ("attacks", "p99_ratios")})
-    if given.out is not None:
-        given.out.write_text(json.dumps(found, indent=1) + "\n")
+    if arguments.out is not None:
+        arguments.out.write_text(json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 Needs Chromium, its driver and ``pip install selenium``. Software draws the scene (SwiftShader): a graphics card shows
 more frames. The time to the first picture begins with the command and ends with the first frame of the planned object
-in a browser that is already open. Run it on an idle machine; the load is printed beside the results.
+in a browser that is already open. Run it on an idle machine; the load is printed with the results.
 
     python scripts/bench_viewer.py --object procedural:mug:0 --json
 """
@@ -78,7 +78,7 @@ def frames_of_trace(driver: Any, viewer: Viewer) -> float:
 
 
 def many_poses(driver: Any, viewer: Viewer) -> dict[str, Any]:
-    """Show ten thousand poses and filter them; tells the times, and whether the connection was kept."""
+    """Show ten thousand poses and filter them; return the times, and whether the connection was kept."""
     page: Any = viewer.page
     before, rows = set(viewer.canvas.server.get_clients()), np.arange(POSES) % len(page.plan)
     poses = page.rest @ page.plan.poses[rows]

@@ -69,12 +69,12 @@ def test_policy(settings: Settings, name: str) -> None:
     if path.exists():
         refuse_changes(path, json.loads(path.read_text()).get("asked"), asked, "remove it, or name another folder")
         return
-    given = {"split": "test", "num_envs": 32, "frame_skip": 4, "max_episode_steps": steps}
+    keywords = {"split": "test", "num_envs": 32, "frame_skip": 4, "max_episode_steps": steps}
     with progress() as bar:
         task = bar.add_task(name, total=settings.episodes)
-        given["progress"] = lambda done: bar.update(task, completed=done)
+        keywords["progress"] = lambda done: bar.update(task, completed=done)
         trials = (list(settings.unseen), settings.episodes, TEST_SEED)
-        found = evaluation.evaluate(name, "graspbox/Grasp-v0", *trials, **given)
+        found = evaluation.evaluate(name, "graspbox/Grasp-v0", *trials, **keywords)
     row = {"success": found.rate, "ci95": list(found.ci95), "episodes": len(found.trials)}
     row |= {"secure": found.secure / len(found.trials), "secure_ci95": list(found.secure_ci95)}
     write_text(path, dumps({"policy": row, "asked": asked}) + "\n")
@@ -84,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and compare; returns the exit status."""
     settings = tyro.cli(Settings, args=arguments, description=__doc__)
     try:
-        if unknown := [given for given in settings.inputs if given not in INPUTS]:
+        if unknown := [input_name for input_name in settings.inputs if input_name not in INPUTS]:
             raise ConfigError(f"--inputs names {unknown[0]!r}; choose from {', '.join(INPUTS)}")
         settings.folder.mkdir(parents=True, exist_ok=True)
         steps = steps_of(settings)

@@ -60,7 +60,7 @@ def counts(row: Measured) -> tuple[int, int, int]:
 
 
 def save_pictures(folder: Path, first: list[Measured], stressed: list[Measured]) -> None:
-    """Draw the rates under the first condition, under errors, and the stated chances beside the true ones."""
+    """Draw the rates under the first condition, under errors, and the predicted probabilities against the rates."""
     sets: dict[str, dict[str, tuple[int, int, int]]] = {}
     for row in pooled(first, by=lambda r: (r.policy, r.objects)):
         sets.setdefault(row.objects, {})[row.policy] = counts(row)
@@ -76,8 +76,8 @@ def save_pictures(folder: Path, first: list[Measured], stressed: list[Measured])
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and run; returns the exit status."""
-    given = sys.argv[1:] if arguments is None else arguments
-    settings = tyro.cli(Settings, args=given, description=__doc__)
+    words = sys.argv[1:] if arguments is None else arguments
+    settings = tyro.cli(Settings, args=words, description=__doc__)
     asked = {name: value for name, value in vars(settings).items() if name not in ("out", "json")}
     try:
         comparison = Comparison(**asked)
@@ -86,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
             rows, objects = comparison.run(
                 settings.out, console.print, lambda title, done: bar.update(task, description=title, completed=done)
             )
-        command = shlex.join(["python", "scripts/evaluate_policies.py", *given])
+        command = shlex.join(["python", "scripts/evaluate_policies.py", *words])
         write_text(settings.out / "evaluation.md", comparison.page(rows, objects, command))
         save_pictures(settings.out, comparison.first(rows), comparison.under_all(rows))
     except KeyboardInterrupt:

@@ -52,7 +52,7 @@ def collect(spec: ObjectSpec, hand: Hand, top: int, others: int, seed: int) -> d
 
 
 def report(rows: list[dict[str, Any]], hand: Hand, ridge: float, seed: int) -> None:
-    """Fit the weights; print them beside the present ones, and the quality of each order of poses."""
+    """Fit the weights; print them next to the present ones, and the quality of each order of poses."""
     rows = [row for row in rows if row["success"]]
     features = np.array([x for row in rows for x in row["features"]])
     success = np.array([float(x) for row in rows for x in row["success"]])

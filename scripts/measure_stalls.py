@@ -1,6 +1,6 @@
 """Measure the slowest steps of a vector environment: with an empty cache, with a filled one, and after ``prepare``.
 
-Each row is a process of its own with random actions. The first reset prepares a set with mesh files; other objects are
+Each row is its own process with random actions. The first reset prepares a set with mesh files; other objects are
 prepared while episodes run. Run it on an idle machine::
 
     python scripts/measure_stalls.py --objects ycb --num-envs 16

@@ -113,17 +113,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("work", choices=list(COUNTED), help="workload to profile")
     parser.add_argument("--count", action="store_true", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.count:
-        return print(trials() if given.work == "trials" else random())
-    counted, unit = COUNTED[given.work]
+    arguments = parser.parse_args()
+    if arguments.count:
+        return print(trials() if arguments.work == "trials" else random())
+    counted, unit = COUNTED[arguments.work]
     with tempfile.TemporaryDirectory() as folder:
-        whole, newton, units = count(given.work, Path(folder) / "callgrind.out")
+        whole, newton, units = count(arguments.work, Path(folder) / "callgrind.out")
     every = whole(counted)
     if not every:
         raise SystemExit(f"no function {counted!r} was counted: build the extension with symbols, by `make test`")
     title = f"{every / units / 1e6:.1f} million instructions per {unit}"
-    shares = [(part, f"{100 * cost / every:.0f}") for part, cost in parts(given.work, whole, newton)]
+    shares = [(part, f"{100 * cost / every:.0f}") for part, cost in parts(arguments.work, whole, newton)]
     return print_table(title, ("part", "share, %"), shares)
 
 

@@ -99,10 +99,10 @@ def publish(settings: Settings, command: str) -> list[Score]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and publish; returns the exit status."""
-    given = sys.argv[1:] if arguments is None else arguments
-    settings = tyro.cli(Settings, args=given, description=__doc__)
+    line = sys.argv[1:] if arguments is None else arguments
+    settings = tyro.cli(Settings, args=line, description=__doc__)
     try:
-        words = [shown(Path(word)) if Path(word).is_absolute() else word for word in given]
+        words = [shown(Path(word)) if Path(word).is_absolute() else word for word in line]
         scores = publish(settings, shlex.join(["python", "scripts/publish_sb3.py", *words]))
     except (GraspboxError, OSError, yaml.YAMLError) as error:
         console.print(f"error: {error}", markup=False)

@@ -6,7 +6,7 @@
     python scripts/evaluate_sb3.py out/train/ppo
 
 This is ``graspbox train sb3 ALGORITHM --out FOLDER``, with the same options: ``graspbox train sb3 --help``. The code is
-``train`` of `graspbox.sb3.training`; programs of your own can use its parts:
+``train`` of `graspbox.sb3.training`; your own programs can use its parts:
 
 | part | purpose |
 |---|---|

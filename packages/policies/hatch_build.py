@@ -1,7 +1,7 @@
 """Build steps of the wheel graspbox-policies: its metadata, and the files of the policies, from the checkout.
 
-A policy is a folder of ``policies/`` with ``config.json``. The wheel holds its configuration, the files that this
-names, compared with their hashes, its card, the licence and the card's pictures; nothing else of the folder.
+A policy is a folder of ``policies/`` with ``config.json``. The wheel contains its configuration, the files that the
+configuration names, checked against their hashes, its card, the licence and the card's pictures.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ def folders() -> list[Path]:
 
 
 def files(folder: Path) -> list[Path]:
-    """List the files of a policy that the wheel holds.
+    """List the files of a policy that the wheel contains.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The Rust core: what crosses the boundary, and how. Everything here is wrapped by a public function of the package.
+"""Interface of the Rust core. Public functions of the package wrap everything here.
 
 Arrays are float64 and C-contiguous unless they say otherwise; the ones returned are fresh. Configs are JSON.
 """
@@ -158,7 +158,7 @@ class Mesh:
         """Surface area, m2."""
     @property
     def volume(self) -> float:
-        """Volume of what the mesh encloses, m3; of its convex hull if it encloses hardly anything."""
+        """Volume that the mesh encloses, m3; that of its convex hull if it encloses hardly anything."""
     @property
     def mass(self) -> float:
         """Mass, kg: as given, else the volume times 400 kg/m3."""

@@ -1,4 +1,4 @@
-"""Exceptions of graspbox and its core; each message says how to correct the error."""
+"""Exceptions of graspbox and its core; each message names the remedy."""
 
 
 class GraspboxError(Exception):

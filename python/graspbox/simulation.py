@@ -91,10 +91,10 @@ class Scene:
         cache: Path | None = None,
     ) -> None:
         start = None if world_from_object is None else floats(world_from_object, "world_from_object").copy()
-        given, self._hand = as_mesh(mesh), load_hand(hand)
+        object_mesh, self._hand = as_mesh(mesh), load_hand(hand)
         settings = to_json(physics, PhysicsConfig, "physics")
-        self._core = _core.Scene(given, self._hand, settings, start, cache or cache_folder())
-        self._made_from = (given, self._hand, start, physics, cache)
+        self._core = _core.Scene(object_mesh, self._hand, settings, start, cache or cache_folder())
+        self._made_from = (object_mesh, self._hand, start, physics, cache)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _scene, self._made_from
@@ -166,20 +166,20 @@ class Scene:
         """
         if isinstance(poses, Plan):
             self.check_plan(poses)
-            given, preshape = poses.poses, _own(preshape, poses.preshape)
+            matrices, preshape = poses.poses, _own(preshape, poses.preshape)
         elif isinstance(poses, Grasp):
-            given, preshape = poses.pose[None], _own(preshape, poses.preshape)
+            matrices, preshape = poses.pose[None], _own(preshape, poses.preshape)
         else:
-            given = floats(poses, "poses")
+            matrices = floats(poses, "poses")
         if preshape is None:
             raise ConfigError("preshape is missing; give one for each pose, or a plan instead of poses")
         angles = floats(preshape, "preshape")
-        if given.ndim == 3 and angles.ndim == 0:
-            angles = np.full(len(given), angles)
-        count = len(given) if given.ndim == 3 else 0
+        if matrices.ndim == 3 and angles.ndim == 0:
+            angles = np.full(len(matrices), angles)
+        count = len(matrices) if matrices.ndim == 3 else 0
         factors = np.stack([_for_each(friction, "friction", count), _for_each(mass, "mass", count)], axis=1)
         text = to_json(config, TrialConfig)
-        return Outcomes._from_core(self._core.simulate(given, angles, factors, text, num_threads))
+        return Outcomes._from_core(self._core.simulate(matrices, angles, factors, text, num_threads))
 
     def check(
         self,
@@ -215,8 +215,8 @@ class Scene:
         ConfigError
             For arrays of another shape, poses that are not rigid motions, or distances out of range.
         """
-        given, values = floats(poses, "poses"), floats(preshape, "preshape")
-        return self._core.check(given, values, clearance, standoff, num_threads)
+        matrices, values = floats(poses, "poses"), floats(preshape, "preshape")
+        return self._core.check(matrices, values, clearance, standoff, num_threads)
 
     def check_plan(self, plan: Plan) -> None:
         """Refuse a plan for another object or hand; plans made without names are accepted.
@@ -224,7 +224,7 @@ class Scene:
         Raises
         ------
         ConfigError
-            Names what differs.
+            Names the difference.
         """
         way_out = "give its poses and preshape to try them anyway"
         if plan.hand_name and plan.hand_name != self.hand.name:
@@ -263,15 +263,15 @@ class Scene:
             As `graspbox.simulate`.
         """
         if isinstance(pose, Grasp):
-            given, preshape = pose.pose, _own(preshape, pose.preshape)
+            matrix, preshape = pose.pose, _own(preshape, pose.preshape)
         else:
-            given = floats(pose, "pose")
+            matrix = floats(pose, "pose")
         if preshape is None:
             raise ConfigError("preshape is missing; give one, or a grasp of a plan instead of a pose")
         angle = floats(preshape, "preshape")
         if angle.size != 1:
             raise ConfigError(f"preshape has shape {list(angle.shape)}; give one number")
-        outcome, samples = self._core.trace(given, float(angle.item()), to_json(config, TrialConfig))
+        outcome, samples = self._core.trace(matrix, float(angle.item()), to_json(config, TrialConfig))
         return Outcomes._from_core(outcome), Trace(**samples)
 
 
@@ -286,9 +286,9 @@ def _for_each(factor: ArrayLike, name: str, count: int) -> NDArray[np.float64]:
 T = TypeVar("T")
 
 
-def _own(given: object, own: T) -> T:
+def _own(argument: object, own: T) -> T:
     """Return the preshape of a plan or a grasp; it must not also be given as an argument."""
-    if given is not None:
+    if argument is not None:
         raise ConfigError("preshape is given twice; leave it out, since a plan or a grasp includes it")
     return own
 

@@ -166,8 +166,8 @@ def views(
         "table": table,
         "levels": levels,
     }
-    given = {"world_from_object": world_from_object, "target": target}
-    pose, middle = (None if value is None else floats(value, name) for name, value in given.items())
+    arguments = {"world_from_object": world_from_object, "target": target}
+    pose, middle = (None if value is None else floats(value, name) for name, value in arguments.items())
     found = _core.views(as_mesh(mesh), json.dumps(plain(config, "views")), pose, middle, num_threads)
     return Views(
         depth=found["depth"],
@@ -237,12 +237,12 @@ def occupancy(
 
 def depth_metres(depth: ArrayLike) -> NDArray[np.float32]:
     """Return depth in metres, float32; values of dtype uint16 are millimetres."""
-    given = np.asarray(depth)
-    if given.dtype == np.uint16:
-        return np.ascontiguousarray(given * np.float32(1e-3), dtype=np.float32)
-    if not np.issubdtype(given.dtype, np.floating):
-        raise ConfigError(f"depth is of dtype {given.dtype}; give metres as float32, or millimetres as uint16")
-    return np.ascontiguousarray(given, dtype=np.float32)
+    image = np.asarray(depth)
+    if image.dtype == np.uint16:
+        return np.ascontiguousarray(image * np.float32(1e-3), dtype=np.float32)
+    if not np.issubdtype(image.dtype, np.floating):
+        raise ConfigError(f"depth is of dtype {image.dtype}; give metres as float32, or millimetres as uint16")
+    return np.ascontiguousarray(image, dtype=np.float32)
 
 
 def depth_millimetres(depth: ArrayLike) -> NDArray[np.uint16]:

@@ -22,14 +22,14 @@ def results(folder: Path) -> dict[str, dict[str, Any]]:
     return {path.name.removesuffix(".test.json"): json.loads(path.read_text())["policy"] for path in paths}
 
 
-def plot(panel: Any, settings: Settings, given: str, name: str, interval: str) -> None:
+def plot(panel: Any, settings: Settings, input_name: str, name: str, interval: str) -> None:
     """Plot a share over the steps of training, with lines for the clone and the demonstrator."""
     for kind, color in COLORS.items():
-        if rows := Rows(settings.folder / f"{kind}-{given}/evaluations.jsonl").rows:
+        if rows := Rows(settings.folder / f"{kind}-{input_name}/evaluations.jsonl").rows:
             places = [row["timesteps"] for row in rows]
             panel.plot(places, [row[name] for row in rows], marker=".", label=kind, color=color)
             panel.fill_between(places, *np.array([row[interval] for row in rows]).T, color=color, alpha=0.15, lw=0)
-    for row in Rows(settings.folder / f"clone-{given}/evaluations.jsonl").rows[-1:]:
+    for row in Rows(settings.folder / f"clone-{input_name}/evaluations.jsonl").rows[-1:]:
         panel.axhline(row[name], ls="--", color="0.3", lw=1, label="clone")
     shown = Path(settings.demonstrator).name
     if found := results(settings.folder).get(shown):
@@ -42,10 +42,10 @@ def write_page(settings: Settings, steps: list[Step]) -> None:
     """Write the results so far, with the curves and the commands."""
     figure = Figure(figsize=(5.5 * len(settings.inputs), 7.5), dpi=120, layout="constrained")
     panels = figure.subplots(2, len(settings.inputs), sharex=True, sharey=True, squeeze=False)
-    for given, column in zip(settings.inputs, panels.T, strict=True):
+    for input_name, column in zip(settings.inputs, panels.T, strict=True):
         for panel, (name, interval) in zip(column, SHARES, strict=True):
-            plot(panel, settings, given, name, interval)
-        column[0].set_title(", ".join(INPUTS[given]))
+            plot(panel, settings, input_name, name, interval)
+        column[0].set_title(", ".join(INPUTS[input_name]))
         column[1].set_xlabel("steps of all environments")
     if panels[0, 0].get_legend_handles_labels()[0]:
         panels[0, 0].legend(loc="best", fontsize=9)

@@ -28,7 +28,7 @@ class Settings:
     inputs: tuple[str, ...] = ("state", "seeing")
     """Observations of the policies: state, seeing, goal."""
     demonstrator: str = "expert"
-    """Demonstrating policy: a name, or a folder; for the input `goal` the folder of one that looks once."""
+    """Demonstrating policy: a name, or a folder; for the input `goal` the folder of one that sees one image."""
     objects: tuple[str, ...] = OBJECTS
     """Object sets to learn from, the split `train` of each."""
     unseen: tuple[str, ...] = UNSEEN
@@ -83,15 +83,15 @@ def steps_of(settings: Settings) -> list[Step]:
     """Return all steps, in order."""
     folder, shown, steps = settings.folder, str(settings.folder / "shown"), settings.max_episode_steps
     kept = () if settings.keep == "secure" else ("--keep", settings.keep)
-    observed = tuple(dict.fromkeys(name for given in settings.inputs for name in INPUTS[given]))
+    observed = tuple(dict.fromkeys(name for input_name in settings.inputs for name in INPUTS[input_name]))
     words = ["graspbox", "record", settings.demonstrator, "--out", shown, "--split", "train"]
     words += [*repeated("--objects", settings.objects), *repeated("--obs", observed)]
     words += repeated("--set", ("frame_skip=4", f"max_episode_steps={steps}", "reward=firm"))
     words += ["--episodes", str(settings.shown), "--noise", str(settings.noise), "--seed", str(SHOWN_SEED), *kept]
     found = [Step("demonstrations", tuple(words), folder / "shown.done.json")]
     script = Path(__file__).parents[1] / "evaluate_sb3.py"
-    for given in settings.inputs:
-        for name, words in runs_of(settings, given, shown, kept):
+    for input_name in settings.inputs:
+        for name, words in runs_of(settings, input_name, shown, kept):
             found.append(Step(name, tuple(words), folder / f"{name}.done.json"))
             words = [str(script), str(folder / name), "--episodes", str(settings.episodes), "--json", "--seed"]
             words += [str(TEST_SEED), *repeated("--objects", settings.unseen)]
@@ -99,9 +99,9 @@ def steps_of(settings: Settings) -> list[Step]:
     return found
 
 
-def runs_of(settings: Settings, given: str, shown: str, kept: tuple[str, ...]) -> list[tuple[str, list[str]]]:
+def runs_of(settings: Settings, input_name: str, shown: str, kept: tuple[str, ...]) -> list[tuple[str, list[str]]]:
     """Return the names and commands of the clone of an input, and of the runs that learn from rewards."""
-    folder, clone, names = settings.folder, f"clone-{given}", INPUTS[given]
+    folder, clone, names = settings.folder, f"clone-{input_name}", INPUTS[input_name]
     watched = ("--episodes", str(settings.watched))
     words = ["graspbox", "train", "clone", "ppo", shown, "--out", str(folder / clone), "--seed", str(settings.seed)]
     words += ["--epochs", str(settings.epochs), "--shown", str(settings.shown), *watched, *kept]
@@ -115,9 +115,9 @@ def runs_of(settings: Settings, given: str, shown: str, kept: tuple[str, ...]) -
         env.append(f"env.goal_from={settings.demonstrator}")
     for kind in ("rl", "tuned", "dense") if settings.dense else ("rl", "tuned"):
         more = () if kind == "rl" else ("--clone", str(folder / clone))
-        words = ["graspbox", "train", "sb3", "ppo", "--out", str(folder / f"{kind}-{given}"), *more]
+        words = ["graspbox", "train", "sb3", "ppo", "--out", str(folder / f"{kind}-{input_name}"), *more]
         words += ["--steps", str(settings.steps), "--evaluations", str(settings.evaluations), *watched]
         changes = (f"env.reward={'dense' if kind == 'dense' else 'firm'}", *env, *(SCRATCH if kind == "rl" else ()))
         words += ["--seed", str(settings.seed), *repeated("--set", (*changes, *settings.set))]
-        found.append((f"{kind}-{given}", words))
+        found.append((f"{kind}-{input_name}", words))
     return found

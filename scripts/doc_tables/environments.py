@@ -90,7 +90,7 @@ def term_table(control: str) -> str:
 
 
 def info_table(control: str, beside: str | None = None) -> str:
-    """Info of a control mode, or what `beside` lacks of it; the entry added by Python comes last."""
+    """Info of a control mode, without the entries of `beside`; the entry added by Python comes last."""
     types = {"float64": "float", "int64": "int"}
     known = [] if beside is None else [row["name"] for row in spaces.entries(beside, FOUND)]
     rows = [

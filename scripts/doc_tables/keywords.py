@@ -56,8 +56,8 @@ def parameters(constructor: Constructor) -> str:
     """Write the section Parameters of a constructor."""
     own, base = dict(settings.keywords(constructor.keywords)), constructor.base
     shared = [name for name in constructor.positional if base is not None and name in base.positional]
-    given = {name: POSITIONAL[name] for name in constructor.positional if name not in shared}
-    entries = [(f"{name} : {row.type}", row.meaning) for name, row in given.items()]
+    positional = {name: POSITIONAL[name] for name in constructor.positional if name not in shared}
+    entries = [(f"{name} : {row.type}", row.meaning) for name, row in positional.items()]
     if base is None:
         entries += [(f"{name} : {row.type}", row.meaning) for name, row in own.items()]
     else:

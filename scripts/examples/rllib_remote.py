@@ -3,7 +3,7 @@
 Each node runs a server of environments; each runner of RLlib has one vector environment, spread over all of them. A
 runner needs little CPU time then, and a server that dies costs no episode.
 
-    pip install 'graspbox[rllib]'                     # on every node; rllib_ppo.py tells of RLlib's pin of Gymnasium
+    pip install 'graspbox[rllib]'                     # on every node; see rllib_ppo.py for RLlib's pin of Gymnasium
     ray start --head; ray start --address=HEAD:6379   # on the first node; on each other one
     python scripts/examples/rllib_remote.py
 

@@ -37,10 +37,10 @@ def main() -> None:
     parser.add_argument("depth", help="depth image, made with numpy.save")
     parser.add_argument("pixels", nargs=4, type=float, metavar=("fx", "fy", "cx", "cy"))
     parser.add_argument("--url", default="http://127.0.0.1:8000", help="the server; its token is in GRASPBOX_TOKEN")
-    given = parser.parse_args()
-    fx, fy, cx, cy = given.pixels
+    arguments = parser.parse_args()
+    fx, fy, cx, cy = arguments.pixels
     lens = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    found = grasps(np.load(given.depth), lens, given.url, os.environ.get("GRASPBOX_TOKEN", ""))
+    found = grasps(np.load(arguments.depth), lens, arguments.url, os.environ.get("GRASPBOX_TOKEN", ""))
     for index, success in enumerate(found["success"]):
         position, quaternion = np.round(found["position"][index], 4), np.round(found["quaternion_wxyz"][index], 4)
         joints = dict(zip(found["joint_names"], np.round(found["joint_positions"][index], 3).tolist(), strict=True))

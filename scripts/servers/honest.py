@@ -1,6 +1,6 @@
-"""An honest client in a process of its own, whose round trips show what an attack on the server does to it.
+"""An honest client in a separate process, whose round trips show the effect of an attack on the server.
 
-This file is also the client's program: it steps an environment, or asks a policy, until its standard input ends, and
+This file is also the client's program: it steps an environment, or queries a policy, until its standard input ends, and
 prints its round trips, milliseconds, as JSON.
 """
 
@@ -43,7 +43,7 @@ class Honest:
 
 
 def asking(url: str) -> Callable[[], None]:
-    """Return a call that asks a policy for a decision."""
+    """Return a call that queries a policy for a decision."""
     from graspbox import _core
 
     client: Any = _core.PolicyClient(url, token=None, ca=None)

@@ -34,7 +34,7 @@ class Args:
         extra = "".join(f"  {name} {value:.3g}" for name, value in more.items())
         print(f"{work:<60} {row['median']:>10.4g} {unit}{extra}", flush=True)
 
-    def compare(self, what: str, work: dict[str, Callable[[], float]]) -> None:
+    def compare(self, label: str, work: dict[str, Callable[[], float]]) -> None:
         """Run each in turn, and add a row for each, with its ratio to the first."""
         found: dict[str, list[float]] = {name: [] for name in work}
         for one in work.values():
@@ -44,11 +44,11 @@ class Args:
                 found[name].append(one())
         first = np.array(next(iter(found.values())))
         for name, rates in found.items():
-            self.add(f"{what}: {name}", rates, "1/s", ratio=float(np.median(np.array(rates) / first)))
+            self.add(f"{label}: {name}", rates, "1/s", ratio=float(np.median(np.array(rates) / first)))
 
 
 def at_once(ask: Callable[[Any, int], None], clients: Sequence[Any], count: int) -> float:
-    """Let clients share a number of requests, each in a thread of its own; returns requests per second."""
+    """Let clients share a number of requests, each in its own thread; returns requests per second."""
     each = count // len(clients)
     threads = [threading.Thread(target=ask, args=(client, each)) for client in clients]
     started = time.perf_counter()

@@ -1,6 +1,6 @@
 """Round trips of other projects' calls to a remote environment without physics.
 
-Peers may need packages that conflict, so each runs in an interpreter of its own: this file is also a program, which
+Peers may need packages that conflict, so each runs in its own interpreter: this file is also a program, which
 prints microseconds per call as JSON. The observation is that of ``Grasp-v0``: 88 float32.
 """
 
@@ -60,7 +60,7 @@ def answer(connection: Any) -> None:
 
 @contextmanager
 def openpi() -> Iterator[Callable[[], Any]]:
-    """Openpi's client, with a server of its protocol in Python, in a process of its own."""
+    """Openpi's client, with a server of its protocol in Python, in its own process."""
     from openpi_client.websocket_client_policy import WebsocketClientPolicy
 
     with subprocess.Popen([sys.executable, __file__, "serve"], stdout=subprocess.PIPE, text=True) as server:

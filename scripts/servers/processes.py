@@ -1,4 +1,4 @@
-"""Servers in processes of their own, for programs that measure or attack them."""
+"""Servers in separate processes, for programs that measure or attack them."""
 
 import re
 import subprocess

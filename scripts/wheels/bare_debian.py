@@ -69,8 +69,8 @@ def check_install(dist: Path, debian: BareDebian) -> None:
     pip = ("python3", "-m", "pip")
     # Debian wants a virtual environment; in a root that nobody else uses there is nothing to protect.
     debian.run(*pip, "uninstall", "--quiet", "--yes", "--break-system-packages", "graspbox", "graspbox-policies")
-    given = ("install", "--quiet", "--break-system-packages", "--no-index", "--find-links", "/wheels")
-    debian.run(*pip, *given, "graspbox", "graspbox-policies")
+    options = ("install", "--quiet", "--break-system-packages", "--no-index", "--find-links", "/wheels")
+    debian.run(*pip, *options, "graspbox", "graspbox-policies")
     installed = debian.run("python3", "-c", "import graspbox; print(graspbox.__version__)").strip()
     if installed != version():
         raise CheckError(f"graspbox.__version__ is {installed}; the wheel is of {version()}")

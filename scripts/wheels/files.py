@@ -17,7 +17,7 @@ GLIBC = (2, 28)
 
 
 class CheckError(Exception):
-    """Something is wrong with a wheel; the message says what."""
+    """A wheel is wrong; the message names the problem."""
 
 
 def run(command: Sequence[str], cwd: Path | None = None) -> str:
@@ -100,7 +100,7 @@ def check_libraries(wheel: Path) -> None:
     if "linux" in wheel.name:
         needed = glibc_of(run(["auditwheel", "show", str(wheel)]))
         if needed > GLIBC:
-            raise CheckError(f"{wheel.name} needs glibc {needed[0]}.{needed[1]}, newer than its tag says")
+            raise CheckError(f"{wheel.name} needs glibc {needed[0]}.{needed[1]}, newer than in its tag")
         print(f"{wheel.name}: needs glibc {needed[0]}.{needed[1]}")
     run(["abi3audit", "--strict", str(wheel)])
     print(f"{wheel.name}: calls the stable ABI alone")

@@ -72,7 +72,7 @@ class Browser:
             self._call("POST", f"{self._path}/goog/cdp/execute", fields)
 
     def complaints(self) -> list[str]:
-        """Return what the browser has complained about since the last call."""
+        """Return the complaints of the browser since the last call."""
         return [entry["message"] for entry in self._call("POST", f"{self._path}/se/log", {"type": "browser"})]
 
     def picture(self) -> bytes:

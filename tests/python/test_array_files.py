@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ class Marks(ArrayTable):
     mark: NDArray[np.float64]
     right: NDArray[np.bool_]
 
+    stored_names: ClassVar = {"right": "correct"}
     nothing = "there are no marks"
 
 
@@ -32,6 +34,8 @@ def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.mark, [0.5, 2.0])
     np.testing.assert_array_equal(read.right, [False, True])
     assert [path.name for path in tmp_path.iterdir()] == ["marks.npz"]
+    with np.load(tmp_path / "marks.npz") as stored:
+        assert stored.files == ["mark", "correct"]
 
 
 def test_tables_are_put_together_and_none_is_refused() -> None:

@@ -55,7 +55,7 @@ def kinds(hint: Any) -> tuple[Any, ...]:
 
 
 def accepts(hint: Any, value: Any) -> bool:
-    """Tell whether a value is of the type of a field, whatever its range."""
+    """Return whether a value is of the type of a field, in any range."""
     for kind in kinds(hint):
         if kind is type(None):
             fits = value is None

@@ -27,7 +27,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def same_steps(a: Demonstrations, b: Demonstrations) -> bool:
-    """Whether two folders hold the same episodes, whatever their files."""
+    """Whether two folders have the same episodes, in any files."""
     pairs = zip(a.read(), b.read(), strict=True)
     return all(
         x.episode == y.episode

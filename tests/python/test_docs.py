@@ -215,6 +215,8 @@ def test_pages_use_plain_words() -> None:
     for page in documents():
         found = re.search(phrases, page.read_text())
         assert found is None, f"{page.relative_to(ROOT)}: {found and found[0]!r}"
+    words = re.findall(r"[a-z]+", " ".join(page.read_text().lower() for page in documents()))
+    assert words.count("what") <= len(words) / 1000
 
 
 def test_source_distribution_has_what_the_readme_runs(tmp_path: Path) -> None:

@@ -270,7 +270,7 @@ class _Runs:
 
 def test_pickles_run_no_code(tmp_path: Path) -> None:
     (tmp_path / "it.npy").write_bytes(_npy({**_fields(), "more": _Runs(tmp_path / "ran")}))
-    refused(tmp_path / "it.npy", "it wants to call")
+    refused(tmp_path / "it.npy", "it calls")
     assert not (tmp_path / "ran").exists()
 
 
@@ -325,7 +325,7 @@ def test_truncated_dexgraspbench(tmp_path: Path) -> None:
 
 
 def test_damaged_bytes_are_refused_or_read(tmp_path: Path) -> None:
-    """Whatever single byte of a file is another one, nothing but an error of graspbox comes out."""
+    """A file with any single byte changed raises only errors of graspbox."""
     random = np.random.default_rng(0)
     for name, to in (("it.h5", "acronym"), ("it.yaml", "isaac"), ("it.npy", "dexgraspbench")):
         exchange.save(grasps(1), tmp_path / name, to)
@@ -368,7 +368,7 @@ def test_selections() -> None:
     assert "3 of 3 succeeded" in repr(made)
     with pytest.raises(errors.ConfigError, match="1 selects one row"):
         made[1]  # type: ignore[index]
-    with pytest.raises(errors.ConfigError, match="holds 1 grasp, not 3"):
+    with pytest.raises(errors.ConfigError, match="has 1 grasp, not 3"):
         exchange.save(made, "it.npy", "dexgraspbench")
     with pytest.raises(errors.ConfigError, match=r"has no suffix; end it in \.h5"):
         exchange.save(made, "it", "acronym")

@@ -62,11 +62,11 @@ def test_it_opens_looks_past_the_hand_and_takes_another_grasp(folder: Path) -> N
     for env in range(2):
         first, second = policy.attempts[env]
         assert first.released
-        # The second grasp is lifted, whatever the prediction.
+        # The second grasp is lifted in any case.
         assert not second.released
         (only,) = once.attempts[env]
         # Until it decides, both runs are the same.
-        np.testing.assert_array_equal(only.felt, first.felt)
+        np.testing.assert_array_equal(only.readings, first.readings)
         assert only.probability == first.probability
         assert not only.released
         here, there = first.found.world_from_hand, second.found.world_from_hand
@@ -127,7 +127,7 @@ def test_the_threshold_with_most_successes_is_chosen() -> None:
     assert at_threshold(sure, best_threshold(sure))["opened"] <= 0.1 * 4000
 
 
-def test_what_is_felt_is_read_by_name() -> None:
+def test_sensor_readings_are_read_by_name() -> None:
     inputs = StabilityInputs(graspbox.load_hand("reflex"), (0.5, 1.0))
     env: Any = gymnasium.make(ENV, objects=CANS, obs=("proprio", "tactile")).unwrapped
     seen, _ = env.reset(seed=0)

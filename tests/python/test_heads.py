@@ -149,7 +149,7 @@ def test_logits_between_anchors_are_those_of_the_anchors_at_the_anchors() -> Non
 
 
 def test_a_turned_scene_has_turned_logits() -> None:
-    """Features that turn with the scene give the anchors that turn with it the same logits, whatever the weights."""
+    """Features that turn with the scene give the anchors that turn with it the same logits, for any weights."""
     torch.manual_seed(0)
     net = AnchorNet(3, SMALL).eval()
     side, (_, _, rolls, cells, _) = CropConfig().resolution // 2, net.anchors.shape

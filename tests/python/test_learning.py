@@ -207,7 +207,7 @@ def test_split_is_the_studys(count: int, sizes: tuple[int, int, int]) -> None:
 
 
 def test_average_pose_is_in_the_middle() -> None:
-    """Between two turns about z, whatever the signs of their quaternions."""
+    """Between two turns about z, for any signs of their quaternions."""
     r = rotations.rotation_from_euler([[0.0, 0.0, 0.3], [0.0, 0.0, 0.7]])
     middle = average_pose(rotations.poses_from([[1.0, 0, 0], [2.0, 0, 0]], r))
     np.testing.assert_allclose(middle[:3, 3], [1.5, 0, 0])

@@ -119,7 +119,7 @@ def is_listed(name: str, known: set[str]) -> bool:
 def find(name: str) -> Any:
     """Resolve a dotted name: a module, or an attribute of one; None if there is nothing.
 
-    What needs an extra that is not installed is there too: the error stands for it.
+    Names that need a missing extra exist too: their error counts.
     """
     try:
         return import_module(name)

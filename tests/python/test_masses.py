@@ -44,7 +44,7 @@ def test_a_table_says_what_objects_weigh(folder: Path) -> None:
     # As a spreadsheet writes it.
     assert masses(folder, b"\xef\xbb\xbf" + table.replace("\n", "\r\n").encode()) == expected
     assert masses(folder, 'name,mass\n"milk",1.03\n')["milk"] == (1.03, "table")
-    # Kilograms are kilograms, whatever the unit of length.
+    # Kilograms are kilograms in any unit of length.
     scaled = masses(folder, table, scale=0.5)
     assert {name: scaled[name] for name in known} == known
     assert scaled["pan.OFF"] == (pytest.approx(FILLED / 8), "density")
@@ -161,7 +161,7 @@ def test_servers_take_scale_and_mass(folder: Path) -> None:
             gymnasium.make_vec(LOOP, 1, remote=server.url, **{**keywords, "mass": -1})
         (folder / "masses.csv").write_text("name,mass\nmilk,1.03\n")
         known = object_sets.load(f"dir:{folder}")
-        with pytest.raises(ConfigError, match="'milk' has a scale or mass of its own"):
+        with pytest.raises(ConfigError, match="'milk' has its own scale or mass"):
             gymnasium.make_vec(LOOP, 1, objects=known, remote=server.url)
     local = gymnasium.make_vec(LOOP, 1, **{**keywords, "objects": str(folder / "big.off")})
     assert (seen == local.reset(seed=0)[0]).all()

@@ -174,7 +174,7 @@ def test_paths_that_leave_the_folder_are_refused(settings: ToolSettings, path: s
 @pytest.mark.parametrize(
     ("name", "arguments", "sentence"),
     [
-        ("look", {"object": "none.off"}, "none.off: there is no such mesh file; the folder holds box.off, broken.off"),
+        ("look", {"object": "none.off"}, "none.off: there is no such mesh file; the folder has box.off, broken.off"),
         ("look", {"object": "odd.off"}, "there is no such mesh file"),
         ("look", {"object": "loop.off"}, "is no path of a mesh file"),
         ("look", {"object": "a\0.off"}, "is no path of a mesh file"),
@@ -182,7 +182,7 @@ def test_paths_that_leave_the_folder_are_refused(settings: ToolSettings, path: s
         ("look", {"object": "broken.off"}, "broken.off"),
         ("look", {"object": "procedural:mug:3"}, "does not offer the objects 'procedural:mug:3'; choose from proc"),
         ("look", {"object": "dir:."}, "does not offer the objects"),
-        ("look", {"object": "procedural:can"}, "holds 10 objects; give the name of one, such as can-000000"),
+        ("look", {"object": "procedural:can"}, "has 10 objects; give the name of one, such as can-000000"),
         ("look", {"object": "parts", "name": "wheel"}, "has no object 'wheel'; it has part"),
         ("look", {"object": CAN, "hand": "barrett"}, "does not offer the hand 'barrett'; choose from reflex"),
         ("look", {"object": CAN, "width": 5000}, "width is 5000 (int): input should be less than or equal to 1024"),

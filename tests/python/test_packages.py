@@ -1,4 +1,4 @@
-"""What is published: the data wheel of the policies, versions, licences, the release workflow and the citation."""
+"""Published packages: the data wheel of the policies, versions, licences, the release workflow and the citation."""
 
 import base64
 import csv

@@ -145,7 +145,7 @@ def test_auc_counts_pairs() -> None:
 
 
 def graph_of(inputs: ScorerInputs, biases: list[float], calibration: Calibration, finalists: int = 24) -> ScorerGraph:
-    """Make an ensemble whose members give their bias, whatever they see."""
+    """Make an ensemble whose members give their bias for any input."""
     members = []
     for bias in biases:
         members.append(ScorerNet(inputs.grid, width=8))

@@ -80,7 +80,7 @@ def test_random_actions_fill_the_space_and_follow_their_seed() -> None:
     assert drawn.min(axis=(0, 1)) == pytest.approx(-np.ones(10), abs=0.01)
     assert drawn.max(axis=(0, 1)) == pytest.approx(np.ones(10), abs=0.01)
     assert abs(drawn.mean()) < 0.02
-    # Only the environments that begin an episode with a seed draw anew.
+    # Only the environments that begin an episode with a seed sample anew.
     policy.reset(3, mask=np.array([True, False, False, True]))
     again = policy.act(None)
     np.testing.assert_array_equal(again[[0, 3]], drawn[0, [0, 3]])

@@ -176,12 +176,12 @@ def test_every_condition_makes_environments(name: str, env_id: str) -> None:
 def test_conditions_change_the_closed_loop() -> None:
     """Conditions change the outcome of a grasp and the camera's image."""
 
-    def felt(name: str) -> Any:
+    def trials_of(name: str) -> Any:
         return evaluate("planner", LOOP, "procedural:can:0", 1, 2, num_envs=1, condition=name, reward="dense").trials
 
-    nominal = felt("nominal")
+    nominal = trials_of("nominal")
     for name in ("hand_5", "hand_10", "friction_0.5", "friction_0.3", "mass_2"):
-        assert felt(name) != nominal, name
+        assert trials_of(name) != nominal, name
 
     def seen(name: str) -> np.ndarray[Any, np.dtype[np.float32]]:
         env = gymnasium.make(LOOP, objects=CANS, obs="depth", image_size=16, **settings_of(name, LOOP))
@@ -294,7 +294,7 @@ def test_parts_of_a_policy_can_be_added_and_left_out() -> None:
     assert counts["unrefined"] <= counts[str(folder)] <= counts["refined"]
     # Only those that were compared by their mean: the finalists, and the additions of the last refinement.
     assert 16 <= counts["tolerant"] <= 16 + 2 * 4 * 5
-    # The truth for a part needs the state of the object.
+    # The ground truth of a part needs the state of the object.
     for kind in ORACLES:
         assert "state" in (load_variant(f"{kind}={folder}").obs or ())
         assert "state" not in (load_variant(str(folder)).obs or ())

@@ -153,7 +153,7 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     (
         "depth",
         put("kind", "walker"),
-        "kind is 'walker'; this version of graspbox knows depth, head, feel, network, study",
+        "kind is 'walker'; this version of graspbox reads depth, head, feel, network, study",
     ),
     ("depth", put("kind", ["depth"]), r"kind is \['depth'\]; this version"),
     ("depth", put("kind", "head"), "(head is missing|no field depth)"),

@@ -86,21 +86,21 @@ def test_arrays_are_as_the_tables_say(objects: _core.Objects, control: str) -> N
 
 def test_arrays_are_fresh_or_the_callers_own(objects: _core.Objects) -> None:
     pool = make(objects, observations=["proprio", "state"])
-    draw = actions(0)
+    sampled = actions(0)
     first = pool.reset([0, 1, 2])
     assert "tactile" not in first
     kept = {name: array.copy() for name, array in flat(first).items()}
-    pool.step(next(draw))
+    pool.step(next(sampled))
     for name, array in kept.items():
         np.testing.assert_array_equal(array, flat(first)[name])
     out = {"state": np.zeros_like(first["state"])}
-    stepped, _ = pool.step(next(draw), out)
+    stepped, _ = pool.step(next(sampled), out)
     assert stepped["state"] is out["state"]
     assert stepped["proprio"] is not first["proprio"]
     np.testing.assert_array_equal(out["state"], pool.now()["state"])
     for wrong in (np.zeros((NUM_ENVS, 3), np.float32), np.asfortranarray(out["state"])):
         with pytest.raises(errors.ConfigError, match="state"):
-            pool.step(next(draw), {"state": wrong})
+            pool.step(next(sampled), {"state": wrong})
 
 
 def test_one_environment_is_like_one_of_many(objects: _core.Objects) -> None:
@@ -262,13 +262,13 @@ def test_an_error_on_the_way_leaves_the_others_to_the_next_call() -> None:
 def test_a_state_crosses_as_bytes(objects: _core.Objects) -> None:
     pool, other = make(objects), make(objects)
     pool.reset([4, 5, 6])
-    draw = actions(3)
+    sampled = actions(3)
     for _ in range(5):
-        pool.step(next(draw))
+        pool.step(next(sampled))
     for env in range(NUM_ENVS):
         other.set_state(env, pool.get_state(env))
     for _ in range(5):
-        action = next(draw)
+        action = next(sampled)
         np.testing.assert_array_equal(pool.step(action)[0]["state"], other.step(action)[0]["state"])
     with pytest.raises(errors.ConfigError, match="state"):
         pool.set_state(0, b"nonsense")
@@ -316,10 +316,10 @@ def test_a_forked_child_steps_on(objects: _core.Objects) -> None:
     """A child that was forked after a rollout has none of its parent's threads."""
     pool = make(objects)
     pool.reset([0, 1, 2])
-    draw = actions(4)
-    pool.step(next(draw))
+    sampled = actions(4)
+    pool.step(next(sampled))
     state = pool.get_state(0)
-    action = next(draw)
+    action = next(sampled)
     expected = pool.step(action)[0]["state"][0]
     read, write = os.pipe()
     if (child := os.fork()) == 0:

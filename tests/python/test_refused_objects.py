@@ -80,7 +80,7 @@ def test_only_errors_of_objects_are_refusals() -> None:
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_an_evaluation_goes_on_with_other_trials(meshes: str, env_id: str) -> None:
-    """Whatever the number of environments: first trials of all of them may be refused, or only some."""
+    """For any number of environments: first trials of all of them may be refused, or only some."""
     settings: dict[str, Any] = {"max_episode_steps": 2} if env_id == LOOP else {}
     told: list[int] = []
     found = [

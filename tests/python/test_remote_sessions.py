@@ -93,7 +93,7 @@ def sessions(server: EnvironmentServer) -> int:
 
 @pytest.mark.parametrize(("code", "reason"), [(1001, ""), (1001, "proxy restarting"), (1012, "service restart")])
 def test_a_proxy_that_goes_away_ends_no_session(urls: Urls, code: int, reason: str) -> None:
-    """Any frame that closed the connection was taken for the end of the session, whatever its grace."""
+    """Any frame that closed the connection was taken for the end of the session, in spite of its grace."""
     local = begun(2)
     with Proxy(urls[0]) as proxy:
         env = begun(2, remote=proxy.url)

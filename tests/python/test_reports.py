@@ -1,4 +1,4 @@
-"""``graspbox report``: every kind of run, what the page holds and loads, spoilt runs, and the page in a browser."""
+"""``graspbox report``: every kind of run, contents and requests of the page, spoilt runs, and the page in a browser."""
 
 import json
 import math
@@ -29,7 +29,7 @@ OBJECTS = ("--objects", "procedural:can:0-2", "--objects", "procedural:clamp:0-1
 
 
 def command(*words: str) -> str:
-    """Run a command; returns what it prints."""
+    """Run a command; return its output."""
     result = CliRunner().invoke(cli.typer_app, list(words), catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.stdout

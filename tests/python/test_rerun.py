@@ -1,4 +1,4 @@
-"""Recordings for rerun: what the program ``rerun`` reads in them, and the motions that they hold.
+"""Recordings for rerun: their contents as read by the program ``rerun``, and their motions.
 
 Tests of files need rerun-sdk (``make test-rerun``), which is larger than 100 MB; motions need none of it.
 """
@@ -295,7 +295,7 @@ def test_a_failed_recording_leaves_no_file(tmp_path: Path) -> None:
     module = import_module("graspbox.rerun")
     with pytest.raises(ConfigError, match=r"name a file that ends in \.rrd"):
         module.log([], tmp_path / "x.txt")
-    with pytest.raises(ConfigError, match="what holds a int"):
+    with pytest.raises(ConfigError, match="items has a int"):
         module.log([3], tmp_path / "x.rrd")
     with pytest.raises(FileError):
         module.log([], tmp_path / "no" / "\0.rrd")

@@ -200,7 +200,7 @@ def test_bounds_are_checked(changes: dict[str, Any], message: str) -> None:
 def test_what_cannot_be_corrected_is_refused() -> None:
     with pytest.raises(ConfigError, match="the base policy is a Planner; give one that finds its grasp"):
         Proposals(policies.load("planner"))
-    with pytest.raises(ConfigError, match="has oracles, which know the object"):
+    with pytest.raises(ConfigError, match="has oracles, which use the true object"):
         Proposals(DepthOracle(None, ("scorer",)))
     with pytest.raises(ConfigError, match=r"corrections act in graspbox/GraspPose-v0, not in 'graspbox/Grasp-v0'"):
         evaluation.evaluate(

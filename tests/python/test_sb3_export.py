@@ -161,7 +161,7 @@ def test_a_network_that_leaves_torch_is_refused(tmp_path: Path) -> None:
     kwargs = {"features_extractor_class": Outside}
     model = ModelPolicy(running.ALGORITHMS["ppo"]("MlpPolicy", envs, policy_kwargs=kwargs, device="cpu"))
     with pytest.raises(
-        errors.ConfigError, match="its features extractor, Outside, or a layer does what ONNX cannot hold"
+        errors.ConfigError, match="its features extractor, Outside, or a layer has an operation that ONNX lacks"
     ):
         exported(tmp_path / "x", model, "ppo", DECISION, env)
     envs.close()

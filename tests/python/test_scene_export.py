@@ -392,7 +392,7 @@ def test_wrong_calls_are_one_sentence(words: list[str], message: str, tmp_path: 
 
 
 def test_the_guide_repeats_what_formats_cannot_say() -> None:
-    guide = (Path(__file__).parents[2] / "docs/guides/scenes.md").read_text().partition("## What the formats")[2]
+    guide = (Path(__file__).parents[2] / "docs/guides/scenes.md").read_text().partition("## Limits of the formats")[2]
     points = re.findall(r"^- (.+?)(?=\n- |\n\n|\Z)", guide, flags=re.DOTALL | re.MULTILINE)
     found = [" ".join(point.split()) for point in points]
     assert found == [point for form in scene_export.FORMATS for point in scene_export.NOT_EXPRESSED[form]]

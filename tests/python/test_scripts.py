@@ -36,8 +36,8 @@ def test_the_fit_finds_the_weights_that_made_the_labels() -> None:
     np.testing.assert_allclose(found, weights, atol=0.2)
     assert found[3] == 0.0
     held_out = fit.judge(fit.held_out(features, success, objects, 1.0, 0), success, objects)
-    truth = fit.judge(features @ weights, success, objects)
-    assert held_out["pairs"] == pytest.approx(truth["pairs"], abs=0.02)
+    exact = fit.judge(features @ weights, success, objects)
+    assert held_out["pairs"] == pytest.approx(exact["pairs"], abs=0.02)
     assert fit.judge(np.zeros(len(success)), success, objects)["pairs"] == 0.5
 
 

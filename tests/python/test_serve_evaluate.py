@@ -112,7 +112,7 @@ def test_what_a_policy_learned_from_must_be_known_here() -> None:
     learned.learned_from = ("procedural:can:0-1",)
     with EnvironmentServer(ServerSettings(port=0, objects=("procedural", "tools=procedural:can:0-3"))) as server:
         asked: dict[str, Any] = {"trials": 2, "remote": server.url}
-        with pytest.raises(ConfigError, match=r"only the server knows .*'tools'.*include_learned=True"):
+        with pytest.raises(ConfigError, match=r"only the server has .*'tools'.*include_learned=True"):
             evaluation.evaluate(learned, objects="tools", **asked)
         result = evaluation.evaluate(learned, objects="tools", include_learned=True, **asked)
         assert (result.objects_given, result.objects_left_out) == (4, 0)

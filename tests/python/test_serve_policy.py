@@ -172,7 +172,7 @@ def test_wrong_json_names_entry_and_value(
 
 def test_matrices_of_several_images_that_are_none(server: PolicyServer, request_of_can: dict[str, Any]) -> None:
     several = {**request_of_can, "depth": np.stack([request_of_can["depth"]] * 2)}
-    assert "intrinsics holds rows of different lengths" in asked(server, {**several, "intrinsics": [[1], [1, 2]]})
+    assert "intrinsics has rows of different lengths" in asked(server, {**several, "intrinsics": [[1], [1, 2]]})
     assert "rows of different lengths" in asked(server, {**several, "camera_pose": [[[1]], [[1, 2]], []]})
     assert "give one for each of 2 images" in asked(server, {**several, "camera_pose": np.zeros((3, 4, 4))})
 

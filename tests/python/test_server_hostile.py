@@ -183,7 +183,7 @@ def test_what_nobody_may_make(honest: Honest, fields: dict[str, Any], words: str
     ],
 )
 def test_a_refused_make_names_the_field(honest: Honest, fields: dict[str, Any], field: str) -> None:
-    """The entry of the command, or the keyword, whatever the sentence begins with."""
+    """The entry of the command, or the keyword, for any beginning of the sentence."""
     with Peer(honest.server.url) as peer:
         error = peer.call("make", **{"objects": CAN, **fields})["error"]
     assert (error["field"], error["type"]) in ((field, "ConfigError"), (field, "ObjectSetError")), error

@@ -54,7 +54,7 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert "was begun with other settings: seed was 0, is now 1" in " ".join(again.stderr.split())
 
 
-def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
+def test_the_exported_policy_predicts_as_the_networks_do(trained: Path) -> None:
     import torch
 
     from graspbox.artifacts.onnx_files import PARITY
@@ -68,13 +68,13 @@ def test_the_exported_policy_feels_as_the_networks_do(trained: Path) -> None:
     assert config.threshold == json.loads((trained / "threshold.json").read_text())["threshold"]
     parts = [StabilityTrials.load(path) for path in sorted((trained / "record-train").glob("*.npz"))]
     trials = StabilityTrials.joined(parts)
-    nets = [StabilityNet(trials.felt.shape[1], config.width) for _ in range(config.members)]
+    nets = [StabilityNet(trials.readings.shape[1], config.width) for _ in range(config.members)]
     for number, net in enumerate(nets):
         load_weights(net, trained / f"member-{number}" / "weights.pt")
     with torch.no_grad():
-        expected = StabilityGraph(nets, config.calibration)(torch.from_numpy(trials.felt)).numpy()
+        expected = StabilityGraph(nets, config.calibration)(torch.from_numpy(trials.readings)).numpy()
     stability = load_stability(folder)
-    np.testing.assert_allclose([stability(row) for row in trials.felt], expected, atol=PARITY)
+    np.testing.assert_allclose([stability(row) for row in trials.readings], expected, atol=PARITY)
     policy = policies.load(str(folder))
     assert isinstance(policy, FeelThenLift)
     assert policy.learned_from == ("procedural:can:10-19", "procedural:can:20-23")
@@ -91,14 +91,14 @@ def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
     found = evaluation.evaluate(
         policy, "graspbox/Grasp-v0", "procedural:can:10-19", trials=8, seed=0, include_learned=True, num_envs=8
     )
-    felt = np.stack([attempts[0].felt for attempts in policy.attempts])
-    own = trials.felt[trials.first]
-    assert felt.shape == own.shape
+    readings = np.stack([attempts[0].readings for attempts in policy.attempts])
+    own = trials.readings[trials.first]
+    assert readings.shape == own.shape
     # The same image gives the same grasp, bit by bit; scores of this tiny policy are often equal, though.
-    same = (felt[:, :19] == own[:, :19]).all(axis=1)
+    same = (readings[:, :19] == own[:, :19]).all(axis=1)
     assert same.mean() >= 0.75
     # The hand comes from elsewhere, and so a little earlier or later within a control period.
-    assert np.median(np.abs(felt - own)[same].max(axis=1)) < 1.0
+    assert np.median(np.abs(readings - own)[same].max(axis=1)) < 1.0
     assert np.mean(trials.held[trials.first] == [trial.success for trial in found.trials]) >= 0.75
 
 
@@ -109,12 +109,12 @@ def test_a_network_learns_what_tells_grasps_apart(tmp_path: Path) -> None:
     from graspbox.training.trainer import TrainConfig
 
     rng = np.random.default_rng(0)
-    felt = (rng.normal(size=(1200, 10)) * np.logspace(-1, 2, 10)).astype(np.float32)
-    felt[:, 3] = 7.0
-    held = felt[:, 0] / 0.1 + felt[:, 9] / 100 + rng.normal(size=1200) * 0.3 > 0
+    readings = (rng.normal(size=(1200, 10)) * np.logspace(-1, 2, 10)).astype(np.float32)
+    readings[:, 3] = 7.0
+    held = readings[:, 0] / 0.1 + readings[:, 9] / 100 + rng.normal(size=1200) * 0.3 > 0
     config = TrainConfig(learning_rate=3e-3, batch_size=128, max_steps=300, validate_every=50)
-    net, trained = train_stability(tmp_path, felt[:900], held[:900], (felt[900:], held[900:]), config, width=32)
+    net, trained = train_stability(tmp_path, readings[:900], held[:900], (readings[900:], held[900:]), config, width=32)
     assert trained.reason in ("steps", "patience")
-    assert auc(logits_of([net], felt[900:]), held[900:]) > 0.95
+    assert auc(logits_of([net], readings[900:]), held[900:]) > 0.95
     with pytest.raises(errors.ConfigError, match="no grasps to learn from"):
-        train_stability(tmp_path / "none", felt[:0], held[:0], (felt, held), config)
+        train_stability(tmp_path / "none", readings[:0], held[:0], (readings, held), config)

@@ -55,8 +55,8 @@ def learners(trials: GraspTrials) -> dict[str, Learn]:
     anchors = AnchorConfig(cells=12, heights=14)
     heads = HeadData.of(trials, trials, grid, anchors, SCENES)
     small = HeadConfig(width=8, features=8, hidden=16, anchors=anchors)
-    felt = np.random.default_rng(0).normal(size=(60, 30)).astype(np.float32)
-    held = felt[:, 0] > 0
+    readings = np.random.default_rng(0).normal(size=(60, 30)).astype(np.float32)
+    held = readings[:, 0] > 0
 
     def head(kind: Any) -> Learn:
         return lambda folder, progress: train_head(folder, heads, replace(small, kind=kind), SHORT, progress)
@@ -79,7 +79,7 @@ def learners(trials: GraspTrials) -> dict[str, Learn]:
         **{kind: head(kind) for kind in ("anchor", "set", "regressor")},
         # With dropout.
         "stability": lambda folder, progress: train_stability(
-            folder, felt, held, (felt, held), SHORT, progress=progress
+            folder, readings, held, (readings, held), SHORT, progress=progress
         ),
     }
 

@@ -130,7 +130,7 @@ def test_a_tendon_at_its_limit_keeps_a_fifth_of_its_damping(hand: judge.HandDesc
 
 
 def test_the_lift_is_the_trial_s(hand: judge.HandDescription) -> None:
-    """The carriage follows the minimum-jerk rise whatever the fingers do."""
+    """The carriage follows the minimum-jerk rise under any motion of the fingers."""
     run = Replay(judge.build(hand, cube(), numerics=COARSE), above(0.11), 0.0)
     heights = []
     for _ in range(3300):
@@ -159,7 +159,7 @@ def test_a_sliding_box_hops_in_mujoco(hand: judge.HandDescription) -> None:
     """Why the labels of objects that are dragged over the table differ: friction lifts them off it.
 
     MuJoCo relaxes friction to a convex problem. A cube that slides at 0.3 m/s is off the table most of the time, at
-    whatever time step; on average its weight and the friction are right. In the core it stays on the table
+    for any time step; on average its weight and the friction are right. In the core it stays on the table
     (`a_sliding_box_stays_on_the_table` in ``tests/rust/physics_truths.rs``).
     """
     for timestep in (0.0005, 0.0001):

@@ -175,7 +175,7 @@ def test_changed_files_of_a_hand_are_read_again(tmp_path: Path) -> None:
         toml.write_text(good.replace("max_tension", "max_tensoin", 1))
         wait_for(lambda: "max_tensoin" in viewer.canvas.problem.content)
         assert viewer.canvas.problem.visible
-        assert "The last good version stays." in viewer.canvas.problem.content
+        assert "The last valid version is kept." in viewer.canvas.problem.content
         assert page.hand.name == "mine"
         toml.write_text(good)
         wait_for(lambda: not viewer.canvas.problem.visible and page.hand.name == "reflex")
@@ -245,7 +245,7 @@ def test_a_depth_image_is_shown_with_the_grasps_of_a_policy(
         show(path, port=0)
     with shown(path, intrinsics=lens, policy=str(ROOT / "policies/depth")) as viewer:
         page = viewer.page
-        wait_for(lambda: "looks down" in viewer.canvas.status.content or viewer.canvas.problem.visible)
+        wait_for(lambda: "tilted down" in viewer.canvas.status.content or viewer.canvas.problem.visible)
         assert not viewer.canvas.problem.visible
         assert page.poses.shown == len(page.found) > 3
         np.testing.assert_allclose(page.hand.root.position, page.found.table_from_hand[0, :3, 3])
@@ -333,7 +333,7 @@ def test_what_cannot_be_viewed_is_refused(tmp_path: Path) -> None:
     for what in ("no-such-thing", str(tmp_path)):
         with pytest.raises(errors.ObjectSetError, match="names nothing that can be viewed; give one of: "):
             show(what, port=0)
-    with pytest.raises(errors.ConfigError, match="what is of the type int; give one of"):
+    with pytest.raises(errors.ConfigError, match="source is of the type int; give one of"):
         show(3, port=0)
     with pytest.raises(errors.ConfigError, match="there is no environment 'graspbox/Nothing-v0'"):
         show("graspbox/Nothing-v0", port=0)

@@ -23,6 +23,7 @@ from graspbox.artifacts.folders import CONFIG, file_hash, save, use_of
 from graspbox.artifacts.schema import parse
 from graspbox.models.calibration import Calibration
 from graspbox.models.head.configs import HeadConfig
+from graspbox.models.stability.inputs import STORED_NAME
 from graspbox.perception.configs import CropConfig, HandGridConfig, ProposalConfig
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.study.model_configs import ModelConfig
@@ -169,11 +170,11 @@ def make_feel(
     _save(
         folder / "feel.onnx",
         [
-            helper.make_node("ReduceMean", ["felt", "axis"], ["mean"], keepdims=0),
+            helper.make_node("ReduceMean", [STORED_NAME, "axis"], ["mean"], keepdims=0),
             helper.make_node("Mul", ["mean", "weight"], ["logit"]),
             helper.make_node("Sigmoid", ["logit"], ["probability"]),
         ],
-        [helper.make_tensor_value_info("felt", TensorProto.FLOAT, ["n", "k"])],
+        [helper.make_tensor_value_info(STORED_NAME, TensorProto.FLOAT, ["n", "k"])],
         [helper.make_tensor_value_info("probability", TensorProto.FLOAT, ["n"])],
         {"axis": np.array([1], dtype=np.int64), "weight": np.array(weight, dtype=np.float32)},
     )

@@ -137,7 +137,7 @@ fn every_autoreset_mode_does_what_it_says() {
                 assert_eq!(b.last.observations, a.now.observations);
                 assert_eq!(numbers(&b.last, "lift"), numbers(&a.now, "lift"));
                 assert_eq!(indices(&b.last, "failure"), indices(&a.now, "failure"));
-                // The next step begins anew, whatever the action says.
+                // The next step begins anew, for any action.
                 let mut ignored = actions(&next, i);
                 ignored[0] = f32::NAN;
                 let anew = next.step(&ignored).unwrap().now;
@@ -226,7 +226,7 @@ fn sent_environments_arrive_as_if_stepped_together() {
     assert_eq!(apart.away(), 0, "nothing was sent");
 }
 
-/// What a call has not come to when it is stopped stays as it is, and the next call does it all.
+/// A stopped call leaves the rest of its work untouched, and the next call does it all.
 #[test]
 fn a_stopped_call_leaves_environments_as_they_are() {
     let pool = pool(&objects(&[Family::Can, Family::Box]), Control::Twist, 4);
@@ -267,7 +267,7 @@ fn environments_that_are_called_back_stay_as_they_are() {
     let other = pool_of_same(&pool);
     let [ours, theirs] = [&pool, &other].map(|p| p.step(&actions(p, 0)).unwrap());
     assert_eq!(ours, theirs);
-    // What is sent afterwards steps.
+    // Actions sent afterwards step.
     let (sender, arrivals) = channel();
     pool.send(&[1], &actions(&pool, 1)[..pool.spec().action], move |env, result| sender.send((env, result)).unwrap())
         .unwrap();

@@ -1,6 +1,6 @@
-//! What an agent can do to the world, and what it cannot: limits of the arm, table, protective stop, endings, success.
+//! Effects of an agent on the world, and their bounds: limits of the arm, table, protective stop, endings, success.
 //!
-//! A bug here: a hand that jerks what it holds, that is driven into the table or crushes an object; an ending that is missed.
+//! A bug here: a hand that jerks the held object, that is driven into the table or crushes an object; an ending that is missed.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_agent::actions::action::OPEN_SHARE;
@@ -25,7 +25,7 @@ const DT: f64 = 0.002;
 const NO_LOAD: HandLoad =
     HandLoad { force: Vector3::new(0.0, 0.0, 0.0), at: Point3::new(0.0, 0.0, 0.0), object: false, scenery: false };
 
-/// What was worst on a way: speeds and accelerations, linear and angular; and the lowest point of the base.
+/// Extremes of a motion: speeds and accelerations, linear and angular; and the lowest point of the base.
 #[derive(Debug, Default)]
 struct Worst {
     speed: [f64; 2],
@@ -103,7 +103,7 @@ fn the_arm_keeps_its_limits() {
     }
 }
 
-/// Whatever the commands, the base stays off the table and the hand inside its box.
+/// For any commands, the base stays off the table and the hand inside its box.
 #[test]
 fn the_palm_never_meets_the_table() {
     let guard = Guard::new(&reflex()).unwrap();
@@ -288,7 +288,7 @@ fn observations_and_terms_stay_in_their_bounds() {
                     assert!((low..=high).contains(value), "{} {i}: {value}", spec.observation.name());
                 }
             }
-            // What the hand never touched stays where it is, whatever the hand does.
+            // An object that the hand never touched stays in place.
             let mut lost = batch.terminated.iter().zip(indices(&batch, "failure"));
             assert!(lost.all(|(ended, code)| !ended || failure_names()[*code as usize] != "no_contact"));
             for (i, value) in batch.terms.iter().enumerate() {
@@ -330,7 +330,7 @@ fn a_varied_object_weighs_and_slides_as_it_was_told() {
     }
 }
 
-/// What a real robot senses does not tell where the object is (but in the last digits: the solver ends for object and hand together).
+/// Measurements of a real robot do not reveal where the object is (but in the last digits: the solver ends for object and hand together).
 #[test]
 fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
     let objects = objects(&[Family::Can, Family::Banana]);
@@ -368,7 +368,7 @@ fn a_hand_that_stops_turning_leaves_the_object_alone() {
     }
 }
 
-/// A hand is shaped before it closes: what swivels a loaded finger, by however little, lets go of what it holds.
+/// A hand is shaped before it closes: any swivel of a loaded finger releases the object.
 #[test]
 fn closed_fingers_keep_the_preshape() {
     let pool = pool(&objects(&[Family::Can]), Control::Twist, 1);

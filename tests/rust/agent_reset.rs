@@ -1,4 +1,4 @@
-//! Options of a reset and settings of environments: they change what they name and nothing else, and are refused out of range.
+//! Options of a reset and settings of environments: they change the named values alone, and are refused out of range.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_agent::starts::reset_options::ObjectChoice;

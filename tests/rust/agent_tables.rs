@@ -52,7 +52,7 @@ fn contact_flags(episode: &AgentEpisode) -> Vec<f64> {
     expected
 }
 
-/// What the column `name` of an observation has to hold.
+/// Expected values of the column `name` of an observation.
 fn expected(name: &str, episode: &AgentEpisode, spec: &EnvSpec) -> Vec<f64> {
     let (world, arm) = (episode.episode().world(), episode.arm());
     let hand = world.hand();
@@ -101,7 +101,7 @@ fn expected(name: &str, episode: &AgentEpisode, spec: &EnvSpec) -> Vec<f64> {
     }
 }
 
-/// Compares the values of an observation with what its columns have to hold, by name.
+/// Compares the values of an observation with the expected values of its columns, by name.
 fn compare(columns: &[Column], values: &[f32], episode: &AgentEpisode, spec: &EnvSpec) -> Result<(), String> {
     let mut rest = values;
     for column in columns {
@@ -165,7 +165,7 @@ fn columns_hold_what_their_names_say() {
     });
     assert!(held, "no grasp held the object");
     let while_held = check_observations(&pool);
-    // Then the hand turns and opens: what did not move before moves now.
+    // Then the hand turns and opens: columns that did not change before change now.
     let (turned, preshape) = {
         let env = pool.env(0).unwrap();
         let episode = env.episode().unwrap();

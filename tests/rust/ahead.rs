@@ -19,7 +19,7 @@ fn pool(objects: &Arc<Objects>) -> EnvPool {
     EnvPool::new(Arc::clone(objects), config, ENVS).unwrap()
 }
 
-/// What three environments return in seven steps of short episodes.
+/// Results of three environments in seven steps of short episodes.
 fn run(objects: &Arc<Objects>) -> Vec<Batch> {
     let pool = pool(objects);
     let seeds: Vec<_> = (0..ENVS as u64).map(Some).collect();

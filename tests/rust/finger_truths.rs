@@ -149,7 +149,7 @@ fn a_finger_loses_its_swing_at_the_rate_of_its_damping() {
     assert!((measured / rate - 1.0).abs() < WITHIN);
 }
 
-/// A swing through 2 rad without damping keeps its energy within 2 % of what it swings with; the real hand's never rises by
+/// A swing through 2 rad without damping keeps its energy within 2 % of its swing; the real hand's never rises by
 /// more than 1 % of it.
 /// A bug here: an integrator that pumps energy into joints, or a stop that returns more than it took.
 #[test]
@@ -230,7 +230,7 @@ fn balance(world: &World, finger: usize, gravity: &Vector3<f64>) -> Balance {
     }
 }
 
-/// Mass of what is squeezed, kg: so heavy that even a ball, which rolls under fingers without friction, stays in its place.
+/// Mass of the squeezed object, kg: so heavy that even a ball, which rolls under fingers without friction, stays in its place.
 const FIXED: f64 = 3e4;
 
 /// Closes `hand`, palm down at `palm` metres above the table, on [`FIXED`] of `object` until its actuators stall.
@@ -258,7 +258,7 @@ fn squeezed() -> [(&'static str, Geometry, f64, f64); 3] {
     ]
 }
 
-/// About each joint the contacts take what tendon, springs and weight give: `r_p T`, `r_d T`, each less its spring. Pads are
+/// About each joint the contacts carry the sum of tendon, springs and weight: `r_p T`, `r_d T`, each less its spring. Pads are
 /// frictionless here, since friction forces are not reported; the normal forces are then the whole load.
 /// A bug here: a moment arm on the wrong joint, a saturated tendon that pulls with less than its limit, contact forces that
 /// are not per second.

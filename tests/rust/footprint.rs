@@ -36,7 +36,8 @@ const SNAPSHOT: usize = 200_000;
 /// Worlds that are kept to measure the memory of one.
 const KEPT: usize = 100;
 
-/// Memory of one of [`KEPT`] worlds that `make` returns, bytes. They stay in `kept`: what one family frees would hide what the next takes.
+/// Memory of one of [`KEPT`] worlds that `make` returns, bytes. They stay in `kept`: memory freed by one family would hide
+/// that of the next.
 fn memory_of(kept: &mut Vec<World>, make: impl Fn() -> World) -> Option<f64> {
     let before = resident();
     kept.extend((0..KEPT).map(|_| make()));

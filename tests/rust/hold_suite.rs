@@ -77,7 +77,7 @@ impl Held {
     }
 }
 
-/// Prints a hold and returns the name of what is not held firmly.
+/// Prints a hold and returns the name of an object that is not held firmly.
 fn judge(name: &str, held: &Held) -> Option<String> {
     println!(
         "{name:28} penetration mean {:.3} mm, worst {:.2}; slip {:.4} mm/s, {:.3} deg/s; summed force {:.0} N{}",

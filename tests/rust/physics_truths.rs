@@ -101,8 +101,8 @@ fn a_box_slides_with_g_sin_less_mu_cos() {
     }
 }
 
-/// A bug here: friction that pushes a sliding object off the table, as a cone relaxed to a convex problem does; then whatever else touches
-/// the object carries its weight, and the table brakes it no more.
+/// A bug here: friction that pushes a sliding object off the table, as a cone relaxed to a convex problem does; then another body that
+/// touches the object carries its weight, and the table brakes it no more.
 #[test]
 fn a_sliding_box_stays_on_the_table() {
     let mut world = tile().spawn(&away(), &at(0.0, 0.0, 0.015), 0.0);
@@ -122,9 +122,9 @@ fn a_sliding_box_stays_on_the_table() {
 
 /// A known error: the engine's per-point Coulomb solve pushes each corner along `K^-1 v`, not along `-v`, and clamps
 /// that. Where a corner lies aslant of the slide its effective mass `K` is not isotropic, the parts across the slide cancel
-/// between corners, and what is left of mu is the cosine of the angle between the two: 0.88 for this tile, side first. The
+/// between corners, and the remaining share of mu is the cosine of the angle between the two: 0.88 for this tile, side first. The
 /// error is on the safe side (never more friction than mu), and this test holds it there.
-/// A bug here: more friction than mu at any heading, or a loss beyond what the corners' `K` explains.
+/// A bug here: more friction than mu at any heading, or a loss beyond that of the corners' `K`.
 #[test]
 fn friction_is_never_more_than_coulomb_at_any_heading() {
     let (template, mu) = (tile(), 0.5);

@@ -1,4 +1,4 @@
-//! A shake: what it takes to lose an object against closed forms, and what it says of whole trials.
+//! A shake: the least one that loses an object, against closed forms, and its labels of whole trials.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_episode::{Progress, Scene, ShakeConfig, TrialConfig, TrialOutcome, run_trials, trace_trial};
@@ -42,7 +42,7 @@ fn held(force: f64) -> (World, Isometry3<f64>, f64) {
     (world, start, squeeze)
 }
 
-/// What a shake on one axis did: greatest shift, m, and turn, rad, of the box in the hand, and whether a pad let go.
+/// Effect of a shake on one axis: greatest shift, m, and turn, rad, of the box in the hand, and whether a pad let go.
 struct Shaken {
     shift: f64,
     turn: f64,
@@ -186,7 +186,7 @@ fn can(engine: EngineKind, friction: f64) -> (Arc<Scene>, Vec<GraspPose>) {
 }
 
 /// With a third of the friction the same grasps lift the can and lose it.
-/// A bug here: an engine that does not feel turning or shaking frames, or one that throws what is held firmly.
+/// A bug here: an engine without the forces of turning or shaking frames, or one that throws a firmly held object.
 #[test]
 fn a_power_grasp_of_a_can_survives_in_both_engines() {
     let config = TrialConfig { shake: Some(ShakeConfig::default()), ..TrialConfig::default() };

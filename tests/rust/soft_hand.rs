@@ -1,4 +1,4 @@
-//! The SoftHand against what its authors measured: how long it takes to close, and how hard it holds.
+//! The SoftHand against measurements of its authors: how long it takes to close, and how hard it holds.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_hand::Hand;
@@ -83,7 +83,7 @@ fn a_cylinder_is_held_with_the_published_force() {
 
 /// Greatest torque, N m, that the closed hand puts on a disk that a shaft holds and turns slowly, by 0.6 rad, in one sense.
 ///
-/// The disk weighs so much that a step changes its motion by almost nothing; that change is what tells the torque.
+/// The disk weighs so much that a step changes its motion by almost nothing; that change gives the torque.
 fn holding_torque(hand_from_disk: &Isometry3<f64>, sense: f64) -> f64 {
     const MASS: f64 = 2000.0;
     const RADIUS: f64 = 0.0475;

@@ -158,7 +158,7 @@ pub fn follow_until(
     driver.driven
 }
 
-/// Sends target poses to environment 0 until its episode ends, or `enough` says so, and adds up what came of them.
+/// Sends target poses to environment 0 until its episode ends, or `enough` returns true, and adds up the results.
 struct Driver<'a, Enough> {
     pool: &'a EnvPool,
     preshape: f64,

@@ -1,6 +1,6 @@
-//! Tests that cross crates: pipeline, properties, determinism, physics truths. This library holds what they share.
+//! Tests that cross crates: pipeline, properties, determinism, physics truths. This library has their common parts.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`agent`] | environments, and a driver that follows a planned grasp by actions |
 //! | [`mod@bench`] | worlds with one object, posed and driven for a test |

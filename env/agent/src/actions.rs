@@ -1,4 +1,4 @@
-//! What an agent does, and the limits within which the hand follows.
+//! Actions of an agent, and the limits of the hand's motion.
 //!
 //! | module | purpose |
 //! |---|---|

@@ -78,7 +78,7 @@ pub enum AgentError {
     BadOption {
         /// Name of the option.
         option: &'static str,
-        /// What is wrong, and what is accepted.
+        /// The problem, and the accepted values.
         why: String,
     },
     /// There is no room for the open hand over the object.
@@ -166,7 +166,7 @@ pub enum AgentError {
     BadObject {
         /// Name of the object.
         object: String,
-        /// What is wrong, and what is accepted.
+        /// The problem, and the accepted values.
         why: String,
     },
     /// Steps were cancelled before they began.

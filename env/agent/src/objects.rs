@@ -231,7 +231,7 @@ impl Objects {
         Ok(self.cache_lock().keep(index, made))
     }
 
-    /// Prepares what an episode needs, unless it is ready; waits if the background thread is preparing it.
+    /// Prepares the needs of an episode, unless they are ready; waits if the background thread is preparing them.
     ///
     /// # Errors
     /// As [`Objects::prepared`]. Other errors of the object occur when it is used.
@@ -243,7 +243,7 @@ impl Objects {
         self.make(need)
     }
 
-    /// Prepares what an episode will need in the background, unless it is ready.
+    /// Prepares the needs of a later episode in the background, unless they are ready.
     pub fn ensure_ahead(self: &Arc<Self>, need: Need) {
         if self.is_ready(&need) {
             return;

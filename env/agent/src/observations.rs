@@ -1,4 +1,4 @@
-//! What an agent observes: tables of columns, observations and infos.
+//! Observations of an agent: tables of columns, observations and infos.
 //!
 //! | module | purpose |
 //! |---|---|

@@ -93,7 +93,7 @@ fn edges_through_pixel_centers_leave_no_gap() {
     assert!(frame.depth.iter().all(|z| (z - 1.0).abs() < 1e-6));
 }
 
-/// From inside a closed box every ray meets its inner side, and the near plane cuts what is too close.
+/// From inside a closed box every ray meets its inner side, and the near plane cuts surfaces that are too close.
 #[test]
 fn the_inside_of_a_box_is_seen_from_inside() {
     let mesh = graspbox_camera::shapes::cuboid(Vector3::new(0.1, 0.2, 0.3), 0.0).unwrap();

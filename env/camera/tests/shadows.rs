@@ -92,7 +92,7 @@ fn closed_solids_do_not_shade_their_lit_sides() {
         let [with, without] = both(&[instance(&model, Isometry3::translation(0.0, 0.0, 0.06), 1)], &light);
         let losses = with.rgb.iter().zip(&without.rgb).map(|(a, b)| b - a);
         let most = losses.max().unwrap();
-        // Along the line where the back begins, the map's texels know its place to a part of their width.
+        // Along the line where the back begins, the map's texels locate it to a part of their width.
         assert!(most <= 8, "{} faces: {most}", mesh.faces().len());
     }
 }

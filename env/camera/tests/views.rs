@@ -1,4 +1,4 @@
-//! Cameras stand where the plan says.
+//! Cameras are placed as planned.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 mod common;

@@ -30,7 +30,7 @@ impl Progress {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Asks the batch to stop, which it does within a fraction of a second.
+    /// Stops the batch within a fraction of a second.
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }

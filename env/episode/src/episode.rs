@@ -86,12 +86,12 @@ impl Episode {
         Ok(())
     }
 
-    /// Tells the judge that the object is dropped; its centre of mass will rest at `resting_height`, metres.
+    /// Notifies the judge that the object is dropped; its centre of mass will rest at `resting_height`, metres.
     pub fn dropped(&mut self, resting_height: f64) {
         self.judge.dropped(&self.world, resting_height);
     }
 
-    /// Tells the judge that lifting begins now.
+    /// Notifies the judge that lifting begins.
     pub fn begin_lift(&mut self) {
         self.judge.begin_lift(&self.world);
     }

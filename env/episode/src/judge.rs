@@ -154,7 +154,7 @@ impl Judge {
         }
     }
 
-    /// Refuses what no judge of this world can remember.
+    /// Refuses states that no judge of this world can have.
     ///
     /// * `center`: as for [`Judge::new`].
     ///

@@ -9,7 +9,7 @@
 //! | [`trial`] | the scripted driver: close, lift, hold, shake |
 //! | [`sample`] | the trace of a trial: one sample every 10 ms |
 //! | [`shake`] | the shake of a grasped object along and about the hand's axes |
-//! | [`observer`] | measurements that a trial does not know |
+//! | [`observer`] | additional measurements of a trial |
 //! | [`study`] | an observer: the measures of the reference study |
 //! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one with its trace |
 //!

@@ -1,4 +1,4 @@
-//! Observers: measurements of a trial that the trial itself does not know.
+//! Observers: measurements in addition to those of the trial itself.
 
 use crate::episode::Episode;
 

@@ -1,4 +1,4 @@
-//! The scripted driver of an [`Episode`]: close, lift, hold, and shake if the config asks for it.
+//! The scripted driver of an [`Episode`]: close, lift, hold, and shake if the config has one.
 
 use crate::episode::Episode;
 use crate::judge::{FailureKind, SuccessCriterion};
@@ -220,7 +220,7 @@ impl<O: Observer> Trial<O> {
         self.until(phases.iter().map(|time| self.steps(*time)).sum(), stop)
     }
 
-    /// Shakes a success after [`Trial::lift`] if the config asks for it, and holds for the hold time again; false if `stop` returned true.
+    /// Shakes a success after [`Trial::lift`] if the config has a shake, and holds for the hold time again; false if `stop` returned true.
     ///
     /// A copy of the episode is shaken, so episode and labels stay those of the end of the hold.
     ///

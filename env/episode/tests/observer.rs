@@ -1,4 +1,4 @@
-//! Observers see every step of a trial up to the end of the hold, and delay early stops only where the config asks for it.
+//! Observers see every step of a trial up to the end of the hold, and delay early stops only where the config requires it.
 #![allow(clippy::unwrap_used)]
 
 use graspbox_episode::{
@@ -77,7 +77,7 @@ fn the_study_reads_once_after_two_and_a_half_seconds() {
         let found =
             run_observed_trials(&scene, &[pose], &[[1.0, 1.0]], config, &Progress::default(), Study::new).unwrap();
         let measures = found[0].observer.as_ref().unwrap().measures();
-        // The hand rises 0.2 m, the block stays: it did not follow, and the distance changes by what the hand rises.
+        // The hand rises 0.2 m, the block stays: it did not follow, and the distance changes by the rise of the hand.
         let reading = measures.reading.unwrap();
         assert!(!reading.success && reading.kindness > 5.0, "{measures:?}");
         assert!((found[0].outcome.time - time).abs() < 0.02, "{}", found[0].outcome.time);

@@ -80,7 +80,7 @@ impl ActuatorState {
     /// Speeds are reached at once: the rotor's inertia is part of the joints' `armature`. A load at its limit stops closing but never
     /// opening; when it falls, the command resumes.
     ///
-    /// * `load`: what it pulls against now: tension of its tendon, N, or force on its joints, N m or N.
+    /// * `load`: its present load: tension of its tendon, N, or force on its joints, N m or N.
     /// * `dt`: seconds, greater than 0.
     ///
     /// # Errors

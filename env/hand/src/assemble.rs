@@ -1,9 +1,9 @@
 //! Combines the two files: resolves names, checks numbers, builds the hand.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `joints` | springs and losses of joints, tendons |
-//! | `actuators` | what each actuator moves, and that nothing is moved twice |
+//! | `actuators` | transmission of each actuator; nothing is moved twice |
 //! | `grasp` | closing actuators and preshapes |
 //! | `names` | indices of names |
 

@@ -1,4 +1,4 @@
-//! What follows from the tree of joints: coordinates, chains, and who drives a joint.
+//! Results of the tree of joints: coordinates, chains, and the driver of each joint.
 
 use crate::model::{Drive, DrivenJoint, Hand, Transmission};
 
@@ -42,7 +42,7 @@ impl Hand {
         (0..self.joints.len()).filter(|joint| self.is_root(*joint)).count()
     }
 
-    /// Index of the chain that moves a link; `None` for the base and what is fixed to it.
+    /// Index of the chain that moves a link; `None` for the base and links fixed to it.
     #[must_use]
     pub fn chain_of_link(&self, link: usize) -> Option<usize> {
         let (mut root, mut at) = (None, link);

@@ -62,7 +62,7 @@ pub struct Problem {
     pub file: String,
     /// Line in it, from 1.
     pub line: usize,
-    /// What is wrong.
+    /// The problem.
     pub kind: ProblemKind,
 }
 
@@ -82,7 +82,7 @@ impl fmt::Display for Problems {
     }
 }
 
-/// What is wrong, as a sentence about the input.
+/// A problem, as a sentence about the input.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProblemKind {
@@ -130,7 +130,7 @@ pub enum ProblemKind {
     Attribute {
         /// Name of the attribute.
         attribute: String,
-        /// What it says.
+        /// The text.
         text: String,
         /// How many numbers it should have.
         count: usize,
@@ -144,13 +144,13 @@ pub enum ProblemKind {
         item: &'static str,
         /// Its name.
         name: String,
-        /// What is missing.
+        /// The missing item.
         missing: &'static str,
     },
     /// Two things of the same name.
     #[error("the {what} name \"{name}\" is used twice; names must be unique")]
     Duplicate {
-        /// What kind of thing.
+        /// Kind of the item.
         what: &'static str,
         /// The name.
         name: String,
@@ -158,7 +158,7 @@ pub enum ProblemKind {
     /// An unknown name.
     #[error("there is no {what} \"{name}\"{}", hint(known))]
     Unknown {
-        /// What kind of thing was named.
+        /// Kind of the named item.
         what: &'static str,
         /// The name.
         name: String,
@@ -187,7 +187,7 @@ pub enum ProblemKind {
     NotIndependent {
         /// The joint.
         name: String,
-        /// What it is instead.
+        /// Its present value.
         is: String,
     },
     /// A joint that nothing holds.
@@ -199,7 +199,7 @@ pub enum ProblemKind {
     /// Something that is named more often than it may be.
     #[error("{what} \"{name}\" is named more than once by {by}")]
     UsedTwice {
-        /// What kind of thing.
+        /// Kind of the item.
         what: &'static str,
         /// Its name.
         name: String,
@@ -215,13 +215,13 @@ pub enum ProblemKind {
         name: String,
         /// The actuator.
         actuator: String,
-        /// What has no effect.
+        /// The setting without effect.
         what: &'static str,
     },
     /// Joints of several kinds where one kind is needed.
     #[error("{item} \"{name}\" names revolute and prismatic joints; give each kind a table of its own")]
     MixedKinds {
-        /// What names them.
+        /// The item that names them.
         item: &'static str,
         /// Its name.
         name: String,
@@ -239,7 +239,7 @@ pub enum ProblemKind {
     /// Not exactly one of several tables.
     #[error("{item} \"{name}\" has {count} of {tables}; give exactly one of them")]
     OneOf {
-        /// What has them.
+        /// The item that has them.
         item: &'static str,
         /// Its name.
         name: String,
@@ -267,7 +267,7 @@ pub enum ProblemKind {
         quantity: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// The required value.
         must: &'static str,
     },
     /// An interval with its ends swapped, or a value outside of it.
@@ -283,7 +283,7 @@ pub enum ProblemKind {
         lower: f64,
         /// Upper end.
         upper: f64,
-        /// What it must be.
+        /// The required value.
         must: &'static str,
     },
     /// A collision mesh.

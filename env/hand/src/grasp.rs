@@ -1,9 +1,9 @@
 //! How a hand grasps: the grasp centre, the actuators that close it, and the preshapes that it can take before it closes.
 //!
 //! The grasp (hand) frame has its origin on the palm, its z axis along the approach, out of the palm, and its x axis along the direction
-//! in which opposing fingers close; the long side of what is grasped lies along y.
+//! in which opposing fingers close; the long side of the object lies along y.
 //!
-//! A preshape is one number, whatever the hand:
+//! A preshape is one number for every hand:
 //!
 //! | hand | preshape |
 //! |---|---|
@@ -28,7 +28,7 @@ pub struct Grasp {
     pub side_range: [f64; 2],
     /// Greatest turn about hand z that is tried, radians; 0 for a hand that closes along x alone.
     pub max_roll: f64,
-    /// Greatest turn about hand x that is tried, radians; 0 for a hand that has to face what it grasps.
+    /// Greatest turn about hand x that is tried, radians; 0 for a hand that has to face the object.
     pub max_lean: f64,
     /// The actuator whose position is the preshape, if there is one.
     pub coordinate: Option<PreshapeCoordinate>,
@@ -58,7 +58,7 @@ pub struct Preshape {
     pub positions: Vec<(usize, f64)>,
     /// The faces that it suits.
     pub face: FaceRule,
-    /// What it adds to the planner's score, in log-odds, beside the first preshape.
+    /// Its contribution to the planner's score, in log-odds, relative to the first preshape.
     pub preference: f64,
 }
 

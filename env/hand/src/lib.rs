@@ -1,11 +1,11 @@
 //! A hand: links, joints, tendons, actuators, sensors, and how it grasps.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`model`] | the description, as read from a URDF and a `hand.toml` |
 //! | [`grasp`] | how the hand grasps: closing actuators, preshapes, and the faces that these suit |
 //! | `opening` | positions of actuators and joints of the open and the closed hand |
-//! | [`chains`] | what follows from the tree of joints: coordinates, chains, drivers |
+//! | [`chains`] | results of the tree of joints: coordinates, chains, drivers |
 //! | [`load`] | reads the two files (`scan` and `urdf`, `table`) and checks them together (`assemble` and its parts) |
 //! | [`error`] | errors in these files, with file and line |
 //! | [`assets`] | the hands that come with the project, embedded |

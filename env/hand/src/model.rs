@@ -252,7 +252,7 @@ pub struct DrivenJoint {
 /// How an actuator leads joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Drive {
-    /// By a self-locking gear: the joints are where the actuator says, whatever pushes.
+    /// By a self-locking gear: the joints follow the actuator under any load.
     Rigid,
     /// By a spring and a damper whose force is limited to the actuator's `load_limit` in both directions.
     Servo {
@@ -263,7 +263,7 @@ pub enum Drive {
     },
 }
 
-/// What an actuator moves.
+/// Joints or tendon that an actuator moves.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Transmission {
     /// A spool that winds a tendon; positions are radians of the spool.
@@ -287,7 +287,7 @@ pub enum Transmission {
 pub struct Actuator {
     /// Name.
     pub name: String,
-    /// What it moves.
+    /// Its joints or tendon.
     pub transmission: Transmission,
     /// Least and greatest position, rad or m; an open hand is at the least.
     pub travel: [f64; 2],

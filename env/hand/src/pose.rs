@@ -17,7 +17,7 @@ const ORTHONORMAL: f64 = 1e-5;
 
 /// The rigid motion of a homogeneous matrix, row-major: a rotation, a translation column, the last row 0 0 0 1.
 ///
-/// What rounding left of a skew is taken out, so that long products stay rigid. None for numbers that are not finite, a matrix that is
+/// A skew from rounding is removed, so that long products stay rigid. None for numbers that are not finite, a matrix that is
 /// not orthonormal within 1e-5, a reflection, or another last row.
 #[must_use]
 pub fn rigid_motion(rows: &[f64; 16]) -> Option<Isometry3<f64>> {

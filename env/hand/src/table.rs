@@ -158,7 +158,7 @@ tables! {
     }
 }
 
-/// What the numbers of a quantity are checked for.
+/// Checks of the numbers of a quantity.
 pub(crate) trait Numbers: Copy {
     /// True when every number is finite and no larger than `limit`.
     fn within(&self, limit: f64) -> bool;
@@ -179,7 +179,7 @@ impl<const N: usize> Numbers for [f64; N] {
 /// Largest number of any kind in `hand.toml`; the largest real one is a tendon's stiffness (5e4 N/m).
 const MAX_NUMBER: f64 = 1e7;
 
-/// What helps whoever left a field out: the reader stops at the first one.
+/// Hint for a missing field; the reader stops at the first one.
 const MISSING: &str = " in the table that begins here; docs/reference/hands.md lists the fields of every table";
 
 /// A `hand.toml` and its problems.

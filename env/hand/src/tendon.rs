@@ -1,7 +1,7 @@
 //! Statics of tendons and springs.
 //!
-//! With joint positions `q_i` and moment arms `r_i`, the joints take up `l = sum of r_i q_i` of tendon; the stretch is what the spool has
-//! wound, less this length.
+//! With joint positions `q_i` and moment arms `r_i`, the joints take up `l = sum of r_i q_i` of tendon; the stretch is the length
+//! that the spool has wound, less this length.
 
 use crate::model::{Joint, Tendon};
 

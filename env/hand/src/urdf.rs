@@ -125,7 +125,7 @@ fn build(robot: &urdf_rs::Robot, order: &[(usize, Option<usize>)], scan: &Scan, 
     tree
 }
 
-/// Resolves the joints that follow others; a joint follows an independent one of its own kind.
+/// Resolves the joints that follow others; a joint follows an independent one of the same kind.
 fn set_mimics(robot: &urdf_rs::Robot, tree: &mut Tree, scan: &Scan, report: &mut Report<'_>) {
     let followers = robot.joints.iter().filter_map(|joint| joint.mimic.as_ref().map(|mimic| (joint, mimic)));
     for (joint, mimic) in followers {

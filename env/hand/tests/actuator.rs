@@ -97,7 +97,7 @@ fn a_command_that_is_no_number_changes_nothing() {
 }
 
 proptest! {
-    /// Whatever is commanded, the travel and the greatest speed hold; and a state survives a snapshot.
+    /// The travel and the greatest speed hold for any command; and a state survives a snapshot.
     #[test]
     fn travel_and_speed_hold_for_any_commands(
         commands in prop::collection::vec((0..3u8, -20.0..70.0f64, 0.0..80.0f64), 1..60),

@@ -1,4 +1,4 @@
-//! The two files of a hand: another hand loads, and what is wrong is named with file and line.
+//! The two files of a hand: another hand loads, and problems are named with file and line.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::path::Path;
@@ -11,7 +11,7 @@ use nalgebra::{Point3, Vector3};
 const GRIPPER_URDF: &str = include_str!("fixtures/gripper.urdf");
 const GRIPPER_TOML: &str = include_str!("fixtures/gripper.toml");
 
-/// What is said about a hand made of these texts.
+/// The error for a hand of these texts.
 fn complaint(urdf: &str, toml: &str) -> String {
     match Hand::from_strs(urdf, toml, ["hand.urdf", "hand.toml"]) {
         Ok(_) => "valid".to_owned(),
@@ -58,7 +58,7 @@ fn another_hand_loads_from_its_own_two_files() {
         (Shape::Sphere { radius: 0.01 }, Material::Pad),
     ];
     assert_eq!(shapes, expected);
-    // Sensors go chain by chain, whatever the order in the file.
+    // Sensors go chain by chain, for any order in the file.
     assert_eq!(hand.sensors.iter().map(|s| s.link).collect::<Vec<_>>(), [2, 4]);
     let up = std::f64::consts::FRAC_PI_2;
     let tip = hand.hand_from_links(&[up, 0.0, up, 0.0]).unwrap()[4] * Point3::new(0.01, 0.0, 0.0);
@@ -247,7 +247,7 @@ fn joints_are_held_by_one_thing_each() {
     );
 }
 
-/// A joint follows one that leads, of its own kind, and reaches wherever that goes.
+/// A joint follows a leader of the same kind, over the whole range of the leader.
 #[test]
 fn joints_follow_what_they_can_follow() {
     let middle = "<axis xyz=\"0 -1 0\"/>\n    <limit lower=\"0\" upper=\"1.2\" effort=\"1\" velocity=\"5\"/>";

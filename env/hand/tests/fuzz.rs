@@ -6,7 +6,7 @@ use graspbox_hand::{Hand, HandError};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// What a mutation may put in: the words and signs that mean something in the two forms.
+/// Insertions of a mutation: the words and signs with a meaning in the two formats.
 const WORDS: [&str; 22] = [
     "nan",
     "inf",

@@ -1,6 +1,6 @@
 //! Results that take long, on disk: by the BLAKE3 hash of mesh, parameters and format.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `bytes` | meshes as bytes |
 //! | `trim` | a bound on the size of a folder |
@@ -24,7 +24,7 @@ const MOST_IN_ALL: u64 = 256 << 20;
 
 /// A kind of result.
 pub(crate) struct Kind {
-    /// What warnings call it.
+    /// Its name in warnings.
     pub what: &'static str,
     /// One of [`trim::SUFFIXES`].
     pub suffix: &'static str,
@@ -54,7 +54,7 @@ impl Entry {
         Self { kind, key: *key.as_bytes(), path: folder.join(format!("{}.{}", key.to_hex(), kind.suffix)) }
     }
 
-    /// What was written; `None` when there is nothing, or the entry is damaged, of something else, or `decode` cannot read it.
+    /// The stored value; `None` if there is none, the entry is damaged or of another mesh, or `decode` cannot read it.
     pub fn read<T>(&self, decode: impl FnOnce(&[u8]) -> Option<T>) -> Option<T> {
         let (path, what) = (self.path.display(), self.kind.what);
         let bytes = match read_bounded(&self.path, self.kind.max_bytes) {

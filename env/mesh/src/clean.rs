@@ -1,6 +1,6 @@
 //! Cleaning: weld, drop degenerate and duplicate faces, orient, split into components; and the watertight test.
 //!
-//! Nothing is filled or remeshed: an open mesh stays open, and the report says so.
+//! Nothing is filled or remeshed: an open mesh stays open, and the report notes it.
 
 mod intersect;
 mod orient;
@@ -16,7 +16,7 @@ use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use topology::check_fans;
 
-/// What [`clean`] does.
+/// Steps of [`clean`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CleanOptions {
@@ -36,7 +36,7 @@ impl Default for CleanOptions {
     }
 }
 
-/// What [`clean`] did.
+/// Report of [`clean`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CleanReport {
     /// Vertices merged into another.
@@ -61,9 +61,9 @@ pub struct CleanReport {
     pub manifold: bool,
 }
 
-/// Repairs what can be repaired without inventing surface.
+/// Repairs a mesh without adding surface.
 ///
-/// Returns the mesh and what was done. Vertices keep their order and their bits.
+/// Returns the mesh and a report. Vertices keep their order and their bits.
 ///
 /// # Errors
 /// [`MeshError::OutOfRange`] for an option outside its range; [`MeshError::Empty`] when every face was degenerate.

@@ -1,7 +1,7 @@
 //! Fewer faces: quadric edge collapse that keeps the surface closed and manifold, with the Hausdorff distance reported.
 //!
 //! Garland and Heckbert, "Surface simplification using quadric error metrics", SIGGRAPH 1997; an edge is collapsed only under
-//! the link condition (Dey, Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999), so what was watertight
+//! the link condition (Dey, Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999), so a watertight mesh
 //! stays watertight, and only where no face turns over.
 //!
 //! Own code, because meshoptimizer (crate `meshopt`, C++ and f32) leaves surfaces that are not closed: edges with more than two
@@ -51,7 +51,7 @@ const LEAST_COSINE: f64 = 0.3;
 /// Collapses edges until no more than `target_faces` are left.
 ///
 /// A mesh with fewer faces is returned as it is. Where topology forbids it (the last collapses of a small component, edges with
-/// three faces), more faces than asked for may be left.
+/// three faces), more faces than requested may be left.
 ///
 /// # Errors
 /// [`MeshError::BadParameter`] for a target below 4: no closed surface has fewer faces.
@@ -68,7 +68,7 @@ pub fn decimate(mesh: &TriMesh, target_faces: usize) -> Result<Decimated, MeshEr
 }
 
 /// Levels of detail: one run of collapses that leaves a mesh at each of `targets` (falling numbers of faces), each measured against
-/// the original. Cheaper than a [`decimate`] for each, and the coarser levels keep what the finer ones knew of the surface.
+/// the original. Cheaper than a [`decimate`] for each, and the coarser levels keep the quadrics of the finer ones.
 ///
 /// Of a mesh with more than 120,000 faces, vertices that lie in a common cell are merged first where no level has more than 15,000 faces.
 /// Targets that the mesh does not exceed, and those that topology lets it come no nearer to, are left out.
@@ -208,7 +208,7 @@ impl Collapse {
         collapse
     }
 
-    /// What is left.
+    /// The remaining mesh.
     fn mesh(&self) -> Result<TriMesh, MeshError> {
         compact(&self.points, self.faces.iter().flatten().copied().collect())
     }

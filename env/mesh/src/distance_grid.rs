@@ -1,8 +1,8 @@
 //! Distance from any point to a mesh, with sign, on a grid.
 //!
-//! Every node knows its closest face (rasterized near the surface, passed on from node to node elsewhere) and whether it lies
+//! Every node stores its closest face (rasterized near the surface, passed on from node to node elsewhere) and whether it lies
 //! inside. Inside is a vote of three scan directions over signed crossings, so a mesh with a few holes or overlapping shells
-//! still has an inside. A query near the surface measures the faces that its cell's corners know; so walls thinner than the
+//! still has an inside. A query near the surface measures the faces stored at its cell's corners; so walls thinner than the
 //! grid keep their place.
 //!
 //! Own code: the sign of `parry3d`'s point queries needs a closed, oriented mesh.
@@ -33,7 +33,7 @@ pub struct DistanceGrid<'a> {
     inside: Vec<bool>,
 }
 
-/// What a node knows: one read of memory, which a query has eight of.
+/// Data of a node: one read of memory; a query needs eight.
 #[derive(Clone, Copy)]
 struct Node {
     /// Distance of the closest face, negative inside, metres.
@@ -79,7 +79,7 @@ impl<'a> DistanceGrid<'a> {
             || {
                 let mut known = Known::new(nodes);
                 grid.rasterize(&mut known);
-                // Nodes beside a face are right already.
+                // Nodes next to a face are exact already.
                 known.scan(&places, (step * step) as f32);
                 known
             },
@@ -162,11 +162,11 @@ impl<'a> DistanceGrid<'a> {
             }
         }
         let within = if best > 0.5 * self.step { signed < 0.0 } else { side < 0.0 };
-        // The nearest face may be known to none of the corners (beside an edge); the grid's own value is then the smaller one.
+        // None of the corners may store the nearest face (next to an edge); the grid's own value is then the smaller one.
         if within { 0.0 } else { best.min(signed.max(0.0)) }
     }
 
-    /// Distances of all nodes: a query needs eight, and asks for them in no order.
+    /// Distances of all nodes: a query reads eight, in no order.
     fn measure(&self, known: &Known, inside: &[bool]) -> Vec<Node> {
         let distance = |(i, inside): (usize, &bool)| {
             let at = [i % self.size[0], i / self.size[0] % self.size[1], i / (self.size[0] * self.size[1])];
@@ -184,7 +184,7 @@ impl<'a> DistanceGrid<'a> {
         self.origin + Vector3::new(at[0] as f64, at[1] as f64, at[2] as f64) * self.step
     }
 
-    /// Tells the nodes around each face about it. Large faces are cut up, so that only nodes near them are visited.
+    /// Stores each face at the nodes around it. Large faces are cut up, so that only nodes near them are visited.
     fn rasterize(&self, known: &mut Known) {
         let aabb = self.mesh.aabb();
         let reach = aabb.min.coords.amax().max(aabb.max.coords.amax());
@@ -225,7 +225,7 @@ impl<'a> DistanceGrid<'a> {
                     let (i, at) = (row + x, self.node([x, y, z]));
                     let node = at.map(|x| x as f32);
                     let squared = known.squared(i, &node.into());
-                    // Most nodes know a face that is nearer than this one can be. (k + s)^2 <= k^2 (1 + e) + s^2 (1 + 1 / e), e = 1e-4.
+                    // Most nodes store a face that is nearer than this one can be. (k + s)^2 <= k^2 (1 + e) + s^2 (1 + 1 / e), e = 1e-4.
                     if whole.least_squared(&at) > f64::from(squared) * 1.0001 + slack * slack * 10_001.0 {
                         continue;
                     }
@@ -239,7 +239,7 @@ impl<'a> DistanceGrid<'a> {
     }
 }
 
-/// A face, and what bounds its distance from below.
+/// A face, and a lower bound of its distance.
 struct Whole {
     face: u32,
     corners: [Point3<f64>; 3],

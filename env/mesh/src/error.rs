@@ -3,7 +3,7 @@
 use crate::range::OutOfRange;
 use std::path::PathBuf;
 
-/// What is wrong with a mesh or an object set.
+/// A problem of a mesh or an object set.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshError {
@@ -12,7 +12,7 @@ pub enum MeshError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// The file could not be written.
@@ -20,7 +20,7 @@ pub enum MeshError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// A coordinate is NaN or infinite.
@@ -63,19 +63,19 @@ pub enum MeshError {
     TooMany {
         /// Format of the file.
         format: &'static str,
-        /// What is counted: vertices, faces, ...
+        /// The counted items: vertices, faces, ...
         what: &'static str,
         /// How many there are.
         count: u64,
         /// The limit.
         limit: u64,
     },
-    /// The file ends before what its header promises.
+    /// The file is shorter than its header states.
     #[error("the {format} file is truncated: {detail}; copy or download it again")]
     Truncated {
         /// Format of the file.
         format: &'static str,
-        /// What is missing.
+        /// The missing part.
         detail: String,
     },
     /// The file breaks the rules of its format.
@@ -86,20 +86,20 @@ pub enum MeshError {
         /// Where and how.
         detail: String,
     },
-    /// The content is of another format than the ending says.
+    /// The format of the content differs from the ending.
     #[error("it is named as {format}, but looks like {found}; give it the ending of its format, or convert it")]
     WrongFormat {
         /// The format that the ending names.
         format: &'static str,
-        /// What the content looks like.
+        /// The apparent format of the content.
         found: &'static str,
     },
     /// Memory for a result could not be allocated.
     #[error("{bytes} bytes for {what} could not be allocated; choose a lower resolution or free memory")]
     OutOfMemory {
-        /// What the memory is for.
+        /// Purpose of the memory.
         what: &'static str,
-        /// How much was asked for.
+        /// The requested size.
         bytes: u64,
     },
     /// A face has fewer than three corners, so it is no triangle and cannot be cut into triangles.
@@ -115,7 +115,7 @@ pub enum MeshError {
     /// `scale` is zero, negative or not finite.
     #[error("scale is {scale}; give the positive number of metres in one unit of the file")]
     BadScale {
-        /// What was given.
+        /// The scale.
         scale: f64,
     },
     /// The mesh is absurdly large or far away: probably not in metres.
@@ -145,7 +145,7 @@ pub enum MeshError {
     Hull {
         /// How many points there are.
         count: usize,
-        /// What the algorithm said.
+        /// The message of the algorithm.
         detail: String,
     },
     /// A parameter lies outside its range.
@@ -156,7 +156,7 @@ pub enum MeshError {
     BadParameter {
         /// Name of the parameter.
         name: &'static str,
-        /// What was given.
+        /// The value.
         value: f64,
         /// The rule, as a sentence.
         rule: &'static str,
@@ -164,7 +164,7 @@ pub enum MeshError {
     /// There is no such way to choose voxels.
     #[error("mode is {name:?}; choose solid or surface")]
     UnknownMode {
-        /// What was given.
+        /// The name.
         name: String,
     },
     /// A procedural solid whose iso-surface is no manifold on any grid tried.

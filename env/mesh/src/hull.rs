@@ -23,7 +23,7 @@ use crate::trimesh::TriMesh;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use quickhull::quickhull;
 
-/// Least thickness of a hull over its size: below it the f32 of the physics engine cannot tell a solid from a plane.
+/// Least thickness of a hull over its size: below it the f32 of the physics engine cannot distinguish a solid from a plane.
 const MIN_RELATIVE_THICKNESS: f64 = 1e-5;
 
 /// The convex hull of `points` as a closed mesh with outward faces.

@@ -1,14 +1,14 @@
 //! Files: STL (binary, ASCII), PLY (ASCII, both binaries), OBJ, OFF to [`TriMesh`], and STL, OBJ back.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
-//! | `format` | formats, limits, and what a parser hands over |
+//! | `format` | formats, limits, and the output of a parser |
 //! | `read` | bounded reads of regular files |
 //! | `stl` | both kinds, distinguished by size, not by the word "solid" |
 //! | `ply` | vertices and polygons, everything else skipped |
 //! | `obj` | geometry of all groups; materials, lines and points ignored |
 //! | `off` | OFF, COFF, NOFF text |
-//! | `sniff` | what a file with the wrong ending looks like |
+//! | `sniff` | the apparent format of a file with the wrong ending |
 //! | [`write`] | atomic writers |
 //!
 //! Headers lie: every count is compared with the caller's limits and with the size of the file before anything is
@@ -50,7 +50,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<TriMesh, MeshError> {
 /// Reads a mesh from the bytes of a file.
 ///
 /// # Errors
-/// A sentence about what is wrong: too large, truncated, malformed, of another format, empty, not finite, absurdly large or
+/// A sentence about the problem: too large, truncated, malformed, of another format, empty, not finite, absurdly large or
 /// small, or with faces that are no polygons.
 pub fn parse(bytes: &[u8], format: MeshFormat, options: &LoadOptions) -> Result<TriMesh, MeshError> {
     if !(options.scale.is_finite() && options.scale > 0.0) {

@@ -1,6 +1,6 @@
-//! Triangle meshes and what grasping needs of them.
+//! Triangle meshes, and their geometry for grasping.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`trimesh`] | the mesh itself: vertices, faces, bounds, area, volume, hash |
 //! | [`io`] | STL, PLY, OBJ, OFF: bounded, with clear errors |

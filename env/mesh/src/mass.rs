@@ -1,6 +1,6 @@
 //! Volume, centre of mass and inertia of the solid that a mesh bounds, of uniform density.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `moments` | integrals over a solid, exact for a closed mesh |
 //! | `solid` | the solid of shells that overlap, and of a surface with holes |
@@ -31,18 +31,18 @@ pub enum Mass {
 /// Which solid the figures are of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum MassMethod {
-    /// What the mesh, which is closed, bounds: exact.
+    /// The volume bounded by a closed mesh: exact.
     Closed,
     /// The union of the closed shells of the mesh, which overlap: exact but for the overlap, which is measured along lines.
     Union,
-    /// What the mesh, which is open, winds around by more than half, on a grid.
+    /// The volume around which an open mesh has a winding number of more than one half, on a grid.
     WindingNumber,
     /// The convex hull of the mesh, because it is open and encloses hardly anything.
     ConvexHull,
 }
 
 impl MassMethod {
-    /// What the figures of a mesh that is not closed are of, as a sentence; `None` for those of the mesh itself.
+    /// The solid that stands in for a mesh that is not closed, as a sentence; `None` for the mesh itself.
     pub fn caveat(self) -> Option<&'static str> {
         match self {
             Self::Closed | Self::Union => None,
@@ -79,7 +79,7 @@ const LEAST_SHARE: f64 = 0.01;
 /// Mass properties of the solid inside `mesh`, of uniform density.
 ///
 /// A closed mesh is integrated exactly (signed tetrahedra), whichever way it is turned; where its shells overlap, their union counts
-/// once. Of an open mesh the solid is what it winds around, or its convex hull where that is next to nothing: see
+/// once. The solid of an open mesh is the volume that it winds around, or its convex hull if that is almost 0: see
 /// [`MassProperties::method`]. An open mesh, and one of many shells, must be oriented ([`crate::clean`](fn@crate::clean)).
 ///
 /// # Errors
@@ -91,7 +91,7 @@ pub fn mass_properties(mesh: &TriMesh, mass: Mass) -> Result<MassProperties, Mes
     let found = if is_closed(mesh) { closed(&used) } else { open(&used) };
     if let Some((moments, method)) = found {
         let properties = finish(&moments, mass, method)?;
-        // What rounding or a tangled surface leaves without a volume is no solid.
+        // A surface without volume, because of rounding or tangles, is no solid.
         if properties.inertia.symmetric_eigenvalues().min() > 0.0 {
             return Ok(properties);
         }

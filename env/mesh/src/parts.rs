@@ -1,6 +1,6 @@
 //! Convex parts: the collision geometry of an object.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | `params` | parameters, parts and how well they fit |
 //! | `cell` | a piece of the solid, clipped by planes |
@@ -19,7 +19,7 @@
 //! |---|---|---|---|---|
 //! | own, at most 48 parts | 44 | 0.42, 2.6, 11 mm | 1.6 | 1.6 |
 //! | VHACD of parry, its defaults | 25 | 2.1, 11, 21 mm | 3.2 | 0.4 |
-//! | VHACD of parry, 256 voxels, 48 parts asked for | 61 | 1.5, 3.1, 39 mm | 2.2 | 13 |
+//! | VHACD of parry, 256 voxels, 48 parts requested | 61 | 1.5, 3.1, 39 mm | 2.2 | 13 |
 //!
 //! CoACD with its defaults fits as well, but takes minutes: two bowls in 40 and 55 parts with a mean overfill of 0.49 and 0.74 mm
 //! (own: 48 parts each, 0.45 and 0.75 mm), in 624 and 304 s of a busy core (own: 1.1 and 1.8 s).
@@ -54,7 +54,7 @@ const MOST_FACES: usize = 120_000;
 /// The solid is cut by planes until every piece is nearly convex, and pieces that are convex together are merged again; every
 /// hull is built from the clipped surface itself, so walls keep their thickness and cups stay open. Works best on a watertight
 /// mesh (see [`crate::clean`](fn@crate::clean)); inside is a vote of scan lines otherwise. Of a mesh with more than 120,000 faces, vertices
-/// that lie in a common cell are merged first. [`measure_parts`] tells how well the parts fit.
+/// that lie in a common cell are merged first. [`measure_parts`] measures the fit of the parts.
 ///
 /// * `cache`: a folder where results are kept by mesh and parameters; `None` keeps nothing: see [`crate::cache`].
 ///

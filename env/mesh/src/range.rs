@@ -57,7 +57,7 @@ pub fn all_within(
 /// # Errors
 /// [`OutOfRange`].
 pub fn is_pose(field: &'static str, pose: &Isometry3<f64>, limit: f64) -> Result<(), OutOfRange> {
-    /// What many products of rotations are off by.
+    /// Error of many products of rotations.
     const ROUNDING: f64 = 1e-6;
     all_within(field, pose.translation.vector.iter().copied(), limit, "m")?;
     let value = pose.rotation.coords.norm();
@@ -115,7 +115,7 @@ mod tests {
         in_range("x", value, range, "m").map_or_else(|error| error.to_string(), |()| "fine".to_owned())
     }
 
-    /// Every kind of range in words, its own ends, and what is no number.
+    /// Every kind of range in words, its own ends, and values that are no numbers.
     #[test]
     fn ranges_are_told_from_their_bounds() {
         let above = (Bound::Excluded(0.0), Bound::Included(1.0));

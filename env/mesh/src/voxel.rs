@@ -1,6 +1,6 @@
 //! Voxels of a mesh, with the meaning of binvox's options, and binvox files.
 //!
-//! | module | what it does |
+//! | module | purpose |
 //! |---|---|
 //! | [`grid`] | the cube that is cut into voxels, and which of them are set |
 //! | `options` | which voxels are set, and how inside was decided |
@@ -39,7 +39,7 @@ const MIN_PARTS: u8 = 4;
 /// Voxelises a mesh.
 ///
 /// The grid is the cube whose least corner is that of the mesh's bounds and whose side is their longest side. Centres are inside by
-/// half-open rules: a centre on the surface is taken a billionth of a voxel towards (+x, +y, +z). A voxel is touched by what comes
+/// half-open rules: a centre on the surface is taken a billionth of a voxel towards (+x, +y, +z). A voxel is touched by surfaces
 /// within a billionth of its size.
 ///
 /// Returns the grid, in the mesh's frame, and, for [`VoxelMode::Solid`], how inside was decided.

@@ -79,7 +79,7 @@ fn files_that_lie_are_refused() {
         let error = parse_binvox(&bytes).unwrap_err().to_string();
         assert!(error.contains(complaint), "{error} does not say {complaint:?}");
     }
-    // A thousandth of what the header promises: refused before a gigabyte is asked for.
+    // A thousandth of the size in the header: refused before a gigabyte is allocated.
     let hollow = file(&dim("1024 1024 1024"), &[0, 255].repeat(4000));
     assert!(matches!(parse_binvox(&hollow).unwrap_err(), MeshError::Truncated { .. }));
     assert!(matches!(load_binvox(std::path::Path::new("/no/such.binvox")).unwrap_err(), MeshError::Io { .. }));
@@ -92,7 +92,7 @@ fn files_that_lie_are_refused() {
     assert!(VoxelGrid::new(frame, vec![true; 2]).is_err());
 }
 
-/// Reads `count` damaged files; whatever is read must be what its header says.
+/// Reads `count` damaged files; every grid that is read must agree with its header.
 fn fuzz(count: u64) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seed.binvox");

@@ -1,4 +1,4 @@
-//! Decimation keeps surfaces closed and near; cleaning repairs what it says.
+//! Decimation keeps surfaces closed and near; cleaning repairs the faults that it reports.
 #![allow(clippy::unwrap_used)]
 
 mod shapes;
@@ -102,7 +102,7 @@ fn an_open_mesh_keeps_its_rim() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever the shape, the noise and the target: what was manifold stays manifold.
+    /// For any shape, noise and target: a manifold stays a manifold.
     #[test]
     fn watertight_stays_watertight(kind in 0..3, n in 8..40_u32, noise in 0.0..2e-3_f64, share in 0.01..0.9_f64, seed in 0..1000_u64) {
         let mesh = match kind { 0 => sphere(0.05, n), 1 => torus(0.06, 0.02, n), _ => halve(&cup(0.04, 0.08, 0.004, n)) };

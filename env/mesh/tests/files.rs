@@ -183,13 +183,13 @@ fn a_wrong_ending_is_named() {
         assert!(matches!(error, MeshError::WrongFormat { .. }), "{error}");
         assert!(error.to_string().contains(found) && error.to_string().contains(format.name()), "{error}");
     }
-    // What is of the right format, but cut off, is not blamed on its ending.
+    // A truncated file of the right format is not blamed on its ending.
     let ascii = stl_ascii(&mesh);
     let cut = refusal(&ascii[..ascii.len() / 2], MeshFormat::Stl);
     assert!(!matches!(cut, MeshError::WrongFormat { .. }), "{cut}");
 }
 
-/// A long face may go on in the next line; the parser took the backslash for a corner. A comment that ends in one (a Windows path)
+/// A long face may continue on the next line; the parser took the backslash for a corner. A comment that ends in one (a Windows path)
 /// does not hide the line after it.
 #[test]
 fn obj_lines_continue_after_a_backslash() {
@@ -289,7 +289,7 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
     }
 }
 
-/// Reads `count` mutated files; a panic would fail the test, and whatever is read must be within its limits and valid.
+/// Reads `count` mutated files; a panic would fail the test, and every mesh that is read must be within its limits and valid.
 fn fuzz(count: u64) {
     let seeds = files(&torus(0.06, 0.02, 4));
     let options = LoadOptions { max_bytes: 20_000, max_vertices: 200, max_faces: 200, ..LoadOptions::default() };

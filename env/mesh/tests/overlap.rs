@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use shapes::{cuboid, cup, sphere, torus};
 use std::f64::consts::PI;
 
-/// Several meshes as one; `flips` says which are turned inside out first.
+/// Several meshes as one; those in `flips` are turned inside out first.
 fn joined(meshes: &[TriMesh], flips: &[bool]) -> TriMesh {
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     for (i, mesh) in meshes.iter().enumerate() {
@@ -64,7 +64,7 @@ fn two_balls_that_overlap_have_the_volume_of_their_union() {
     }
 }
 
-/// What lies wholly inside is a cavity; what touches the wall, or reaches through it, is part of the solid. Neither depends on where
+/// A shell wholly inside is a cavity; one that touches the wall, or reaches through it, is part of the solid. Neither depends on where
 /// the first vertex lies, nor on whether any vertex lies outside.
 #[test]
 fn only_what_lies_wholly_inside_is_a_cavity() {
@@ -152,7 +152,7 @@ fn by_voxels(solids: &[TriMesh]) -> Option<(f64, Point3<f64>, Matrix3<f64>)> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Solids that overlap at random, each turned either way, weigh what the voxels of their union weigh.
+    /// Solids that overlap at random, each turned either way, have the mass of the voxels of their union.
     #[test]
     fn overlapping_solids_weigh_what_their_voxels_weigh(
         solids in prop::collection::vec(solid(), 2..5),
@@ -176,7 +176,7 @@ fn without(mesh: &TriMesh, drop: impl Fn(&Point3<f64>) -> bool) -> TriMesh {
     TriMesh::new(mesh.vertices().to_vec(), kept).unwrap()
 }
 
-/// Surfaces with holes: what they wind around, not their hulls; open shells that overlap; a sheet has no volume at all.
+/// Surfaces with holes: the volumes that they wind around, not their hulls; open shells that overlap; a sheet has no volume at all.
 #[test]
 fn surfaces_with_holes_enclose_what_they_wind_around() {
     let whole = cup(0.04, 0.08, 0.006, 64);

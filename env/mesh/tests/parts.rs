@@ -59,7 +59,7 @@ fn a_cup_stays_open_and_keeps_its_walls() {
     let mesh = cup(radius, height, wall, 48);
     let (made, report) = checked(&mesh, &PartsParams::default());
     assert!(report.overfill_mean < 5e-4 && report.underfill_max < 1e-3, "{report:?}");
-    // The cavity, but for what two millimetres of overfill may take, holds no part; the wall is all there.
+    // No part reaches into the cavity by more than two millimetres of overfill; the wall is all there.
     for s in sample_surface(&mesh, 2000, 1) {
         let r = s.point.coords.xy().norm();
         if r < radius - wall - 1e-3 && s.point.z > wall * 0.5 {

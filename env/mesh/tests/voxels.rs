@@ -82,7 +82,7 @@ fn solids_know_cavities_and_overlaps() {
     assert_eq!(count(&with(&box_of(0.08, 0.0), false)), 16_usize.pow(3), "a box in a box is no cavity");
 }
 
-/// Removes or turns single faces: the rule that is used says so, and hardly a voxel changes.
+/// Removes or turns single faces: the rule reports it, and few voxels change.
 #[test]
 fn open_and_unoriented_meshes_are_filled_by_stated_rules() {
     let mesh = skew(&sphere(0.05, 40));
@@ -120,7 +120,7 @@ fn exact_adds_the_surface_and_removal_leaves_a_shell() {
         assert!(exact.flags().iter().copied().eq(union));
         let hollow = grid(&mesh, &VoxelOptions { exact: true, remove_internal: true, ..solid(48) });
         let interior = exact.count() - hollow.count();
-        // What is taken out is solid and off the surface, or wrapped in it.
+        // Removed voxels are solid and off the surface, or wrapped in it.
         assert!(interior > 0);
         assert!(hollow.flags().iter().zip(exact.flags()).all(|(left, before)| *before || !left));
         // Voxels off the surface are on one side of it, with all their neighbours that are off it.

@@ -15,7 +15,7 @@ fn mode(path: &Path) -> u32 {
     std::fs::metadata(path).unwrap().permissions().mode() & 0o777
 }
 
-/// Files were readable by their owner alone, whatever the umask, because the temporary file is.
+/// Files were readable by their owner alone, with any umask, because the temporary file is.
 #[test]
 fn new_files_have_the_mode_that_the_umask_leaves_and_old_ones_keep_theirs() {
     let folder = tempfile::tempdir().unwrap();

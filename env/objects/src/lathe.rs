@@ -178,7 +178,7 @@ fn ring_segments(band: &[Wall]) -> Parts {
         Rz::new(recess(w.inner) + back.x, w.inner.y + back.y)
     };
     let inner = thin_out(band.iter().map(inner).collect(), 5);
-    // Three points span an outer arc: the middle one on it, all three pushed out by half of what is still cut off.
+    // Three points span an outer arc: the middle one on it, all three pushed out by half of the remaining gap.
     let swell = 1.0 + (1.0 - (half / 2.0).cos()) / 2.0;
     let segment = |k: usize| {
         let middle = TAU * (k as f64 + 0.5) / count;

@@ -233,7 +233,7 @@ impl Face {
         } else {
             let [roll, lean] = [(Vector3::z_axis(), vary.roll), (Vector3::x_axis(), vary.lean)]
                 .map(|(axis, angle)| Rotation3::from_axis_angle(&axis, angle));
-            // The far ends of the box are beside the palm, not under it.
+            // The far ends of the box are next to the palm, not under it.
             (facing * roll * lean, bounds.half_extents.map(|half| half.min(PALM)))
         };
         let normal = -turned.matrix().column(2);

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 
 /// Length by which torques are divided to compare them with forces, metres: half the size of a grasped object.
 pub const LENGTH: f64 = 0.05;
-/// Number of directions of the fine set beside the axes: as many forces, as many torques, and mixtures of both.
+/// Number of directions of the fine set besides the axes: as many forces, as many torques, and mixtures of both.
 const FINE: usize = 24;
 
 /// Directions of force and torque over which the minimum is taken.

@@ -1,7 +1,7 @@
 //! The only module that releases the GIL.
 //!
 //! Work runs on a rayon pool of this process while the calling thread waits and checks for signals every `PATIENCE`. On
-//! Ctrl-C it asks the work to stop, waits for `GRACE`, and abandons the work if it has not returned.
+//! Ctrl-C it requests a stop, waits for `GRACE`, and abandons the work if it has not returned.
 
 use crate::errors::CoreError;
 use graspbox_agent::panic_text;

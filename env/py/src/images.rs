@@ -1,4 +1,4 @@
-//! Pictures, images of scenes, and what policies compute from them.
+//! Pictures, images of scenes, and their evaluation by policies.
 //!
 //! | module | purpose |
 //! |---|---|

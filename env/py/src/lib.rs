@@ -1,4 +1,4 @@
-//! The only crate that knows Python: arrays, paths and configs cross, nothing else.
+//! The only crate that uses Python: arrays, paths and configs cross, nothing else.
 //!
 //! | module | purpose |
 //! |---|---|

@@ -17,7 +17,7 @@ use std::ffi::CString;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// Most samples of one call: more would not fit into memory beside their arrays.
+/// Most samples of one call: more would not fit into memory with their arrays.
 const MAX_SAMPLES: usize = 20_000_000;
 /// Number of faces above which the user is warned that preparation takes long.
 const LARGE_MESH: usize = 300_000;

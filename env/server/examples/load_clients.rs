@@ -1,4 +1,4 @@
-//! Steps environments from several clients at once, each with a session of its own, under random actions:
+//! Steps environments from several clients at once, each with its own session, under random actions:
 //!
 //! `cargo run --release -p graspbox-server --example load_clients -- ws://127.0.0.1:5055 CLIENTS ENVS STEPS`
 //!

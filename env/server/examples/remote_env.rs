@@ -2,7 +2,7 @@
 //!
 //! `graspbox serve` in one terminal, and in another
 //! `cargo run --release -p graspbox-server --example remote_env -- [ws://HOST:PORT] [STEPS]`. The variable `GRASPBOX_TOKEN` holds the
-//! token, where the server has one. `docs/reference/protocol.md` lists the commands and what their answers hold.
+//! token, where the server has one. `docs/reference/protocol.md` lists the commands and the contents of their answers.
 
 use bytes::Bytes;
 use graspbox_server::wire::value::NdArray;

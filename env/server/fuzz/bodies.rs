@@ -1,4 +1,4 @@
-//! What the fuzz targets do with their bytes: plain functions, which tests call too. They panic where the server is wrong.
+//! Bodies of the fuzz targets: plain functions, which tests call too. They panic where the server is wrong.
 
 use graspbox_server::gate::Gate;
 use graspbox_server::wire::command::Request;
@@ -47,7 +47,7 @@ pub fn write(frame: &mut Encoder, value: &Value<'_>) {
     }
 }
 
-/// What can be read is the same after it was written and read again.
+/// A value that can be read is the same after it was written and read again.
 pub fn decode(data: &[u8]) {
     let Ok(value) = read(data) else { return };
     let mut frame = Encoder::default();

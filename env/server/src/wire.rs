@@ -1,4 +1,4 @@
-//! Frames: values, their codec, and what they carry.
+//! Frames: values, their codec, and their contents.
 //!
 //! | module | contents |
 //! |---|---|

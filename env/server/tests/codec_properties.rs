@@ -1,4 +1,4 @@
-//! What is written is read as the same; whatever else comes in is refused within bounds.
+//! Values are read as they were written; other input is refused within bounds.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 

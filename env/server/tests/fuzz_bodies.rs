@@ -12,7 +12,7 @@ use std::process::Command;
 
 /// Mutations of each target where the environment does not say otherwise.
 const MUTATIONS: usize = 20_000;
-/// Address space in which hostile frames are read, KiB: what the test itself needs, and 100 MB.
+/// Address space in which hostile frames are read, KiB: the needs of the test itself, and 100 MB.
 const SPACE: usize = 300_000;
 
 fn seeds() -> Vec<Vec<u8>> {

@@ -16,7 +16,7 @@
 //!
 //! A world is simulated in the frame of the hand's base: the hand's root is fixed, the table moves, and gravity includes the fictitious
 //! accelerations. This halves the cost of a step and avoids the errors of a driven root. The public interface uses the world's frame (z up,
-//! table top at z = 0) unless a name says otherwise.
+//! table top at z = 0) unless a name states another frame.
 //!
 //! A ball falls from 0.5 m and comes to rest on the table:
 //!

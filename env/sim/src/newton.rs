@@ -64,7 +64,7 @@ impl Newton {
         }
     }
 
-    /// One side of a contact in the frame of its link: links that form one body have frames of their own.
+    /// One side of a contact in the frame of its link: links that form one body have separate frames.
     fn side(&self, side: &solver::Side, surface: Option<solver::Surface>) -> ContactSide {
         let part = self.part(side, surface);
         let (point, normal) = (Point3::from(side.point), side.normal);

@@ -32,7 +32,7 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// Refuses what no world of this hand can be in: a checksum tells who damaged a state, not who made it.
+    /// Refuses states that no world of this hand can have: a checksum shows damage, not the author.
     fn check(&self, hand: &Hand) -> Result<(), OutOfRange> {
         /// Farther than any hand moves, metres.
         const FARTHEST: f64 = 1e3;

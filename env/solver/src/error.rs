@@ -27,7 +27,7 @@ pub enum StateError {
     /// It is of another hand or object.
     #[error("its {what} are not those of this hand and object")]
     OtherModel {
-        /// What differs.
+        /// The part that differs.
         what: &'static str,
     },
     /// A number in it is not finite, or larger than any world's.
@@ -38,7 +38,7 @@ pub enum StateError {
     },
 }
 
-/// Farthest place, metres: what falls for a minute.
+/// Farthest place, metres: a fall of a minute.
 pub(crate) const FARTHEST: f64 = 2e4;
 
 /// Whether all numbers are at most `limit` from 0; NaN is not.

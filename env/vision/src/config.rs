@@ -65,7 +65,7 @@ impl CameraConfig {
         }
     }
 
-    /// On a bracket beside the palm, looking between the fingers at the grasped object.
+    /// On a bracket next to the palm, looking between the fingers at the grasped object.
     #[must_use]
     pub fn palm() -> Self {
         Self {

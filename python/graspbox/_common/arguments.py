@@ -132,7 +132,7 @@ def with_settings(config: Config, kind: type, settings: Mapping[str, Any]) -> Co
     return replace(config, **settings)  # type: ignore[type-var]
 
 
-def config_of(kind: type[Config], given: Mapping[str, Any], name: str) -> Config:
+def config_of(kind: type[Config], values: Mapping[str, Any], name: str) -> Config:
     """Make a config from a dictionary of its fields, as read from JSON; missing fields take their defaults.
 
     Raises
@@ -141,12 +141,12 @@ def config_of(kind: type[Config], given: Mapping[str, Any], name: str) -> Config
         For an unknown field; the message suggests the nearest name.
     """
     hints = get_type_hints(kind)
-    for field in given:
+    for field in values:
         if field not in hints:
             near = get_close_matches(str(field), hints, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"its fields are {', '.join(hints)}"
             raise ConfigError(f"{name} has no field {field!r}; {hint}")
-    return kind(**{field: _configured(value, hints[field], f"{name}.{field}") for field, value in given.items()})
+    return kind(**{field: _configured(value, hints[field], f"{name}.{field}") for field, value in values.items()})
 
 
 def _configured(value: Any, hint: Any, name: str) -> Any:

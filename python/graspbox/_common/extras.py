@@ -9,7 +9,7 @@ __all__ = ["imported"]
 
 
 def imported(module: str, need: str, extra: str) -> Any:
-    """Import a module; `need` says what needs its package, and `extra` installs it.
+    """Import a module; `need` names the feature that needs its package, and `extra` installs it.
 
     Raises
     ------

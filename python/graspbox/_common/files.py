@@ -24,7 +24,7 @@ def _failure(error: OSError, path: Path) -> FileError:
 
 
 def _is_special(path: Path) -> bool:
-    """Tell whether a path is a device or a pipe, which is written to directly instead of being replaced."""
+    """Return whether a path is a device or a pipe, which is written to directly instead of being replaced."""
     try:
         mode = path.stat().st_mode
     except OSError:
@@ -180,7 +180,7 @@ def read_bounded(path: str | os.PathLike[str], limit: int) -> bytes:
         if path.exists() and not path.is_file():
             raise OSError(22, "it is not a regular file", str(path))
         with path.open("rb") as file:
-            # `read` allocates what it is asked for; some files have no size.
+            # `read` allocates the requested size; some files have no size.
             size = max(os.fstat(file.fileno()).st_size, 1 << 20)
             content = file.read(min(limit, size) + 1)
     except OSError as error:

@@ -10,26 +10,26 @@ Made = TypeVar("Made")
 
 
 class MadeOnce(Generic[Made]):
-    """Makes a value at its first use, once for all copies of what holds it; threads may share it.
+    """Makes a value at its first use, once for all copies of its owner; threads may share it.
 
     A pickle holds the function, and makes the value again.
 
     Parameters
     ----------
     make : callable
-        Makes the value; arguments must be hashable, and every combination of them has a value of its own.
+        Makes the value; arguments must be hashable, and every combination of them has its own value.
     """
 
     def __init__(self, make: Callable[..., Made]) -> None:
         self._make, self._lock = make, threading.Lock()
         self._made: dict[tuple[Any, ...], Made] = {}
 
-    def __call__(self, *given: Any) -> Made:
+    def __call__(self, *arguments: Any) -> Made:
         """Return the value, which the first call makes."""
         with self._lock:
-            if given not in self._made:
-                self._made[given] = self._make(*given)
-            return self._made[given]
+            if arguments not in self._made:
+                self._made[arguments] = self._make(*arguments)
+            return self._made[arguments]
 
     def __copy__(self) -> Self:
         return self

@@ -25,7 +25,7 @@ def errors_of(name: str) -> Iterator[None]:
 
 
 def is_refusal(error: GraspboxError) -> bool:
-    """Tell whether an error concerns one object: another object might be usable with the same settings."""
+    """Return whether an error concerns one object: another object might be usable with the same settings."""
     return error.object is not None or isinstance(error, MeshError | PlanError | SimulationError)
 
 

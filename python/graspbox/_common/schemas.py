@@ -13,7 +13,7 @@ __all__ = ["parse", "read"]
 Document = TypeVar("Document")
 
 
-def read(kind: type[Document], path: Path, limit: int, what: str) -> Document:
+def read(kind: type[Document], path: Path, limit: int, description: str) -> Document:
     """Read a JSON file of at most `limit` bytes as an instance of a dataclass; ignores other fields.
 
     Raises
@@ -21,11 +21,11 @@ def read(kind: type[Document], path: Path, limit: int, what: str) -> Document:
     FileError
         If it cannot be read, or is larger.
     ConfigError
-        If it is not JSON, a field is missing, or one has another type; `what` describes the expected file.
+        If it is not JSON, a field is missing, or one has another type; `description` names the expected file.
     MissingExtraError
         Without pydantic.
     """
-    return parse(kind, read_bounded(path, limit), f"{str(path)!r} is not a valid {what}")
+    return parse(kind, read_bounded(path, limit), f"{str(path)!r} is not a valid {description}")
 
 
 def parse(kind: type[Document], content: bytes, complaint: str) -> Document:

@@ -144,8 +144,8 @@ class PolicyConfig:
 
     def __post_init__(self) -> None:
         if sorted(self.uses) != sorted(self.roles):
-            given, needed = (", ".join(sorted(roles)) or "no policy" for roles in (self.uses, self.roles))
-            raise ConfigError(f"uses has {given}; a policy like this uses {needed}")
+            used, needed = (", ".join(sorted(roles)) or "no policy" for roles in (self.uses, self.roles))
+            raise ConfigError(f"uses has {used}; a policy like this uses {needed}")
         for name, digits in self.files.items():
             _check_hash(f"files.{name}", digits)
 
@@ -366,9 +366,11 @@ class NetworkPolicyConfig(PolicyConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_range(self, "actions", 1, _MOST_ACTIONS)
-        given = [one.name for one in self.inputs]
-        if sorted(self.environment.names) != sorted(given):
-            raise ConfigError(f"inputs has {given}; give one for each name in environment.obs, {self.environment.obs}")
+        input_names = [one.name for one in self.inputs]
+        if sorted(self.environment.names) != sorted(input_names):
+            raise ConfigError(
+                f"inputs has {input_names}; give one for each name in environment.obs, {self.environment.obs}"
+            )
 
     @property
     def roles(self) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ _LARGEST = 1 << 28
 
 
 def is_name(policy: str) -> bool:
-    """Tell whether a name refers to the hub."""
+    """Return whether a name refers to the hub."""
     return policy.startswith(_SCHEME)
 
 

@@ -29,6 +29,7 @@ from graspbox.models.head.heads import HeadNet
 from graspbox.models.head.network import AnchorNet
 from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs
 from graspbox.models.scorer.network import ScorerNet
+from graspbox.models.stability.inputs import STORED_NAME
 from graspbox.models.stability.network import StabilityGraph, StabilityNet
 from graspbox.perception.configs import CropConfig, HandGridConfig
 from graspbox.perception.finder import LOOKED_AT
@@ -51,7 +52,7 @@ __all__ = [
 #: Number of grasps that all members of a scorer score.
 FINALISTS = 16
 #: Examples for the comparison of the grasp-stability networks, in standard deviations of each input.
-_FELT = 64
+_READINGS = 64
 
 Config = TypeVar("Config", bound=PolicyConfig)
 
@@ -276,8 +277,8 @@ def export_feel_policy(
     )
     generator = torch.Generator().manual_seed(0)
     net = nets[0]
-    readings = net.mean + net.scale * torch.randn(_FELT, len(net.mean), generator=generator)
-    checks = [{"felt": readings.numpy()}, {"felt": readings[:1].numpy()}]
+    readings = net.mean + net.scale * torch.randn(_READINGS, len(net.mean), generator=generator)
+    checks = [{STORED_NAME: readings.numpy()}, {STORED_NAME: readings[:1].numpy()}]
     network = Traced(StabilityGraph(nets, calibration), [readings[:7]], checks=checks)
     weights = dict(zip(config.holds[1:], nets, strict=True))
     return export(folder, config, {"feel.onnx": network}, weights, licence)
@@ -322,10 +323,12 @@ def _traced_completion(net: CompletionNet, crop: CropConfig) -> Traced:
 def _traced_scorer(
     members: Sequence[ScorerNet], calibration: Calibration, grid: HandGrid, finalists: int = FINALISTS
 ) -> Traced:
-    given = _grasps_of_a_block(grid, 4 * finalists)
-    example = [torch.from_numpy(array[: finalists + 7]) for array in given]
+    grasps = _grasps_of_a_block(grid, 4 * finalists)
+    example = [torch.from_numpy(array[: finalists + 7]) for array in grasps]
     # With finalists alone, the result does not depend on how ties between grasps are broken.
-    checks = [{k: v[i : i + finalists] for k, v in given._asdict().items()} for i in range(0, 4 * finalists, finalists)]
+    checks = [
+        {k: v[i : i + finalists] for k, v in grasps._asdict().items()} for i in range(0, 4 * finalists, finalists)
+    ]
     return Traced(ScorerGraph(members, calibration, finalists), example, checks=checks)
 
 

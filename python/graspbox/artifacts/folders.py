@@ -204,9 +204,9 @@ def _bytes_of(path: Path, largest: int) -> bytes:
 
 def _check_names(config: PolicyConfig, called: str) -> None:
     """Check that the files are those of the kind of policy."""
-    given, wanted = set(config.files), set(config.holds)
-    if given != wanted:
-        wrong = [f"lacks {name!r}" for name in sorted(wanted - given)]
-        wrong += [f"has {name!a}" for name in sorted(given - wanted)]
+    listed, wanted = set(config.files), set(config.holds)
+    if listed != wanted:
+        wrong = [f"lacks {name!r}" for name in sorted(wanted - listed)]
+        wrong += [f"has {name!a}" for name in sorted(listed - wanted)]
         expected = ", ".join(config.holds)
         raise ConfigError(f"{called}: files {wrong[0]}; a policy of the kind {config.kind!r} has {expected}")

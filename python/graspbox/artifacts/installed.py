@@ -32,7 +32,7 @@ _DOTTED = re.compile(r"\w+(\.\w+)*")
 
 
 def is_bare(name: str | os.PathLike[str]) -> bool:
-    """Tell whether a name may be that of an installed policy: no path, and no address."""
+    """Return whether a name may be that of an installed policy: no path, and no address."""
     return isinstance(name, str) and _BARE.fullmatch(name) is not None
 
 

@@ -1,6 +1,6 @@
 """A scan of the weights in an ONNX file, without the package onnx: bytes that a network outputs do not show a NaN.
 
-Only what this needs of the format (protocol buffers, ``onnx.proto``) is read: the initializers of the graph.
+Only the initializers of the graph are read from the format (protocol buffers, ``onnx.proto``).
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from graspbox.errors import ConfigError
 
 __all__ = ["check_weights"]
 
-#: Fields of the messages: the graph of a model, the initializers of a graph, and what a tensor holds.
+#: Fields of the messages: the graph of a model, the initializers of a graph, and the contents of a tensor.
 _GRAPH, _INITIALIZER = 7, 5
 _TYPE, _FLOATS, _NAME, _RAW, _DOUBLES = 2, 4, 8, 9, 10
 #: Types of tensors of floats, by their numbers.
@@ -23,7 +23,7 @@ _VARINT, _EIGHT, _BYTES, _FOUR = 0, 1, 2, 5
 
 
 def check_weights(content: bytes, called: str) -> None:
-    """Refuse weights that are not finite; onnxruntime tells if the file, `called` in errors, is no network at all.
+    """Refuse weights that are not finite; onnxruntime reports a file, `called` in errors, that is no network at all.
 
     A single infinity is no weight but a bound, and allowed.
 

@@ -52,7 +52,7 @@ def kind_of(name: object) -> Kind:
         If there is none of that name.
     """
     if not isinstance(name, str) or name not in KINDS:
-        raise ConfigError(f"kind is {name!r}; this version of graspbox knows {', '.join(KINDS)}")
+        raise ConfigError(f"kind is {name!r}; this version of graspbox reads {', '.join(KINDS)}")
     return KINDS[name]
 
 

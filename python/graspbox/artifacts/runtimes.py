@@ -12,6 +12,7 @@ from graspbox._common.extras import imported
 from graspbox.artifacts.configs import DepthPolicyConfig
 from graspbox.errors import ConfigError, FileError
 from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs
+from graspbox.models.stability.inputs import STORED_NAME
 from graspbox.perception.anchors import RESIDUALS, Anchors, Candidates
 from graspbox.perception.hand_grids import HandGrid
 
@@ -278,7 +279,7 @@ class Stability:
 
     def __call__(self, readings: NDArray[np.float32]) -> float:
         """Return the probability that the grasp holds; `readings` (k,) are those of `StabilityReading.vector`."""
-        return float(output(self._network({"felt": readings[None]}), "probability", (1,), "feel")[0])
+        return float(output(self._network({STORED_NAME: readings[None]}), "probability", (1,), "feel")[0])
 
 
 def load_stability(folder: Path) -> Stability:

@@ -94,18 +94,18 @@ def _model(config: Any) -> Any:
     return model(format=Literal[FORMAT], kind=Literal[config.kind], **envelope, **{config.kind: section})
 
 
-def _check_complete(made: Any, given: Any, where: str) -> None:
+def _check_complete(made: Any, document: Any, where: str) -> None:
     """Refuse data classes with defaults filled in: the file must contain every field."""
     if is_dataclass(made) and not isinstance(made, type):
         made = {f.name: getattr(made, f.name) for f in fields(made)}
     if isinstance(made, Mapping):
         for name, value in made.items():
-            if name not in given:
+            if name not in document:
                 raise ConfigError(f"{where}{name} is missing; export the policy again")
-            _check_complete(value, given[name], f"{where}{name}.")
-    elif isinstance(made, tuple) and isinstance(given, list):
+            _check_complete(value, document[name], f"{where}{name}.")
+    elif isinstance(made, tuple) and isinstance(document, list):
         for i, value in enumerate(made):
-            _check_complete(value, given[i], f"{where}{i}.")
+            _check_complete(value, document[i], f"{where}{i}.")
 
 
 def _sentence(error: Mapping[str, Any], content: Mapping[str, Any], config: type[PolicyConfig]) -> str:

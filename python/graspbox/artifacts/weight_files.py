@@ -149,10 +149,10 @@ def _restore(net: nn.Module, weights: Mapping[str, Tensor], path: Path) -> None:
 
 def _check_fit(net: nn.Module, weights: Mapping[str, Tensor], path: Path) -> None:
     """Refuse weights whose names or shapes are not those of a network, by the first that differs."""
-    wanted, given = ({name: tuple(each.shape) for name, each in d.items()} for d in (net.state_dict(), weights))
-    for name in [*wanted, *given]:
-        if wanted.get(name) != given.get(name):
-            has, needs = (str(sizes.get(name, "nothing")) for sizes in (given, wanted))
+    wanted, stored = ({name: tuple(each.shape) for name, each in d.items()} for d in (net.state_dict(), weights))
+    for name in [*wanted, *stored]:
+        if wanted.get(name) != stored.get(name):
+            has, needs = (str(sizes.get(name, "nothing")) for sizes in (stored, wanted))
             raise ConfigError(
                 f"{path} holds the weights of another network: for {name!r} it has {has}, config.json needs {needs}; "
                 "export the policy again"

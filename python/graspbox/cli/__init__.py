@@ -1,4 +1,4 @@
-"""The command line: ``graspbox --help``. Each command has a module of its own.
+"""The command line: ``graspbox --help``. Each command has its own module.
 
 Exit status: 0 if the command did its work, 1 if it could not (or could not for some of the objects), 2 for a wrong
 call, 130 after Ctrl-C, 141 if a reader such as ``head`` closed the output.

@@ -199,20 +199,20 @@ def step_rates(threads: int | None, seed: int = 0) -> list[Row]:
         ended = terminated | truncated
         touches.append(info["touches"].mean())
         share.append((seen["segmentation"] == _OBJECT).mean())
-    what = f"{_ENVS} envs, expert"
+    setting = f"{_ENVS} envs, expert"
     shares = dict(zip(LEAST, (100 * float(np.mean(touches)), 100 * float(np.mean(share))), strict=True))
-    rows: list[Row] = [(f"{name}, {what}", value, "%") for name, value in shares.items()]
+    rows: list[Row] = [(f"{name}, {setting}", value, "%") for name, value in shares.items()]
     envs, seconds = {obs: make(obs) for obs in ("state", "depth")}, {"state": 0.0, "depth": 0.0}
     for one in envs.values():
         one.reset(seed=seed)
-    # By turns, so that whatever else the machine does slows both alike.
+    # By turns, so that other load on the machine slows both alike.
     for action in actions:
         for obs, one in envs.items():
             started = time.perf_counter()
             one.step(action)
             seconds[obs] += time.perf_counter() - started
     for obs, image in (("state", ""), ("depth", " 64 x 64")):
-        rows.append((f"env-steps, {obs}{image}, {what}", _ENVS * _STEPS / seconds[obs], "1/s"))
+        rows.append((f"env-steps, {obs}{image}, {setting}", _ENVS * _STEPS / seconds[obs], "1/s"))
     return rows
 
 

@@ -55,7 +55,7 @@ def _runner(ray: bool, workers: int | None) -> data.Runner | None:
 
 
 Rests = Annotated[
-    int, typer.Option("--rests", min=1, help="Scenes per object, each with a resting pose and cameras of its own.")
+    int, typer.Option("--rests", min=1, help="Scenes per object, each with its own resting pose and cameras.")
 ]
 Replays = Annotated[
     int, typer.Option("--replays", min=0, help="Further trials of each pose of the splits validation and test.")

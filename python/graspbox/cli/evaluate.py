@@ -47,7 +47,7 @@ ServerToken = Annotated[
 ]
 CaFile = Annotated[
     str | None,
-    typer.Option("--ca-file", help="Certificates to trust beside those of the public authorities, a PEM file."),
+    typer.Option("--ca-file", help="Certificates to trust besides those of the public authorities, a PEM file."),
 ]
 Obs = Annotated[
     list[str] | None,
@@ -162,7 +162,7 @@ def evaluate(
     _check_servers(policy, remote, token_file, ca_file)
     chosen = _policy(policy, obs, keys, chunk, token_file, ca_file)
     servers = _servers(remote, mass, token_file, ca_file)
-    # A server has names of its own for what it offers.
+    # A server uses its own names for its offer.
     found = None if remote else common.find(objects, split, scale, mass)
     log = ActionLog(load(chosen) if isinstance(chosen, str) else chosen)
     tried = (objects or ["procedural"]) if found is None else found
@@ -215,7 +215,7 @@ def _report(result: Evaluation, as_json: bool) -> None:
 
 
 def _write(out: Path, result: Evaluation, seed: int, log: ActionLog, found: ObjectSet | None) -> None:
-    """Write a result with every trial, with what common.made it, and with failures that can be replayed."""
+    """Write a result with every trial, its origin (`common.made`), and failures that can be replayed."""
     objects = found or ()
     names = {trial.object for trial in result.trials}
     content = {

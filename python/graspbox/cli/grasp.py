@@ -65,11 +65,13 @@ def grasp(
     objects: common.Objects = None,
     poses: Annotated[int, typer.Option("--poses", min=1, help="Poses to try for each object, best first.")] = 20,
     legacy: Annotated[
-        bool, typer.Option(help="Also take the reference study's measures (failed grasps then run for 2.5 s).")
+        bool, typer.Option(help="Also record the reference study's measures (failed grasps then run for 2.5 s).")
     ] = True,
     shake: Annotated[
         bool,
-        typer.Option("--shake", help="Shake every success on six axes with 2 g; the table counts what is still held."),
+        typer.Option(
+            "--shake", help="Shake every success on six axes with 2 g; the table counts the objects still held."
+        ),
     ] = False,
     hand: common.HandName = "reflex",
     split: common.Split = None,

@@ -1,4 +1,4 @@
-"""``graspbox grasp-image``: grasps for a depth image of your own."""
+"""``graspbox grasp-image``: grasps for your own depth image."""
 
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +23,7 @@ HandErrorOption = Annotated[
     typer.Option(
         "--hand-error",
         metavar="MILLIMETRES DEGREES",
-        help="How far your hand goes from where it is sent, one standard deviation along and about each axis: grasps "
+        help="Positioning error of your hand, one standard deviation along and about each axis: grasps "
         "that tolerate it come first.",
     ),
 ]
@@ -32,7 +32,7 @@ HandErrorOption = Annotated[
 def _pose(file: Path | None, height: float | None, tilt: float | None) -> NDArray[np.float64] | None:
     """Give the camera's pose that the options state; None where the table is searched for."""
     if file is not None and (height is not None or tilt is not None):
-        raise ConfigError("--camera-pose and --camera-height are two ways to say where the camera is; give one")
+        raise ConfigError("--camera-pose and --camera-height both place the camera; give one")
     if (height is None) != (tilt is None):
         raise ConfigError("a camera's pose needs both --camera-height and --tilt; without both the table is searched")
     if file is not None:
@@ -109,7 +109,7 @@ def grasp_image_command(
         float | None, typer.Option("--camera-height", help="Height of the camera over the table, metres.")
     ] = None,
     tilt: Annotated[
-        float | None, typer.Option("--tilt", help="Degrees by which it looks down: 0 horizontal, 90 straight down.")
+        float | None, typer.Option("--tilt", help="Degrees by which it is tilted down: 0 horizontal, 90 straight down.")
     ] = None,
     region: Annotated[
         tuple[int, int, int, int] | None,
@@ -123,7 +123,7 @@ def grasp_image_command(
     rerun: Rerun = None,
     as_json: Json = False,
 ) -> None:
-    """Find grasps of the object in a depth image of your own, with a published policy.
+    """Find grasps of the object in your own depth image, with a published policy.
 
     Poses are those of the hand's grasp frame, in the frames of the camera (x right, y down, z forward) and of the
     table.

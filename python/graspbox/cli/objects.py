@@ -1,4 +1,4 @@
-"""``graspbox objects`` and ``graspbox prepare``: what a set holds, and its cache filled before it is needed."""
+"""``graspbox objects`` and ``graspbox prepare``: the contents of a set, and its cache filled in advance."""
 
 from typing import Annotated
 

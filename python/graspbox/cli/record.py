@@ -27,10 +27,10 @@ Noise = Annotated[
 ]
 
 
-def _keywords(given: list[str] | None) -> dict[str, Any]:
+def _keywords(settings: list[str] | None) -> dict[str, Any]:
     """Read ``name=value``; a value that is not valid JSON is text."""
     found: dict[str, Any] = {}
-    for one in given or []:
+    for one in settings or []:
         name, equals, value = one.partition("=")
         if not equals or not name.isidentifier():
             raise ConfigError(f"--set {one!r} names no keyword; write, for example, frame_skip=4")
@@ -97,9 +97,9 @@ def record(
     """
     check_rerun(rerun)
     common.find(objects, split, scale, mass)
-    # What is not given is no setting of the environment.
-    given: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
-    given |= {"mass": mass} if mass is not None else {}
+    # Options that were left out are no settings of the environment.
+    overrides: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
+    overrides |= {"mass": mass} if mass is not None else {}
     with common.progress() as bar:
         task = bar.add_task(policy, total=episodes)
         made = demonstrations.record(
@@ -115,7 +115,7 @@ def record(
             split=split,  # type: ignore[arg-type]
             num_envs=num_envs,
             progress=lambda kept, trials: bar.update(task, completed=kept, description=f"{policy}, {trials} trials"),
-            **{"num_threads": threads, **given, **_keywords(settings)},
+            **{"num_threads": threads, **overrides, **_keywords(settings)},
         )
     _print(_counts(made), as_json)
     write_demonstrations(rerun, made, rerun_episodes)

@@ -1,4 +1,4 @@
-"""``graspbox view``: look at an object, a hand, an environment, a depth image, a data set or a plan in a browser."""
+"""``graspbox view``: views of an object, a hand, an environment, a depth image, a data set or a plan in a browser."""
 
 import signal
 import sys
@@ -9,10 +9,10 @@ import typer
 
 from graspbox.cli.common import HandName, Scale, Seed, console, find_hand
 
-What = Annotated[
+Source = Annotated[
     str,
     typer.Argument(
-        metavar="WHAT",
+        metavar="SOURCE",
         help="An object or mesh file, an object set, a hand (name or hand.urdf,hand.toml), an environment id, a depth "
         "image (.npy, .png), a plan or table of grasps (.json), the folder of a data set or of a run.",
     ),
@@ -46,7 +46,7 @@ OpensBrowser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open
 
 
 def view(
-    what: What,
+    source: Source,
     hand: HandName = "reflex",
     policy: PolicyOption = None,
     objects: Objects = None,
@@ -61,12 +61,12 @@ def view(
     scale: Scale = 1.0,
     seed: Seed = 0,
 ) -> None:
-    """Look at something in a browser; Ctrl-C ends."""
+    """Open an interactive view in a browser; Ctrl-C ends it."""
     from graspbox.viewer import show
 
     with console.status("preparing"):
         viewer = show(
-            what,
+            source,
             hand=find_hand(hand),
             objects=objects,
             scale=scale,

@@ -28,7 +28,7 @@ def voxelize(
 ) -> None:
     """Cut an object into voxels.
 
-    The options mean what binvox's do, except -e, which is --mode surface there. Nothing is random here, so there is no
+    The options are those of binvox, except -e, which is --mode surface there. Nothing is random here, so there is no
     --seed.
     """
     if out is not None:

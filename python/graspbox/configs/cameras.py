@@ -36,7 +36,7 @@ class CameraConfig:
 
 #: In front of the workspace, 0.55 m from its middle, looking down at 40 degrees.
 FRONT = CameraConfig()
-#: On a bracket beside the palm, looking between the fingers at the object in the hand.
+#: On a bracket next to the palm, looking between the fingers at the object in the hand.
 PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
 #: For pictures: from the side, showing the whole workspace (0.7 x 0.7 x 0.75 m) and the hand above it.
 VIEWER = CameraConfig("viewer", eye=(-1.125, -1.5, 1.0), target=(0.0, 0.0, 0.34375), fov=0.6, far=30.0)

@@ -264,7 +264,7 @@ def content_of(folder: Path, kind: str, shard: Mapping[str, Any]) -> bytes:
         raise ConfigError(f"{str(path)!r} is missing; {again}")
     content = read_bounded(path, _MAX_SHARD)
     if hashlib.sha256(content).hexdigest() != shard.get(KINDS[kind]):
-        raise ConfigError(f"{str(path)!r} is damaged: it is not what {FILE} says; remove it, and {again}")
+        raise ConfigError(f"{str(path)!r} is damaged: it differs from its entry in {FILE}; remove it, and {again}")
     return content
 
 

@@ -120,11 +120,11 @@ def on_ray(address: str | None = None) -> Runner:
         try:
             # Rows do not depend on the number of threads; use one per CPU that Ray counts.
             task = ray.remote(num_cpus=1, max_retries=3)(make)
-            given = (ray.put(hand), ray.put(config))
+            shared = (ray.put(hand), ray.put(config))
             waiting, running = iter(shards), list[Any]()
             while True:
                 limit = _AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
-                running += [task.remote(shard, *given) for shard in islice(waiting, limit - len(running))]
+                running += [task.remote(shard, *shared) for shard in islice(waiting, limit - len(running))]
                 if not running:
                     return
                 finished, running = ray.wait(running, num_returns=1)

@@ -196,7 +196,7 @@ class _Writer:
             own = _Stats(self._stats[name].keeps)
             for stats in (own, self._stats[name]):
                 stats.add(_as_numbers(value, self._features[name]["dtype"] == "image"), len(value))
-            row |= {f"stats/{name}/{what}": number for what, number in own.result().items()}
+            row |= {f"stats/{name}/{statistic}": number for statistic, number in own.result().items()}
         self._rows.append(row)
 
     def _values(self, index: int, one: EpisodeSteps) -> dict[str, NDArray[Any]]:

@@ -288,7 +288,7 @@ def _read_table(folder: Path, file: File, settings: Mapping[str, Any], columns: 
     pa, path = pyarrow(), folder / file.name
     content = pa.BufferReader(content_of(folder, file))
     rows = sum(episode.steps + 1 for episode in file.episodes)
-    complaint = f"{str(path)!r} does not hold the episodes that {FILE} says"
+    complaint = f"{str(path)!r} does not contain the episodes that {FILE} lists"
     try:
         schema = _table([], 0, settings).schema
         found = parquet().ParquetFile(content)

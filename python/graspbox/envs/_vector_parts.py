@@ -18,43 +18,43 @@ def seeds_of(
 ) -> list[int | None]:
     """Return one seed per environment; a stream that has not begun (None in `before`) gets a fresh seed."""
     count = len(before)
-    given: list[int | None]
+    seeds: list[int | None]
     if seed is None:
-        given = [None] * count
+        seeds = [None] * count
     elif isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
-        given = list(seed)
+        seeds = list(seed)
     else:
-        given = [checked_seed(seed) + i for i in range(count)]
-    if len(given) != count:
-        raise ConfigError(f"there are {len(given)} seeds; give one for each of the {count} environments")
-    for env, (old, new) in enumerate(zip(before, given, strict=True)):
+        seeds = [checked_seed(seed) + i for i in range(count)]
+    if len(seeds) != count:
+        raise ConfigError(f"there are {len(seeds)} seeds; give one for each of the {count} environments")
+    for env, (old, new) in enumerate(zip(before, seeds, strict=True)):
         if mask is not None and not mask[env]:
-            given[env] = None
+            seeds[env] = None
         elif new is None:
-            given[env] = fresh_seed() if old is None else None
+            seeds[env] = fresh_seed() if old is None else None
         else:
-            given[env] = checked_seed(new)
-    return given
+            seeds[env] = checked_seed(new)
+    return seeds
 
 
-def reset_mask(given: Any, count: int) -> NDArray[np.bool_] | None:
+def reset_mask(mask: Any, count: int) -> NDArray[np.bool_] | None:
     """Check the mask of a reset; None selects all environments."""
-    if given is None:
+    if mask is None:
         return None
-    if not isinstance(given, np.ndarray) or given.dtype != np.bool_ or given.shape != (count,):
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (count,):
         raise ConfigError(f"reset_mask must be an array of {count} bools")
-    if not given.any():
+    if not mask.any():
         raise ConfigError("reset_mask selects no environment; set at least one entry to True")
-    return np.ascontiguousarray(given)
+    return np.ascontiguousarray(mask)
 
 
-def options_of_each(given: Any, shared: Mapping[str, Any], count: int) -> list[Mapping[str, Any]]:
+def options_of_each(each: Any, shared: Mapping[str, Any], count: int) -> list[Mapping[str, Any]]:
     """Return the options shared by all environments, or one mapping per environment with its own options added."""
-    if given is None:
+    if each is None:
         return [shared]
-    if isinstance(given, Mapping | str) or not isinstance(given, Sequence) or len(given) != count:
+    if isinstance(each, Mapping | str) or not isinstance(each, Sequence) or len(each) != count:
         raise ConfigError(f"options['each'] must be a sequence of {count} dictionaries or None")
-    return [{**shared, **checked_options(own, f"options['each'][{env}]")} for env, own in enumerate(given)]
+    return [{**shared, **checked_options(own, f"options['each'][{env}]")} for env, own in enumerate(each)]
 
 
 def mask_of(rows: NDArray[np.intp], count: int) -> NDArray[np.bool_]:

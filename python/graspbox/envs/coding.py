@@ -144,12 +144,12 @@ class Codec:
             if pose is not None and pose.shape != (4, 4):
                 raise ConfigError(f"{name} has shape {pose.shape}; give a pose (4, 4)")
         count = sum(row["name"] == "actuator" for row in self._actions)
-        given = np.asarray(actuator_speed, dtype=np.float64)
-        if given.shape not in ((), (count,)) and count:
+        speed = np.asarray(actuator_speed, dtype=np.float64)
+        if speed.shape not in ((), (count,)) and count:
             raise ConfigError(
-                f"actuator_speed has shape {given.shape}; give a number, or one for each of {count} actuators"
+                f"actuator_speed has shape {speed.shape}; give a number, or one for each of {count} actuators"
             )
-        speeds = iter(np.broadcast_to(given, count) if count else np.zeros(0))
+        speeds = iter(np.broadcast_to(speed, count) if count else np.zeros(0))
         values: list[ArrayLike] = []
         for row in self._actions:
             name, low, high = row["name"], row["low"], row["high"]

@@ -50,13 +50,13 @@ def options_json(options: Mapping[str, Any] | None) -> str:
     return json.dumps(plain(checked_options(options), "reset options"))
 
 
-def checked_autoreset(given: AutoresetMode | str) -> AutoresetMode:
+def checked_autoreset(choice: AutoresetMode | str) -> AutoresetMode:
     """Return an autoreset mode, given as such or by its value."""
     try:
-        return AutoresetMode(given)
+        return AutoresetMode(choice)
     except ValueError:
         known = ", ".join(mode.value for mode in AutoresetMode)
-        raise ConfigError(f"there is no autoreset mode {given!r}; choose from {known}") from None
+        raise ConfigError(f"there is no autoreset mode {choice!r}; choose from {known}") from None
 
 
 def checked_seed(seed: Any) -> int:
@@ -88,14 +88,14 @@ class GraspCore:
         Number of environments.
     objects : str, Path, ObjectSet or sequence of str
         Object sets to sample from.
-    given : Mapping
+    arguments : Mapping
         Keywords of that kind; missing ones take their defaults.
     """
 
-    def __init__(self, kind: type, num_envs: int, objects: ObjectsArgument, given: Mapping[str, Any]) -> None:
+    def __init__(self, kind: type, num_envs: int, objects: ObjectsArgument, arguments: Mapping[str, Any]) -> None:
         num_envs = natural(num_envs, "num_envs")
-        self._made_of = (kind, num_envs, objects, dict(given))
-        settings = complete(kind, given)
+        self._made_of = (kind, num_envs, objects, dict(arguments))
+        settings = complete(kind, arguments)
         self.render_mode = settings["render_mode"]
         if self.render_mode not in (None, *RENDER_MODES):
             modes = ", ".join(map(repr, RENDER_MODES))
@@ -339,23 +339,23 @@ class GraspCore:
     def action(self, action: Any, rows: int) -> NDArray[np.float32]:
         """Convert actions for the core, which checks that they are finite in environments that step."""
         size = self.action_size
-        given = np.asarray(action, dtype=np.float32)
-        if given.shape != (rows, size) and (rows, *given.shape) != (1, size):
+        actions = np.asarray(action, dtype=np.float32)
+        if actions.shape != (rows, size) and (rows, *actions.shape) != (1, size):
             raise ConfigError(
-                f"the action has shape {given.shape}; give {size} numbers for each of {rows} environments"
+                f"the action has shape {actions.shape}; give {size} numbers for each of {rows} environments"
             )
-        return np.ascontiguousarray(given.reshape(rows, size))
+        return np.ascontiguousarray(actions.reshape(rows, size))
 
 
-def _randomization(given: Literal["standard"] | Randomization | None) -> Randomization:
-    if given is None:
+def _randomization(randomization: Literal["standard"] | Randomization | None) -> Randomization:
+    if randomization is None:
         return Randomization()
-    if given == "standard":
+    if randomization == "standard":
         return Randomization.standard()
-    if isinstance(given, Randomization):
-        return given
+    if isinstance(randomization, Randomization):
+        return randomization
     with about("randomization"):
-        raise ConfigError(f"randomization is {given!r}; give None, 'standard' or a Randomization")
+        raise ConfigError(f"randomization is {randomization!r}; give None, 'standard' or a Randomization")
 
 
 def completed(

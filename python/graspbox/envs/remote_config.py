@@ -134,7 +134,7 @@ def _check_types(config: RemoteConfig) -> None:
         raise FileError(2, "there is no file of certificates", str(config.ca_file))
 
 
-def remote_config(given: Any) -> RemoteConfig | None:
+def remote_config(remote: Any) -> RemoteConfig | None:
     """Convert the argument of the keyword ``remote``.
 
     Raises
@@ -142,19 +142,19 @@ def remote_config(given: Any) -> RemoteConfig | None:
     ConfigError
         For anything but None, an address, a sequence of addresses, or a `RemoteConfig` with valid fields.
     """
-    if given is None:
+    if remote is None:
         return None
-    if isinstance(given, str):
-        given = RemoteConfig((given,))
-    elif isinstance(given, Sequence):
-        given = RemoteConfig(tuple(given))
-    if not isinstance(given, RemoteConfig):
-        raise ConfigError(f"remote is {shown(given)}; give an address such as 'ws://127.0.0.1:5055', or several")
-    if isinstance(given.urls, str) or not given.urls or not all(isinstance(url, str) for url in given.urls):
-        raise ConfigError(f"remote.urls is {shown(given.urls)}; give addresses such as 'ws://127.0.0.1:5055'")
-    _check_types(given)
+    if isinstance(remote, str):
+        remote = RemoteConfig((remote,))
+    elif isinstance(remote, Sequence):
+        remote = RemoteConfig(tuple(remote))
+    if not isinstance(remote, RemoteConfig):
+        raise ConfigError(f"remote is {shown(remote)}; give an address such as 'ws://127.0.0.1:5055', or several")
+    if isinstance(remote.urls, str) or not remote.urls or not all(isinstance(url, str) for url in remote.urls):
+        raise ConfigError(f"remote.urls is {shown(remote.urls)}; give addresses such as 'ws://127.0.0.1:5055'")
+    _check_types(remote)
     for name, kind in (("depth", Depth), ("reconnect", Reconnect)):
-        if getattr(given, name) not in get_args(kind):
+        if getattr(remote, name) not in get_args(kind):
             choices = ", ".join(map(repr, get_args(kind)))
-            raise ConfigError(f"remote.{name} is {shown(getattr(given, name))}; choose from {choices}")
-    return given
+            raise ConfigError(f"remote.{name} is {shown(getattr(remote, name))}; choose from {choices}")
+    return remote

@@ -84,7 +84,10 @@ DECISION_WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 
 def term_weights(
-    reward: str, given: Mapping[str, float] | None, found: Tables, known: Mapping[str, Mapping[str, float]] = WEIGHTS
+    reward: str,
+    reward_weights: Mapping[str, float] | None,
+    found: Tables,
+    known: Mapping[str, Mapping[str, float]] = WEIGHTS,
 ) -> NDArray[np.float64]:
     """Return the weights in the order of the core's terms.
 
@@ -92,7 +95,7 @@ def term_weights(
     ----------
     reward : {"sparse", "dense", "firm"}
         Name of the weights.
-    given : mapping of str to float, optional
+    reward_weights : mapping of str to float, optional
         Weights that replace those of the same name.
     found : Tables
         The result of `graspbox.envs.spaces.tables`.
@@ -113,16 +116,18 @@ def term_weights(
         with about("reward"):
             raise ConfigError(f"there is no reward {reward!r}; choose from {', '.join(known)}")
     with about("reward_weights"):
-        return _weights(known[reward], given, [term["name"] for term in found["terms"]])
+        return _weights(known[reward], reward_weights, [term["name"] for term in found["terms"]])
 
 
 def _weights(
-    named: Mapping[str, float], given: Mapping[str, float] | None, names: Sequence[str]
+    named: Mapping[str, float], reward_weights: Mapping[str, float] | None, names: Sequence[str]
 ) -> NDArray[np.float64]:
-    """Replace weights by those that are given, and put them into the order of the terms."""
-    if given is not None and not isinstance(given, Mapping):
-        raise ConfigError(f"reward_weights is {shown(given)}; give a dictionary of weights by the names of terms")
-    chosen = {**named, **(given or {})}
+    """Replace weights by those of `reward_weights`, and put them into the order of the terms."""
+    if reward_weights is not None and not isinstance(reward_weights, Mapping):
+        raise ConfigError(
+            f"reward_weights is {shown(reward_weights)}; give a dictionary of weights by the names of terms"
+        )
+    chosen = {**named, **(reward_weights or {})}
     for name, weight in chosen.items():
         if name not in names:
             raise ConfigError(f"there is no reward term {name!r}; choose from {', '.join(names)}")

@@ -130,7 +130,7 @@ class ScriptedMotion:
 
 
 class ScriptedGrasp(ScriptedMotion):
-    """Moves the hand to a pose, closes it, lifts and holds; of the object it knows only the height.
+    """Moves the hand to a pose, closes it, lifts and holds; of the object it uses only the height.
 
     Parameters
     ----------

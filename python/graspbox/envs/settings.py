@@ -1,6 +1,6 @@
 """Keywords of the environments: one row each, with type, default and meaning.
 
-Constructors take them as ``**settings: Unpack[...]``, so type checkers know every keyword. `signed` adds the same list
+Constructors take them as ``**settings: Unpack[...]``, so type checkers check every keyword. `signed` adds the same list
 with its defaults to their signatures, for `inspect.signature` and ``help``, and ``scripts/generate_docs.py`` writes
 their docstrings from it.
 
@@ -255,7 +255,7 @@ class Settings(_Common, _ClosedLoop, _Decision, _Vector, total=False):
     """Keywords of any environment."""
 
 
-#: Keywords whose types are checked by what takes them.
+#: Keywords whose types are checked where they are used.
 _CHECKED_LATER = ("remote", "hand", "num_threads")
 
 
@@ -266,7 +266,7 @@ def keywords(kind: type) -> Mapping[str, Keyword]:
     return {name: get_args(hint)[-1] for name, hint in hints.items()}
 
 
-def complete(kind: type, given: Mapping[str, Any], hidden: Collection[str] = ()) -> Settings:
+def complete(kind: type, arguments: Mapping[str, Any], hidden: Collection[str] = ()) -> Settings:
     """Add missing keywords with their defaults, and convert dictionaries to configs.
 
     Raises
@@ -276,7 +276,7 @@ def complete(kind: type, given: Mapping[str, Any], hidden: Collection[str] = ())
         wrong type for a keyword that takes a config. Its `field` is the keyword.
     """
     rows = keywords(kind)
-    for name in given:
+    for name in arguments:
         if name not in rows:
             offered = [row for row in rows if row not in hidden]
             near = difflib.get_close_matches(name, offered, n=1)
@@ -284,7 +284,7 @@ def complete(kind: type, given: Mapping[str, Any], hidden: Collection[str] = ())
             with about(name):
                 raise ConfigError(f"this environment has no keyword {name!r}; {hint}")
     hints, chosen = get_type_hints(kind), {}
-    for name, value in given.items():
+    for name, value in arguments.items():
         with about(name):
             chosen[name] = _configured(name, value, hints[name])
     for name, value in chosen.items():

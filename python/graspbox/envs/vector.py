@@ -123,9 +123,11 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         ConfigError, MeshError, FileError, SimulationError
             As the single environment; other environments may have begun their episodes already.
         """
-        given = checked_options(options, hint="; options that differ go into options['each'], one for each environment")
-        mask = reset_mask(given.pop("reset_mask", None), self.num_envs)
-        each = options_of_each(given.pop("each", None), given, self.num_envs)
+        shared = checked_options(
+            options, hint="; options that differ go into options['each'], one for each environment"
+        )
+        mask = reset_mask(shared.pop("reset_mask", None), self.num_envs)
+        each = options_of_each(shared.pop("each", None), shared, self.num_envs)
         seeds = seeds_of(seed, mask, self._seeds)
         arrays = self._core.reset(seeds, mask, each, self._out)
         self._seeds = [old if new is None else new for old, new in zip(self._seeds, seeds, strict=True)]

@@ -139,8 +139,8 @@ def evaluate(
     try:
         chosen.bind(Task.of(envs))
         result = run_usable(chosen, envs, count, first, progress=progress)
-        given = len(envs.unwrapped.object_names) + left_out  # type: ignore[attr-defined]
-        result = replace(result, condition=condition, objects_given=given, objects_left_out=left_out)
+        total = len(envs.unwrapped.object_names) + left_out  # type: ignore[attr-defined]
+        result = replace(result, condition=condition, objects_given=total, objects_left_out=left_out)
         return replace(result, settings=_described(settings))
     finally:
         envs.close()
@@ -161,7 +161,7 @@ def _described(settings: dict[str, Any]) -> dict[str, Any] | None:
 def _looked_up(objects: ObjectsArgument, settings: dict[str, Any]) -> object_sets.ObjectSet:
     """Find the objects on this machine, to leave out those from which the policy learned.
 
-    The settings that chose them are taken out: the environments get what is kept.
+    The settings that chose them are taken out: the environments get the others.
     """
     remote = settings.get("remote") is not None
     # A server applies the others.
@@ -172,7 +172,7 @@ def _looked_up(objects: ObjectsArgument, settings: dict[str, Any]) -> object_set
         if not remote:
             raise
         raise ConfigError(
-            f"objects from which the policy learned cannot be left out of a set that only the server knows ({error}); "
+            f"objects from which the policy learned cannot be left out of a set that only the server has ({error}); "
             "give include_learned=True (--include-learned)"
         ) from None
 

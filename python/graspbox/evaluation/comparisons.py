@@ -25,7 +25,7 @@ _KEYS = ("condition", "policy", "objects", "seed")
 
 @dataclass(frozen=True)
 class Comparison:
-    """What to measure.
+    """Plan of a comparison.
 
     Attributes
     ----------
@@ -110,15 +110,15 @@ class Comparison:
         """Load the objects of each set from which no policy learned; also count the objects left out, if any."""
         learned = sorted({name for policy in loaded.values() for name in policy.learned_from})
         kept, left_out = {}, {}
-        for given in self.objects:
-            name, split = object_sets.name_and_split(given)
+        for source in self.objects:
+            name, split = object_sets.name_and_split(source)
             found = object_sets.load(name, split=split)
-            kept[given] = learned_sets.without(found, learned)
-            if not kept[given]:
-                raise ConfigError(f"--objects has {given!r}, from which the policies learned; name other objects")
-            if missing := len(found) - len(kept[given]):
-                left_out[given] = missing
-                echo(f"{missing} of {len(found)} objects of {given} are left out: a policy learned from them")
+            kept[source] = learned_sets.without(found, learned)
+            if not kept[source]:
+                raise ConfigError(f"--objects has {source!r}, from which the policies learned; name other objects")
+            if missing := len(found) - len(kept[source]):
+                left_out[source] = missing
+                echo(f"{missing} of {len(found)} objects of {source} are left out: a policy learned from them")
         return kept, left_out
 
     def _measure(

@@ -58,7 +58,7 @@ CONDITIONS: Mapping[str, Condition] = {
     "mass_2": Condition("the object's mass times 2", {"randomization": Randomization(mass=(2.0, 2.0))}),
     "camera": Condition("another camera, from the side and from higher", {"cameras": CamerasConfig(cameras=(_SIDE,))}),
     "calibration": Condition(
-        "the camera is up to 10 mm and 1.1 degrees away from where it is said to be",
+        "the camera is up to 10 mm and 1.1 degrees away from its stated pose",
         {"randomization": Randomization(camera_position=0.01, camera_rotation=0.02)},
     ),
     "shake": Condition(

@@ -1,4 +1,4 @@
-"""Episodes that can be run again: their seeds, objects and actions, and what they need of the environment.
+"""Episodes that can be run again: their seeds, objects and actions, and the settings of their environment.
 
 | name | purpose |
 |---|---|
@@ -140,7 +140,7 @@ class Replay:
 
     @classmethod
     def from_json(cls, row: Mapping[str, Any], env_id: str, settings: Mapping[str, Any]) -> Self:
-        """Read what `to_json` wrote.
+        """Read the output of `to_json`.
 
         Raises
         ------
@@ -180,8 +180,8 @@ class Replay:
         ConfigError, ObjectSetError, MissingExtraError
             As for ``gymnasium.make``.
         """
-        given = {**self.settings, "scale": self.scale, "mass": self.mass, **keywords}
-        return gymnasium.make(self.env_id, objects=self.source, **given).unwrapped
+        arguments = {**self.settings, "scale": self.scale, "mass": self.mass, **keywords}
+        return gymnasium.make(self.env_id, objects=self.source, **arguments).unwrapped
 
     def run(self, env: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
         """Step an environment of `make`; yields observation and info of the reset and of every step.

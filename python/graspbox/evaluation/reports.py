@@ -89,13 +89,13 @@ def labels(policies: Sequence[str]) -> dict[str, str]:
 
 
 def _shortest(policy: str) -> str:
-    kind, given, _ = policy.partition("=")
-    return kind if given else Path(kind).name
+    kind, equals, _ = policy.partition("=")
+    return kind if equals else Path(kind).name
 
 
 def _short(policy: str) -> str:
-    kind, given, path = policy.partition("=")
-    return f"{kind} {Path(path).name}" if given else "/".join(Path(kind).parts[-2:])
+    kind, equals, path = policy.partition("=")
+    return f"{kind} {Path(path).name}" if equals else "/".join(Path(kind).parts[-2:])
 
 
 def pooled(rows: Sequence[Measured], *, by: Callable[[Measured], Any]) -> list[Measured]:

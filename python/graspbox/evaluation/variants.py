@@ -1,4 +1,4 @@
-"""Policies with a part left out, added or replaced by ground truth, to measure what each part is worth.
+"""Policies with a part left out, added or replaced by ground truth, to measure the contribution of each part.
 
 | name | policy |
 |---|---|
@@ -52,10 +52,10 @@ def load_variant(name: str) -> policies.Policy:
     ConfigError
         If there is no such kind; otherwise as `graspbox.policies.load`.
     """
-    kind, _, given = name.partition("=")
-    if not given:
+    kind, _, location = name.partition("=")
+    if not location:
         return policies.load(name)
-    path = Path(given)
+    path = Path(location)
     if kind == "completed_planner":
         return policies.PartialViewPlanner(path)
     if kind in ("filtered", "unfiltered"):

@@ -1,4 +1,4 @@
-"""Grasps to take away, in formats of other programs, and to bring back (extra ``exchange``).
+"""Export and import of grasps in the formats of other programs (extra ``exchange``).
 
 >>> import graspbox
 >>> from graspbox import exchange

@@ -1,8 +1,7 @@
 """ACRONYM: grasps of one object as HDF5 (``.h5``) or JSON, and the JSON of GraspGen, which has the same contents.
 
-Transforms are poses of the frame ``gripper`` in the mesh's frame, after scaling, metres. Beside the entries of the
-formats, files of graspbox have the preshapes and the name of the hand, which other programs ignore and `read_hdf5` and
-`read_json` use.
+Transforms are poses of the frame ``gripper`` in the mesh's frame, after scaling, metres. Files of graspbox
+add the preshapes and the name of the hand, which other programs ignore and `read_hdf5` and `read_json` use.
 
 Sources: NVlabs/acronym, ``acronym_tools/acronym.py``; NVlabs/GraspGen, ``docs/GRASP_DATASET_FORMAT.md``.
 """
@@ -32,7 +31,7 @@ _PRESHAPE, _GRIPPER = "grasps/graspbox_preshape", "gripper/type"
 
 
 def _labels(grasps: ExchangeGrasps) -> NDArray[np.bool_]:
-    """Return the outcomes, which these formats cannot leave open."""
+    """Return the outcomes, which these formats require."""
     unknown = int(np.isnan(grasps.success).sum())
     if unknown:
         raise ConfigError(
@@ -136,7 +135,7 @@ def read_hdf5(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
     """Read ACRONYM's HDF5."""
     h5py = optional_package("h5py", "h5py")
     if not path.is_file():
-        read_bounded(path, 0)  # says why it cannot be read
+        read_bounded(path, 0)  # raises if it cannot be read
     try:
         with h5py.File(path, "r") as file:
             reader = _Hdf5(h5py, file)
@@ -161,25 +160,25 @@ def read_hdf5(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
 
 
 class _Hdf5:
-    """Reads datasets of a file of unknown origin: only what lies in the file itself, of the expected shape."""
+    """Reads datasets of a file of unknown origin: only data in the file itself, of the expected shape."""
 
     def __init__(self, h5py: Any, file: Any) -> None:
         self.h5py, self.file = h5py, file
 
-    def _dataset(self, name: str, kinds: str, what: str) -> Any:
+    def _dataset(self, name: str, kinds: str, expected: str) -> Any:
         group = self.file
         for part in name.split("/"):
             link = group.get(part, getlink=True) if isinstance(group, self.h5py.Group) else None
             if link is None:
                 raise ConfigError(f"it lacks {name!r}; give a file of ACRONYM")
             if not isinstance(link, self.h5py.HardLink):
-                raise ConfigError(f"{name!r} is a link to another file or place; give a file that holds its own data")
+                raise ConfigError(f"{name!r} is a link to another file or place; give a file with its own data")
             group = group[part]
         found = group
         if not isinstance(found, self.h5py.Dataset) or found.dtype.kind not in kinds:
-            raise ConfigError(f"{name!r} is not {what}")
+            raise ConfigError(f"{name!r} is not {expected}")
         if found.external or found.is_virtual:
-            raise ConfigError(f"{name!r} is stored in another file; give a file that holds its own data")
+            raise ConfigError(f"{name!r} is stored in another file; give a file with its own data")
         return found
 
     def array(self, name: str, row: tuple[int, ...]) -> Array:
@@ -254,5 +253,5 @@ def _graspgen(document: dict[str, Any], hand: Hand, preshape: float | None) -> E
     about = document.get("object")
     if not isinstance(about, dict):
         raise ConfigError("object is missing or is not an object with file and scale")
-    given = (document.get("gripper"), about.get("file"), about.get("scale"))
-    return _json_grasps(hand, preshape, document["grasps"], "object_in_gripper", *given)
+    metadata = (document.get("gripper"), about.get("file"), about.get("scale"))
+    return _json_grasps(hand, preshape, document["grasps"], "object_in_gripper", *metadata)

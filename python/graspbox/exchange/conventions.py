@@ -1,4 +1,4 @@
-"""What other programs call a hand, and the frames in which they place it.
+"""Names and frames of hands in other programs.
 
 | frame | origin | axes | formats |
 |---|---|---|---|
@@ -6,10 +6,10 @@
 | ``base`` | base link of the URDF | of the base link | Isaac Grasp, DexGraspBench |
 | ``gripper`` | base link of the URDF | of the base link, or as `CONVENTIONS` says | ACRONYM, GraspGen |
 
-The grasp frame in the base link is an entry of ``hand.toml``, so a hand of your own needs no row in `CONVENTIONS`.
+The grasp frame in the base link is an entry of ``hand.toml``, so your own hand needs no row in `CONVENTIONS`.
 
 The order of joints in the arrays of this package is that of `graspbox.Hand.joints` for independent joints. Files that
-hold all joints (DexGraspBench) have them in the order of the hand's URDF: depth first from the base link, children in
+with all joints (DexGraspBench) list them in the order of the hand's URDF: depth first from the base link, children in
 the order of the file, as MuJoCo orders them when it reads this URDF.
 """
 
@@ -34,14 +34,14 @@ Frame = Literal["base", "gripper"]
 
 @dataclass(frozen=True)
 class Convention:
-    """What other programs call a hand.
+    """Names and frame of a hand in other programs.
 
     Attributes
     ----------
     gripper : str
         Name of the hand in data sets.
     prefix : str
-        What other programs put before the names of links and joints of graspbox's URDF.
+        Prefix of the names of links and joints of graspbox's URDF in other programs.
     axes : {"base", "grasp"}
         Axes of the frame ``gripper``: those of the base link, or of the grasp frame.
     """
@@ -51,13 +51,13 @@ class Convention:
     axes: Literal["base", "grasp"] = "base"
 
 
-#: Hands that other programs know by another name or frame, by their name in graspbox. In ACRONYM and GraspGen the
+#: Hands with another name or frame in other programs, by their name in graspbox. In ACRONYM and GraspGen the
 #: fingers of the Franka Hand close along x, while they move along y of its link ``panda_hand``.
 CONVENTIONS = {"panda_gripper": Convention("panda", prefix="panda_", axes="grasp")}
 
 
 def convention_of(hand: Hand) -> Convention:
-    """Return what other programs call a hand; by default its own name, and its own base link."""
+    """Return the names and the frame of a hand in other programs; by default its own name and base link."""
     return CONVENTIONS.get(hand.name) or Convention(hand.name)
 
 

@@ -1,8 +1,8 @@
 """DexGraspBench (``.npy``): one grasp per file, a pickled dict of arrays.
 
-``pregrasp_qpos``, ``grasp_qpos`` and ``squeeze_qpos`` hold 7 numbers of the hand's base link in the world (position,
+``pregrasp_qpos``, ``grasp_qpos`` and ``squeeze_qpos`` have 7 numbers of the hand's base link in the world (position,
 quaternion w x y z), then the positions of all joints, in the order of the hand's URDF
-(`graspbox.exchange.conventions`); ``obj_pose`` holds 7 numbers of the object. Metres, radians.
+(`graspbox.exchange.conventions`); ``obj_pose`` has 7 numbers of the object. Metres, radians.
 
 A pickle can run any code when it is read. `read` therefore builds numpy arrays, numbers and texts alone, and refuses
 everything else.
@@ -45,7 +45,7 @@ def write(grasps: ExchangeGrasps, path: Path) -> None:
         If there is not exactly one, or its joint positions or the object's pose are not known.
     """
     if len(grasps) != 1:
-        raise ConfigError(f"a file of DexGraspBench holds 1 grasp, not {len(grasps)}; give a folder, or select one")
+        raise ConfigError(f"a file of DexGraspBench has 1 grasp, not {len(grasps)}; give a folder, or select one")
     content = fields_of(grasps)
     buffer = io.BytesIO()
     np.save(buffer, np.array(content, dtype=object), allow_pickle=True)
@@ -124,12 +124,12 @@ def _pose(seven: Array, name: str) -> Array:
 
 
 def read_fields(path: Path) -> dict[str, Any]:
-    """Read the entries of a file without running what it holds: arrays, numbers and texts by their names.
+    """Read the entries of a file without running its code: arrays, numbers and texts by their names.
 
     Raises
     ------
     ConfigError
-        If it is no such file, or holds anything else.
+        If it is no such file, or has other contents.
     FileError
         If it cannot be read, or is larger than 64 MiB.
     """
@@ -139,7 +139,9 @@ def read_fields(path: Path) -> dict[str, Any]:
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = header(stream)
         if shape != () or dtype != np.dtype(object):
-            raise ConfigError(f"it holds an array of shape {shape} and type {dtype}; DexGraspBench's hold one dict")
+            raise ConfigError(
+                f"it has an array of shape {shape} and type {dtype}; those of DexGraspBench have one dict"
+            )
         found = _Unpickler(stream).load()
         found = found.value if isinstance(found, _Array) else found
     except ConfigError:
@@ -153,16 +155,16 @@ def read_fields(path: Path) -> dict[str, Any]:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Builds stand-ins for numpy arrays, numpy scalars, and what pickles need no import for.
+    """Builds stand-ins for numpy arrays and scalars; Python's basic types need no import.
 
     numpy's own classes are not called: the state of an array or of a type can be forged. Stand-ins check it.
     """
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return what stands for one of the five names that pickled arrays use."""
+        """Return the stand-in for one of the five names that pickled arrays use."""
         known = _ALLOWED.get((module.replace("numpy._core", "numpy.core"), name))
         if known is None:
-            raise ConfigError(f"it wants to call {f'{module}.{name}'[:80]!r}; only arrays, numbers and text are read")
+            raise ConfigError(f"it calls {f'{module}.{name}'[:80]!r}; only arrays, numbers and text are read")
         return known
 
     def persistent_load(self, pid: Any) -> Any:
@@ -176,7 +178,7 @@ _UNUSUAL = "it builds an array in an unusual way; only files written by numpy ar
 
 
 class _Type:
-    """Stands for the type of an array."""
+    """Stand-in for the type of an array."""
 
     def __init__(self, name: str) -> None:
         self.name, self.order = name, "="
@@ -185,7 +187,7 @@ class _Type:
         if not isinstance(state, tuple) or len(state) < 5 or state[1] not in ("<", ">", "=", "|"):
             raise ConfigError(_UNUSUAL)
         if any(part is not None for part in state[2:5]):
-            raise ConfigError("it holds an array of records; only numbers and text are read")
+            raise ConfigError("it has an array of records; only numbers and text are read")
         self.order = state[1]
 
     def of(self, content: Any, shape: Any, order: str) -> Any:
@@ -194,7 +196,7 @@ class _Type:
             raise ConfigError(_UNUSUAL)
         if self.name.startswith("O"):
             if shape != () or not isinstance(content, list) or len(content) != 1:
-                raise ConfigError("it holds an array of objects; only arrays of numbers and text are read")
+                raise ConfigError("it has an array of objects; only arrays of numbers and text are read")
             return content[0]
         if not isinstance(content, bytes | bytearray):
             raise ConfigError(_UNUSUAL)
@@ -203,7 +205,7 @@ class _Type:
 
 
 class _Array:
-    """Stands for an array until its content is read."""
+    """Stand-in for an array until its content is read."""
 
     def __init__(self) -> None:
         self.value: Any = None
@@ -217,7 +219,7 @@ class _Array:
 
 def _dtype(name: Any, align: Any = False, copy: Any = True) -> _Type:
     if not isinstance(name, str) or not _TYPES.fullmatch(name):
-        raise ConfigError(f"it holds an array of type {str(name)[:40]!r}; only numbers and text are read")
+        raise ConfigError(f"it has an array of type {str(name)[:40]!r}; only numbers and text are read")
     return _Type(name)
 
 

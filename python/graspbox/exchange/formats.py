@@ -38,7 +38,7 @@ class Format:
     outcomes, joints : bool
         Whether it stores outcomes, and whether it stores joint positions of the closed hand.
     single : bool
-        Whether a file holds one grasp alone.
+        Whether a file has a single grasp.
     """
 
     name: str
@@ -99,7 +99,7 @@ def save(grasps: ExchangeGrasps, path: str | os.PathLike[str], to: str) -> None:
     Parameters
     ----------
     grasps : ExchangeGrasps
-        The grasps; ``dexgraspbench`` holds one per file.
+        The grasps; ``dexgraspbench`` stores one per file.
     path : str or PathLike
         The file. Its suffix is one of `FORMATS`: ``.h5`` or ``.json`` (``acronym``), ``.json`` (``graspgen``),
         ``.yaml`` (``isaac``), ``.npy`` (``dexgraspbench``).
@@ -148,7 +148,7 @@ def save_each(grasps: Sequence[ExchangeGrasps], folder: str | os.PathLike[str], 
     names = [file_name(one.object_name) for one in grasps]
     if len(set(names)) < len(names):
         again = next(name for name in names if names.count(name) > 1)
-        raise ConfigError(f"{again!r} names two objects; give every object a name of its own")
+        raise ConfigError(f"{again!r} names two objects; give every object another name")
     written = []
     for name, one in zip(names, grasps, strict=True):
         parts = [(target / f"{name}{row.suffix}", one)]
@@ -184,7 +184,7 @@ def with_mesh(grasps: ExchangeGrasps, mesh: MeshLike, folder: str | os.PathLike[
     """Write the mesh of the grasps as ``meshes/NAME.obj`` in a folder, and return grasps that name this file.
 
     The file has the mesh as graspbox uses it: in metres, in the object's frame. Relative to the folder, its path is
-    the one that the files of the grasps hold.
+    the one in the files of the grasps.
 
     Raises
     ------
@@ -219,8 +219,8 @@ def load(
     preshape : float, optional
         Preshape of all grasps; by default as in the file, else the only one of the hand.
     to : str, optional
-        Name of the format; by default it follows from the suffix. The JSON files of ACRONYM and GraspGen are told apart
-        by their contents.
+        Name of the format; by default it follows from the suffix. The contents of a JSON file
+        distinguish ACRONYM from GraspGen.
 
     Returns
     -------
@@ -230,7 +230,7 @@ def load(
     Raises
     ------
     ConfigError
-        If the file is damaged, holds something else or too much, is of another gripper, or the preshape is missing;
+        If the file is damaged, too large, of another format or another gripper, or the preshape is missing;
         the message names the entry.
     FileError
         If it cannot be read.

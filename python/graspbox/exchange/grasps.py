@@ -1,4 +1,4 @@
-"""Grasps of one object and one hand, as they leave graspbox and come back."""
+"""Grasps of one object and one hand, for export and import."""
 
 import os
 from collections.abc import Sequence
@@ -29,10 +29,10 @@ _COLUMNS = ("poses", "preshape", "success", "confidence", "score", "world_from_o
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExchangeGrasps(ByValue):
-    """Grasps of one object, with what other programs need to know of it; n rows.
+    """n grasps of one object, with the data of the object that other programs need.
 
     Make them with `of`, or with the functions of `graspbox.exchange`. A slice, a mask or an array of indices selects
-    rows. NaN marks what is unknown.
+    rows. NaN marks unknown values.
 
     Attributes
     ----------
@@ -152,10 +152,10 @@ class ExchangeGrasps(ByValue):
             If an array has another shape, a pose is not a rigid motion or more than 10 m away, or a number is out of
             range.
         """
-        found, given = load_hand(hand), floats(poses, "poses")
-        if given.ndim != 3:
-            raise ConfigError(f"poses has shape {given.shape}; give (n, 4, 4)")
-        count = len(given)
+        found, matrices = load_hand(hand), floats(poses, "poses")
+        if matrices.ndim != 3:
+            raise ConfigError(f"poses has shape {matrices.shape}; give (n, 4, 4)")
+        count = len(matrices)
         given_shape = np.asarray(default_preshape(found) if preshape is None else floats(preshape, "preshape"))
         if given_shape.shape not in {(), (count,)}:
             raise ConfigError(f"preshape has shape {given_shape.shape}; give one number, or one for each of {count}")
@@ -166,7 +166,7 @@ class ExchangeGrasps(ByValue):
             raise ConfigError(f"world_from_object has shape {world.shape}; give (4, 4) or {(count, 4, 4)}")
         return cls(
             hand=found,
-            poses=given.copy(),
+            poses=matrices.copy(),
             preshape=shapes.copy(),
             success=_column(success, "success", count),
             confidence=_column(confidence, "confidence", count),

@@ -100,9 +100,9 @@ def read(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
     )
     for key, column in (("cspace_position", made.grasp), ("pregrasp_cspace_position", made.pregrasp)):
         for index, (name, entry) in enumerate(rows):
-            given = _joints(entry.get(key), hand, f"{key} of {name!r}")
-            if given is not None:
-                column[index] = given
+            angles = _joints(entry.get(key), hand, f"{key} of {name!r}")
+            if angles is not None:
+                column[index] = angles
     return made
 
 

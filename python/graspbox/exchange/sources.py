@@ -48,10 +48,10 @@ _TRIALS = (
 )
 
 
-def _hand_of(name: object, given: HandLike | None) -> Hand:
+def _hand_of(name: object, override: HandLike | None) -> Hand:
     """Load the hand of a source, which stores its name alone."""
-    if given is not None:
-        hand = load_hand(given)
+    if override is not None:
+        hand = load_hand(override)
         if isinstance(name, str) and name and hand.name != name:
             raise ConfigError(f"the grasps are of the hand {name!r}, not {hand.name!r}; leave hand out, or give theirs")
         return hand
@@ -120,14 +120,14 @@ def from_table(table: Mapping[str, Any], *, hand: HandLike | None = None) -> lis
 def _table_row(
     name: str, row: Mapping[str, Any], grasps: list[dict[str, Any]], hand: HandLike | None
 ) -> ExchangeGrasps:
-    what = f"grasps of {name!r}"
+    label = f"grasps of {name!r}"
     return ExchangeGrasps.of(
-        matrices([g.get("object_from_hand") for g in grasps], f"{what}: object_from_hand"),
-        numbers([g.get("preshape") for g in grasps], f"{what}: preshape"),
+        matrices([g.get("object_from_hand") for g in grasps], f"{label}: object_from_hand"),
+        numbers([g.get("preshape") for g in grasps], f"{label}: preshape"),
         hand=_hand_of(row.get("hand"), hand),
-        success=numbers([g.get("success") for g in grasps], f"{what}: success"),
-        score=numbers([g.get("score") for g in grasps], f"{what}: score"),
-        world_from_object=matrices([row.get("world_from_object")], f"{what}: world_from_object")[0],
+        success=numbers([g.get("success") for g in grasps], f"{label}: success"),
+        score=numbers([g.get("score") for g in grasps], f"{label}: score"),
+        world_from_object=matrices([row.get("world_from_object")], f"{label}: world_from_object")[0],
         object_name=name,
     )
 
@@ -226,7 +226,7 @@ def from_dataset(
 
 
 def sources_of(folder: str | os.PathLike[str]) -> dict[str, tuple[str, float]]:
-    """Return the object set that holds each object of a data set alone, and its scale, by the object's name."""
+    """Return a set with each object of a data set alone, and its scale, by the object's name."""
     from graspbox.dataset import tables
 
     table = tables.load(folder, None, ["object", "source", "scale"])
@@ -252,7 +252,7 @@ def read(
     Raises
     ------
     ConfigError, PlanError
-        If it is none of these; the message names what is wrong.
+        If it is none of these; the message names the problem.
     FileError
         If it cannot be read, or is larger than 256 MiB.
     """
@@ -262,7 +262,7 @@ def read(
     try:
         document = json.loads(read_bounded(path, MAX_JSON))
     except (ValueError, RecursionError):
-        raise ConfigError(f"{str(path)!r} is not JSON; give a plan, or what `grasp` or `grasp-image` wrote") from None
+        raise ConfigError(f"{str(path)!r} is not JSON; give a plan, or a result of `grasp` or `grasp-image`") from None
     try:
         if isinstance(document, dict) and document.get("format") == "graspbox.plan":
             return [from_plan(Plan.load(path), hand=hand)]
@@ -273,5 +273,5 @@ def read(
     except ConfigError as error:
         raise ConfigError(f"{str(path)!r}: {error}") from None
     raise ConfigError(
-        f"{str(path)!r} is JSON, but not of graspbox's grasps; give a plan, or what `grasp` or `grasp-image` wrote"
+        f"{str(path)!r} is JSON, but not of graspbox's grasps; give a plan, or a result of `grasp` or `grasp-image`"
     )

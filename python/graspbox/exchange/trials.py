@@ -31,7 +31,7 @@ def simulated(
 ) -> ExchangeGrasps:
     """Try grasps, and fill in unknown outcomes, joint positions, poses and mass of the object.
 
-    Outcomes that are known stay. The object settles from its pose in the world, and the grasps get the pose in which it
+    Known outcomes are kept. The object settles from its pose in the world, and the grasps get the pose in which it
     comes to rest. Joint positions are those at the end of closing, before the hand lifts; they stay NaN where the hand
     collides on its way (`ExchangeGrasps.closed`).
 

@@ -10,8 +10,8 @@
 An answer is structured JSON, the same JSON as text, and PNG pictures. Lengths are in metres, masses in kilograms.
 
 Modules: `settings` (the offer of a server, limits), `arguments` (schemas of the tools' arguments), `desk` (objects,
-files and hands that an agent names), `tools` (the work), `serving` (the protocol). Tools run one at a time in a process
-of their own, which is ended after the time limit.
+files and hands that an agent names), `tools` (the work), `serving` (the protocol). Tools run one at a time in a
+separate process, which is ended after the time limit.
 """
 
 from graspbox.mcp.serving import ToolServer

@@ -48,7 +48,7 @@ class ObjectArguments(_Arguments):
         description="An offered object set that names one object (procedural:mug:3), or the path of a mesh file "
         "(.stl, .ply, .obj, .off) in the folder."
     )
-    name: Text | None = Field(None, description="Name of one object, where the set holds several.")
+    name: Text | None = Field(None, description="Name of one object, if the set has several.")
     scale: float = Field(1.0, gt=0, le=1e4, description="Metres per unit of a mesh file: 0.001 for millimetres.")
     mass: float | None = Field(None, gt=0, le=25, description="Mass, kilograms; by default that of the set.")
     hand: Text | None = Field(None, description="Name of the hand; by default the first that is offered.")
@@ -111,7 +111,7 @@ class GraspImageArguments(_Arguments):
         None, description="LEFT, TOP, RIGHT, BOTTOM: pixels within which the object is looked for."
     )
     hand_error: Pair | None = Field(
-        None, description="How far the hand goes from where it is sent, one standard deviation: millimetres, degrees."
+        None, description="Positioning error of the hand, one standard deviation: millimetres, degrees."
     )
     count: int = Field(5, ge=1, le=MAX_GRASPS, description="Most grasps.")
     seed: Seed = Field(0, description="Seed of the refinement.")
@@ -121,7 +121,7 @@ class GraspImageArguments(_Arguments):
 Arguments = TypeVar("Arguments", bound=_Arguments)
 
 
-def parsed(kind: type[Arguments], given: Mapping[str, Any]) -> Arguments:
+def parsed(kind: type[Arguments], values: Mapping[str, Any]) -> Arguments:
     """Check the arguments of a call.
 
     Raises
@@ -131,7 +131,7 @@ def parsed(kind: type[Arguments], given: Mapping[str, Any]) -> Arguments:
     """
     try:
         # As JSON, in which a list is an array of any kind and 1 is a number.
-        return kind.model_validate_json(json.dumps(given))
+        return kind.model_validate_json(json.dumps(values))
     except ValidationError as error:
         raise ConfigError(_sentence(error, kind)) from None
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Objects, files and hands that an agent names: nothing outside of the folder and of what the server offers."""
+"""Objects, files and hands that an agent names: nothing outside the folder and the offer of the server."""
 
 from pathlib import Path, PurePath
 
@@ -18,12 +18,12 @@ _LISTED, _READ = 20, 1000
 
 
 class Desk:
-    """What an agent may name.
+    """Objects, files and hands that an agent may name.
 
     Parameters
     ----------
     settings : ToolSettings
-        What the server offers.
+        The offer of the server.
 
     Raises
     ------
@@ -35,12 +35,12 @@ class Desk:
         self.settings = settings
         self._offer = Offer(settings.objects, settings.hands)
 
-    def file(self, given: str, suffixes: frozenset[str], kind: str) -> Path:
+    def file(self, name: str, suffixes: frozenset[str], kind: str) -> Path:
         """Find a file of the folder; links are followed, unless they lead out of it.
 
         Parameters
         ----------
-        given : str
+        name : str
             Path, relative to the folder.
         suffixes : frozenset of str
             The suffixes that the file may have.
@@ -56,24 +56,24 @@ class Desk:
         """
         folder = self.settings.folder
         try:
-            path = (folder / given).resolve()
+            path = (folder / name).resolve()
         except (OSError, RuntimeError, ValueError):  # a loop of links, a name that is too long, a NUL
-            raise ConfigError(f"{given[:100]!r} is no path of a {kind}") from None
+            raise ConfigError(f"{name[:100]!r} is no path of a {kind}") from None
         if not path.is_relative_to(folder):
-            raise ConfigError(f"{given[:100]!r} leads out of the folder of this server; name a {kind} in it")
+            raise ConfigError(f"{name[:100]!r} leads out of the folder of this server; name a {kind} in it")
         if path.suffix.lower() not in suffixes:
             choices = ", ".join(sorted(suffixes))
-            raise ConfigError(f"{given[:100]!r} is no {kind}; the file's name must end in {choices}")
+            raise ConfigError(f"{name[:100]!r} is no {kind}; the file's name must end in {choices}")
         try:
             if not path.is_file():
-                raise FileError(2, f"there is no such {kind}{self._listed(suffixes)}", given[:100])
+                raise FileError(2, f"there is no such {kind}{self._listed(suffixes)}", name[:100])
             size = path.stat().st_size
         except (OSError, ValueError) as error:
             if isinstance(error, FileError):
                 raise
-            raise ConfigError(f"{given[:100]!r} is no path of a {kind}") from None
+            raise ConfigError(f"{name[:100]!r} is no path of a {kind}") from None
         if size > MAX_BYTES:
-            raise FileError(27, f"it has {size} bytes; this server reads at most {MAX_BYTES}", given[:100])
+            raise FileError(27, f"it has {size} bytes; this server reads at most {MAX_BYTES}", name[:100])
         return path
 
     def _listed(self, suffixes: frozenset[str]) -> str:
@@ -84,7 +84,7 @@ class Desk:
                 break
             if entry.suffix.lower() in suffixes and entry.is_file():
                 names.append(entry.name)
-        return f"; the folder holds {', '.join(sorted(names)[:_LISTED])}" if names else ""
+        return f"; the folder has {', '.join(sorted(names)[:_LISTED])}" if names else ""
 
     def object(self, arguments: ObjectArguments) -> ObjectSpec:
         """Find the one object that a call names.
@@ -92,23 +92,23 @@ class Desk:
         Raises
         ------
         ObjectSetError
-            If the set is not offered, or holds several objects, none of which is named.
+            If the set is not offered, or has several objects, none of which is named.
         ConfigError, FileError
             As `file`.
         """
-        given = arguments.object
+        source = arguments.object
         # A set has no suffix, except where the server gave it such a name.
-        if given not in self._offer.names and PurePath(given).suffix.lower() in MESH_SUFFIXES:
-            path = self.file(given, MESH_SUFFIXES, "mesh file")
+        if source not in self._offer.names and PurePath(source).suffix.lower() in MESH_SUFFIXES:
+            path = self.file(source, MESH_SUFFIXES, "mesh file")
             return load(path, scale=arguments.scale, mass=arguments.mass)[0]
-        found = self._offer.find(given, arguments.scale, arguments.mass)
+        found = self._offer.find(source, arguments.scale, arguments.mass)
         named = [spec for spec in found if arguments.name in (None, spec.name)]
         if len(named) == 1:
             return named[0]
         names = ", ".join(found.names[:_LISTED])
         if arguments.name is not None:
-            raise ObjectSetError(f"{given!r} has no object {arguments.name[:100]!r}; it has {names}")
-        raise ObjectSetError(f"{given!r} holds {len(found)} objects; give the name of one, such as {names}")
+            raise ObjectSetError(f"{source!r} has no object {arguments.name[:100]!r}; it has {names}")
+        raise ObjectSetError(f"{source!r} has {len(found)} objects; give the name of one, such as {names}")
 
     def hand(self, name: str | None) -> str:
         """Check the name of a hand; the first that is offered by default.

@@ -1,4 +1,4 @@
-"""The protocol: lists the tools, checks calls, and runs them one at a time in a process of their own."""
+"""The protocol: lists the tools, checks calls, and runs them one at a time in a separate process."""
 
 import base64
 import json
@@ -29,7 +29,7 @@ class ToolServer:
     Parameters
     ----------
     settings : ToolSettings
-        What it offers.
+        The offer of the server.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ def call(settings: ToolSettings, name: str, arguments: dict[str, Any]) -> _Told:
 
 
 def _told(settings: ToolSettings, work: Callable[[], Any]) -> _Told:
-    """Give an answer, or the sentence of an error, in which files have the names that agents know."""
+    """Give an answer, or the sentence of an error, in which files have their names for agents."""
     try:
         answer = work()
     except InternalError:

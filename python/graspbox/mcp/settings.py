@@ -11,7 +11,7 @@ __all__ = ["MAX_BYTES", "MAX_GRASPS", "MAX_PIXELS", "MAX_SIDE", "ToolSettings"]
 
 #: Most grasps of a call, of its answer and of its simulation.
 MAX_GRASPS = 100
-#: Longest side of a picture that an agent asks for, pixels.
+#: Longest side of a picture that an agent requests, pixels.
 MAX_SIDE = 1024
 #: Largest mesh file and depth image that are read, bytes.
 MAX_BYTES = 64 << 20
@@ -21,7 +21,7 @@ MAX_PIXELS = 4096 * 3072
 
 @dataclass(frozen=True)
 class ToolSettings:
-    """What a server of tools offers.
+    """Offer and limits of a server of tools.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ class Answer:
     Attributes
     ----------
     content : dict
-        JSON values; null for what was not measured.
+        JSON values; null where nothing was measured.
     pictures : tuple of bytes
         PNG files.
     """
@@ -254,7 +254,7 @@ def grasp_image(desk: Desk, arguments: GraspImageArguments) -> Answer:
 
 @dataclass(frozen=True)
 class Tool:
-    """A tool: the schema of its arguments, its function, and what it tells agents about itself."""
+    """A tool: the schema of its arguments, its function, and its description for agents."""
 
     arguments: type[Any]
     run: Callable[[Desk, Any], Answer]

@@ -171,12 +171,12 @@ class GraspTrials(ArrayTable):
         ConfigError
             If there are none.
         """
-        given = list(parts)
-        if not given:
+        pieces = list(parts)
+        if not pieces:
             raise ConfigError("there are no trials to put together; give some")
-        starts = np.cumsum([0, *(len(part.source) for part in given)])
-        found = {f.name: np.concatenate([getattr(part, f.name) for part in given]) for f in fields(cls)}
-        found["scene_of"] = np.concatenate([part.scene_of + start for part, start in zip(given, starts, strict=False)])
+        starts = np.cumsum([0, *(len(part.source) for part in pieces)])
+        found = {f.name: np.concatenate([getattr(part, f.name) for part in pieces]) for f in fields(cls)}
+        found["scene_of"] = np.concatenate([part.scene_of + start for part, start in zip(pieces, starts, strict=False)])
         return cls(**found)
 
     def of_scenes(self, kept: NDArray[np.bool_]) -> "GraspTrials":

@@ -172,17 +172,17 @@ class ObjectSet(Sequence[ObjectSpec]):
         return ObjectSet(f"{self.name}/{split}", kept)
 
 
-def name_and_split(given: str) -> tuple[str, Split | None]:
+def name_and_split(source: str) -> tuple[str, Split | None]:
     """Separate ``NAME`` or ``NAME/SPLIT``, as in scripts; `load` validates both.
 
     Slashes of a path are not mistaken for the one before a split: ``dir:meshes/mugs/test`` is the split of a folder.
     """
-    name, _, split = given.rpartition("/")
+    name, _, split = source.rpartition("/")
     if split in get_args(Split):
         return name, split  # type: ignore[return-value]
-    if given.startswith("dir:") or Path(given).exists():
-        return given, None
-    name, _, split = given.partition("/")
+    if source.startswith("dir:") or Path(source).exists():
+        return source, None
+    name, _, split = source.partition("/")
     return name, split or None  # type: ignore[return-value]
 
 

@@ -18,7 +18,7 @@ __all__ = ["by_family", "without"]
 _log = logging.getLogger(__name__)
 
 
-def by_family(given: str) -> list[str]:
+def by_family(source: str) -> list[str]:
     """Expand a procedural set to one name per family, and return any other name unchanged.
 
     ``procedural:seen`` grows whenever a family is added; the record of a policy's training objects must not.
@@ -28,10 +28,10 @@ def by_family(given: str) -> list[str]:
     ObjectSetError
         If there is no such procedural set.
     """
-    name, split = object_sets.name_and_split(given)
+    name, split = object_sets.name_and_split(source)
     kind, _, rest = name.partition(":")
     if kind != "procedural":
-        return [given]
+        return [source]
     families, seeds = object_sets.families_and_seeds(rest, name)
     end = f"/{split}" if split else ""
     return [f"procedural:{family}:{seeds[0]}-{seeds[-1]}{end}" for family in families]
@@ -48,13 +48,13 @@ def without(found: ObjectSet, learned_from: Iterable[str]) -> ObjectSet:
         If an entry names no object set.
     """
     learned: set[str] = set()
-    for given in learned_from:
-        name, split = object_sets.name_and_split(given)
+    for source in learned_from:
+        name, split = object_sets.name_and_split(source)
         try:
             learned |= {spec.source for spec in object_sets.load(name, split=split)}
         except (FileError, MissingExtraError, ObjectSetError) as error:
             names_files = name.startswith("dir:") or Path(name).suffix.lower() in MESH_SUFFIXES
             if isinstance(error, ObjectSetError) and not names_files:
-                raise ObjectSetError(f"learned_from has {given!r}: {error}") from None
-            _log.info("no objects of %s are left out: %s", given, error)
+                raise ObjectSetError(f"learned_from has {source!r}: {error}") from None
+            _log.info("no objects of %s are left out: %s", source, error)
     return replace(found, objects=tuple(spec for spec in found if spec.source not in learned))

@@ -127,13 +127,13 @@ def masses_in(folder: Path, names: Collection[str]) -> dict[str, float]:
     return masses
 
 
-def _kilograms(text: str, what: str) -> float:
+def _kilograms(text: str, name: str) -> float:
     try:
         mass = float(text)
     except ValueError:
-        raise ObjectSetError(f"{what} is {text!r}; write a number of kilograms, such as 0.25") from None
+        raise ObjectSetError(f"{name} is {text!r}; write a number of kilograms, such as 0.25") from None
     if mass > _GREATEST_MASS:
-        raise ObjectSetError(f"{what} is {text.strip()}, which looks like grams; write kilograms: {mass / 1000:g}")
+        raise ObjectSetError(f"{name} is {text.strip()}, which looks like grams; write kilograms: {mass / 1000:g}")
     if not mass > 0.0:
-        raise ObjectSetError(f"{what} is {text.strip()}; write a positive number of kilograms")
+        raise ObjectSetError(f"{name} is {text.strip()}; write a positive number of kilograms")
     return mass

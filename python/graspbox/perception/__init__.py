@@ -12,7 +12,7 @@
 A decision goes one way: a `DepthView` is leveled, its object is cropped (`Crops`), and a `Finder` ranks grasps there
 (`FoundGrasp`).
 
-| module | what it does |
+| module | purpose |
 |---|---|
 | `configs`, `finder_configs` | settings |
 | `depth_images` | depth images from files: their units, the camera's lens and pose, the table |

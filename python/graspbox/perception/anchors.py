@@ -1,8 +1,8 @@
-"""Anchors: a regular grid of steep grasps over the table, which a network can tell good from bad one by one.
+"""Anchors: a regular grid of steep grasps over the table, which a network classifies one by one.
 
 A grasp is described by its grasp point (a fixed distance in front of the palm, between the fingers), the roll of the
 hand about the vertical, the tilt of its approach away from straight down, and its preshape. Anchors have grasp points
-on a grid of the crop, evenly spaced rolls, and no tilt. `Anchors.places` tells where among them a pose is;
+on a grid of the crop, evenly spaced rolls, and no tilt. `Anchors.places` finds the place of a pose among them;
 `Anchors.encode` and `Anchors.decode` name it by its nearest anchor and a residual of at most half a step.
 
 Steep grasps are enough for objects on a table: in 170 of the first 171 scenes of a data set of boxes and blocks

@@ -180,7 +180,7 @@ def solid_occupancy(
     ConfigError
         For arrays of another shape, an index without a mesh, or a setting out of range.
     """
-    given = [as_mesh(mesh) for mesh in meshes]
+    models = [as_mesh(mesh) for mesh in meshes]
     indices = [natural(index, "mesh_of") for index in mesh_of]
     poses = floats(crop_from_object, "crop_from_object")
-    return _core.solids(given, indices, poses, to_json(config, CropConfig), num_threads)
+    return _core.solids(models, indices, poses, to_json(config, CropConfig), num_threads)

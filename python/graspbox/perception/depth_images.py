@@ -50,7 +50,7 @@ MAX_COORDINATE = 1e4
 _MOST_POINTS = 1_000_000
 #: Planes that are tried, pixels that vote for them, and the least share of the votes that a table has.
 _PLANES, _VOTERS, _TABLE_SHARE = 400, 4000, 0.25
-#: Least share of the pixels that lie on the table where the camera's pose says that it is.
+#: Least share of the pixels that lie on the table as placed by the camera's pose.
 _SEEN_TABLE = 0.12
 #: A pixel is the table's within this distance and this share of its depth, metres.
 _ON_TABLE, _ON_TABLE_GROWTH = 0.004, 0.004
@@ -165,7 +165,7 @@ def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
     near, middle = np.percentile(seen[:: 1 + len(seen) // _MOST_POINTS], (10, 50))
 
     def off(factor: float) -> float:
-        """Tell how far from usual the distances would be; infinite where they are implausible."""
+        """Return the deviation of the distances from usual ones; infinite where they are implausible."""
         share = factor / metres
         plausible = share * middle > _NEAREST and share * near < _FARTHEST
         return abs(float(np.log(share * middle / _USUAL))) if plausible else np.inf
@@ -190,11 +190,11 @@ def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[n
     ConfigError
         If they are no pinhole camera, or cannot be those of an image of that size.
     """
-    given = floats(intrinsics, "intrinsics")
+    matrix = floats(intrinsics, "intrinsics")
     rows, columns = shape
-    if given.shape != (3, 3) or not np.isfinite(given).all():
-        raise ConfigError(f"intrinsics have shape {given.shape}; give a finite 3x3 matrix")
-    fx, fy, cx, cy = given[0, 0], given[1, 1], given[0, 2], given[1, 2]
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise ConfigError(f"intrinsics have shape {matrix.shape}; give a finite 3x3 matrix")
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     if not (fx > 0 and fy > 0):
         raise ConfigError(f"the focal lengths are {fx:g} and {fy:g}; give positive numbers of pixels")
     if fx < 0.2 * columns:
@@ -208,7 +208,7 @@ def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[n
                 f"{name} is {center:g}, outside of an image of {columns} x {rows} pixels; the intrinsics belong to an "
                 "image of another size"
             )
-    return given
+    return matrix
 
 
 def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:
@@ -360,7 +360,7 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
 def check_table(
     depth: NDArray[np.float64], intrinsics: NDArray[np.float64], table_from_camera: NDArray[np.float64]
 ) -> None:
-    """Check that an image shows the table where the camera's pose says that it is; arguments as above.
+    """Check that an image shows the table as placed by the camera's pose; arguments as above.
 
     Raises
     ------

@@ -369,7 +369,7 @@ class GraspFinder(Finder):
     def _feasible(
         self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Tell where the open hand gets and enough fingers meet the object."""
+        """Return where the open hand fits and enough fingers meet the object."""
         config = self.config.proposals
         free, fingers = self.grid.meets(volume[0], poses, preshapes, points=config.points)
         return free & (fingers >= min(config.fingers, 2))

@@ -148,7 +148,7 @@ class HandGrid:
     def meets(
         self, occupancy: ArrayLike, poses: ArrayLike, preshape: ArrayLike, *, points: int = 1000
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        """Tell whether the open hand reaches poses, and how many fingers meet the volume as they close.
+        """Return whether the open hand reaches poses, and how many fingers meet the volume as they close.
 
         Parameters
         ----------
@@ -202,13 +202,13 @@ class HandGrid:
             For arrays of another shape or type, or an index without a crop.
         """
         indices = [natural(index, "crop_of") for index in crop_of]
-        given = _bytes(channels, "channels")
-        return self._core.crops(given, self._crop, indices, floats(poses, "poses"), self.num_threads)
+        grids = _bytes(channels, "channels")
+        return self._core.crops(grids, self._crop, indices, floats(poses, "poses"), self.num_threads)
 
 
 def _bytes(values: ArrayLike, name: str) -> NDArray[np.uint8]:
     """Lay an array of bytes out as the core takes it."""
-    given = np.ascontiguousarray(values)
-    if given.dtype != np.uint8:
-        raise ConfigError(f"{name} is of dtype {given.dtype}; give uint8, 0 to 255 for 0 to 1")
-    return given
+    array = np.ascontiguousarray(values)
+    if array.dtype != np.uint8:
+        raise ConfigError(f"{name} is of dtype {array.dtype}; give uint8, 0 to 255 for 0 to 1")
+    return array

@@ -50,9 +50,9 @@ def level(
     ConfigError
         For arrays of another shape, and a camera farther than `MAX_COORDINATE` from the origin.
     """
-    for name, given, shape in (("intrinsics", intrinsics, (3, 3)), ("world_from_camera", world_from_camera, (4, 4))):
-        if given.shape != shape:
-            raise ConfigError(f"{name} has shape {given.shape}; give {shape}")
+    for name, matrix, shape in (("intrinsics", intrinsics, (3, 3)), ("world_from_camera", world_from_camera, (4, 4))):
+        if matrix.shape != shape:
+            raise ConfigError(f"{name} has shape {matrix.shape}; give {shape}")
     if depth.ndim != 2:
         raise ConfigError(f"depth has shape {depth.shape}; give one image (H, W)")
     if not np.linalg.det(intrinsics):

@@ -36,8 +36,8 @@ class PoseNoise:
 
     def __post_init__(self) -> None:
         for name, most, unit in (("position", _LARGEST[0], "metres"), ("rotation", _LARGEST[1], "radians")):
-            if not 0.0 <= (given := getattr(self, name)) <= most:
-                raise ConfigError(f"{name} of the hand's error is {given}; give {unit}, 0 to {most}")
+            if not 0.0 <= (value := getattr(self, name)) <= most:
+                raise ConfigError(f"{name} of the hand's error is {value}; give {unit}, 0 to {most}")
 
     @classmethod
     def in_millimetres(cls, position: float, rotation: float) -> Self:

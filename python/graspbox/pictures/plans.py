@@ -118,7 +118,7 @@ def save_plan(
     count : int
         Greatest number of poses to show.
     camera : Camera, optional
-        Viewing direction; by default one in which the first hand is beside the object, not in front of it.
+        Viewing direction; by default one in which the first hand is next to the object, not in front of it.
 
     Raises
     ------

@@ -15,7 +15,7 @@
 | ``hf://owner/name`` | | such a folder, downloaded from the Hugging Face hub |
 | ``depth``, ... | | such a folder of an installed package; ``graspbox-policies`` holds the published ones |
 
-``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and know the object's mesh.
+``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and use the object's mesh.
 `load` makes a policy by its name, and `available` lists names; `graspbox.evaluation.evaluate` measures one; a policy of
 your own is a subclass of `Policy`.
 
@@ -31,7 +31,7 @@ your own is a subclass of `Policy`.
 | `goals` | the grasp of another policy as an observation of ``Grasp-v0`` |
 | `residual` | `ResidualGrasp`: bounded corrections of the grasps of another policy |
 | `partial_view` | `PartialViewPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
-| `grasp_image` | grasps for a depth image of your own |
+| `grasp_image` | grasps for your own depth image |
 
 ``robust_oracle`` and policies with partial ground truth are in `graspbox.evaluation.oracles`.
 
@@ -134,7 +134,7 @@ def load(name: str | os.PathLike[str]) -> Policy:
     ----------
     name : str or path
         One of `available`, the folder of a published policy, or ``hf://owner/name``, with ``@revision`` for a branch, a
-        tag or a commit, of one on the Hugging Face hub: the table of the module says what each does. A folder hides an
+        tag or a commit, of one on the Hugging Face hub: the table of the module describes each. A folder hides an
         installed policy of the same name.
 
     Raises

@@ -85,11 +85,11 @@ class GraspExecutor:
         return self._proprio.pose(row["proprio"], "hand")
 
     def sees_hand(self, row: Row) -> bool:
-        """Tell whether part of the hand may be in the image."""
+        """Return whether part of the hand may be in the image."""
         return self._view.sees(self.hand_pose(row), self._preshape_of(row))
 
     def ready(self, env: int, row: Row) -> bool:
-        """Tell whether the camera's view is free of the hand; until then `act` moves the hand out of the image."""
+        """Return whether the camera's view is free of the hand; until then `act` moves the hand out of the image."""
         if self._motions[env] is None:
             hand, preshape = self.hand_pose(row), self._preshape_of(row)
             if stops := self._view.leave(hand, preshape):

@@ -48,7 +48,7 @@ class HandView:
         self._low, self._high = (np.array(bound) for bound in spaces.tables(hand)["workspace"])
 
     def sees(self, world_from_hand: ArrayLike, preshape: float) -> bool:
-        """Tell whether part of the open hand may be in the image."""
+        """Return whether part of the open hand may be in the image."""
         shapes, halves, _, _ = self._hand.shapes(self._hand.open(preshape))
         return self._meets(np.asarray(world_from_hand, dtype=np.float64), shapes, halves)
 

@@ -92,10 +92,10 @@ class Task:
         if not isinstance(action_space, spaces.Box):
             raise ConfigError(f"the action space is {action_space}; policies need a Box")
         names = ("obs", "scale", "mass", "split", "control", "frame_skip", "hand")
-        given = {name: spec.kwargs.get(name, keywords(Settings)[name].default) for name in names}
-        given["obs"] = given["obs"] if isinstance(given["obs"], str) else tuple(given["obs"])
-        given |= {"sets": spec.kwargs.get("objects", OBJECTS.default), "cameras": _cameras(spec.kwargs)}
-        return cls(spec.id, num_envs, observation_space, action_space, **given)
+        values = {name: spec.kwargs.get(name, keywords(Settings)[name].default) for name in names}
+        values["obs"] = values["obs"] if isinstance(values["obs"], str) else tuple(values["obs"])
+        values |= {"sets": spec.kwargs.get("objects", OBJECTS.default), "cameras": _cameras(spec.kwargs)}
+        return cls(spec.id, num_envs, observation_space, action_space, **values)
 
     @cached_property
     def objects(self) -> object_sets.ObjectSet:
@@ -116,12 +116,12 @@ class Task:
         return self.env_id.startswith("graspbox/Grasp-")
 
 
-def _cameras(given: Mapping[str, Any]) -> CamerasConfig:
+def _cameras(arguments: Mapping[str, Any]) -> CamerasConfig:
     """Read the cameras of environments off their keywords."""
     rows = keywords(Settings)
-    found = given.get("cameras", rows["cameras"].default)
+    found = arguments.get("cameras", rows["cameras"].default)
     cameras: CamerasConfig = config_of(CamerasConfig, found, "cameras") if isinstance(found, Mapping) else found
-    size = given.get("image_size", rows["image_size"].default)
+    size = arguments.get("image_size", rows["image_size"].default)
     if size is not None:
         rows_columns = (size, size) if np.ndim(size) == 0 else tuple(size)
         cameras = replace(cameras, image_size=rows_columns)
@@ -132,7 +132,7 @@ class Policy(ABC):
     """Chooses the actions of many environments at once.
 
     `bind` comes first, once. Then `reset` is called for every episode that begins, with the info of that reset, before
-    `act` sees its first observation; ``mask`` says which environments begin one, as the option
+    `act` sees its first observation; ``mask`` marks the environments that begin one, as the option
     ``reset_mask`` of a reset does. With autoreset, call it after the step that began the episodes: the step that ended
     the last ones (``AutoresetMode.SAME_STEP``) or the one after it (``AutoresetMode.NEXT_STEP``).
 
@@ -187,9 +187,9 @@ class Policy(ABC):
         ConfigError
             If the policy cannot act there, or an observation that it needs is missing.
         """
-        given = (task.obs,) if isinstance(task.obs, str) else task.obs
+        observed = (task.obs,) if isinstance(task.obs, str) else task.obs
         needed = (self.obs,) if isinstance(self.obs, str) else self.obs or ()
-        if not set(needed) <= set(given):
+        if not set(needed) <= set(observed):
             raise ConfigError(
                 f"the policy {self.name!r} needs obs={self.obs!r}; the environments give obs={task.obs!r}"
             )

@@ -32,7 +32,7 @@ class Attempt:
     ----------
     found : FoundGrasp
         The grasp.
-    felt : (k,) float32
+    readings : (k,) float32
         Inputs of the network: facts known before, and readings (`graspbox.models.stability.inputs.StabilityReading`).
     probability : float
         Predicted probability that it holds.
@@ -41,7 +41,7 @@ class Attempt:
     """
 
     found: FoundGrasp
-    felt: NDArray[np.float32]
+    readings: NDArray[np.float32]
     probability: float
     released: bool
 
@@ -86,7 +86,7 @@ class FeelThenLift(Policy):
     base: DepthGrasp
     obs: tuple[str, ...] = ("depth", "proprio")
     env_id = "graspbox/Grasp-v0"
-    # Two attempts have taken up to 395 steps.
+    # Two attempts took up to 395 steps.
     settings: Mapping[str, Any] = {"image_size": 128, "max_episode_steps": 450}
 
     def __init__(

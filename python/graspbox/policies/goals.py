@@ -2,10 +2,10 @@
 
 A policy that acts in every step, such as a clone tuned by rewards, need not look at images itself. Another one
 (`DepthGrasp`, `HeadGrasp`) looks once, as soon as the hand is out of the camera's image, and from then on the
-observation ``goal`` tells where its grasp is, seen from the hand. Nothing of it is privileged. Until then, and where no
-grasp was found, ``goal`` is zero.
+observation ``goal`` is the pose of its grasp relative to the hand. Nothing of it is privileged. Until then, and
+where no grasp was found, ``goal`` is zero.
 
-| name | what it does |
+| name | purpose |
 |---|---|
 | `GOAL`       | the entries of the observation |
 | `Goals`      | makes it, for some environments |
@@ -134,7 +134,7 @@ class Goals:
 
 
 class GoalPolicy(Policy):
-    """A policy of ``Grasp-v0`` that observes the goal of another one, beside the observations of the environments.
+    """A policy of ``Grasp-v0`` that also observes the goal of another policy.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Ranked grasps for a depth image of your own, by a published policy.
+"""Ranked grasps for your own depth image, by a published policy.
 
 | name | purpose |
 |---|---|

@@ -23,7 +23,7 @@ HEAD = "head.json"
 
 
 class HeadGrasp(DepthPolicy):
-    """Grasps as one network says: crop and head (`graspbox.models.head.heads`), and a collision filter.
+    """Grasps of one network: crop and head (`graspbox.models.head.heads`), and a collision filter.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class HeadGrasp(DepthPolicy):
         `graspbox.models.head.training.train_head` trained, which torch runs.
     filtered : bool, optional
         Take its best grasp that does not collide with the visible surface, instead of its best. By default as the
-        published folder says; else not.
+        published folder asks for it; else not.
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
     num_threads : int, optional

@@ -21,7 +21,7 @@ __all__ = ["NetworkPolicy"]
 
 
 class NetworkPolicy(Policy):
-    """Acts as a network says, from observations to actions; onnxruntime runs it, without torch.
+    """Maps observations to actions by a network; onnxruntime runs it, without torch.
 
     `graspbox.sb3.export` writes such folders. The network has no other inputs than `obs`: with ``state`` among them it
     is privileged.
@@ -72,10 +72,10 @@ class NetworkPolicy(Policy):
             raise ConfigError(f"the policy {self.name!r} was trained for the hand {known!r}, not {hand!r}")
         for name in ACTING:
             default = keywords(Settings)[name].default
-            wanted, given = self.settings.get(name, default), getattr(task, name)
-            if wanted != given:
+            wanted, found = self.settings.get(name, default), getattr(task, name)
+            if wanted != found:
                 raise ConfigError(
-                    f"the policy {self.name!r} needs {name}={wanted!r}; the environments have {name}={given!r}"
+                    f"the policy {self.name!r} needs {name}={wanted!r}; the environments have {name}={found!r}"
                 )
         for one in self.config.inputs:
             self._check(one, task)

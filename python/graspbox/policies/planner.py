@@ -27,7 +27,7 @@ _MESHES = 128
 
 
 class KnownObjects:
-    """The objects of some environments, for policies that know them.
+    """The objects of some environments, for policies that use them.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class KnownObjects:
 
     def _load(self, name: str) -> Mesh:
         if name not in self._indices:
-            raise ConfigError(f"there is no object {name!r} in the set {self._objects.name!r} that the policy knows")
+            raise ConfigError(f"there is no object {name!r} in the set {self._objects.name!r} of the policy")
         return self._objects[self._indices[name]].load()
 
     def name_in(self, info: Mapping[str, Any], policy: str) -> str:
@@ -57,8 +57,8 @@ class KnownObjects:
         if "object" not in info:
             raise ConfigError(f"the policy {policy!r} needs info['object'], the object's name; give reset its info")
         # With info='numeric' it is an index.
-        given = info["object"]
-        return given if isinstance(given, str) else self._objects.names[int(given)]
+        entry = info["object"]
+        return entry if isinstance(entry, str) else self._objects.names[int(entry)]
 
 
 class Planner(Policy):

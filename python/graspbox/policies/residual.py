@@ -122,18 +122,18 @@ def moved(
     ConfigError
         For a correction of another size, or one that is not finite.
     """
-    given = np.asarray(residual, dtype=np.float64)
-    if given.shape != (residual_size(hand),) or not np.isfinite(given).all():
-        raise ConfigError(f"the correction is {given}; give {residual_size(hand)} finite numbers")
-    given = np.clip(given, -1.0, 1.0)
+    correction = np.asarray(residual, dtype=np.float64)
+    if correction.shape != (residual_size(hand),) or not np.isfinite(correction).all():
+        raise ConfigError(f"the correction is {correction}; give {residual_size(hand)} finite numbers")
+    correction = np.clip(correction, -1.0, 1.0)
     pivot = np.asarray(hand.closing_center(preshape), dtype=np.float64)
-    turn = rotation_matrix(config.angle * _in_ball(given[3:6]))
+    turn = rotation_matrix(config.angle * _in_ball(correction[3:6]))
     pose = world_from_hand.copy()
-    shift = config.distance * _in_ball(given[:3]) + (pivot - turn @ pivot)
+    shift = config.distance * _in_ball(correction[:3]) + (pivot - turn @ pivot)
     pose[:3, 3] += world_from_hand[:3, :3] @ shift
     pose[:3, :3] = world_from_hand[:3, :3] @ turn
     low, high = hand.preshape_limits
-    change = config.preshape * (high - low) * given[6] if len(given) == 7 else 0.0
+    change = config.preshape * (high - low) * correction[6] if len(correction) == 7 else 0.0
     return pose, float(np.clip(preshape + change, low, high))
 
 
@@ -175,7 +175,7 @@ class Proposals:
                 "graspbox.policies.HeadGrasp or DepthGrasp"
             )
         if "state" in base.obs:
-            raise ConfigError(f"the base policy {base.name!r} has oracles, which know the object; give one without")
+            raise ConfigError(f"the base policy {base.name!r} has oracles, which use the true object; give one without")
         self.base, self.config = base, config
 
     def bind(self, task: Task) -> None:
@@ -249,16 +249,18 @@ class Proposals:
         ConfigError
             For corrections of another shape, or that are not finite.
         """
-        given = np.asarray(residuals, dtype=np.float64)
-        if given.shape != (self._count, residual_size(self.hand)):
+        corrections = np.asarray(residuals, dtype=np.float64)
+        if corrections.shape != (self._count, residual_size(self.hand)):
             raise ConfigError(
-                f"corrections have shape {given.shape}; give ({self._count}, {residual_size(self.hand)}), a row for "
-                "each environment"
+                f"corrections have shape {corrections.shape}; give ({self._count}, {residual_size(self.hand)}), a row "
+                "for each environment"
             )
         found = np.zeros((self._count, *self.base.task.action_space.shape), dtype=np.float32)
         for env, proposed in enumerate(self.base.found):
             if proposed is not None:
-                pose, preshape = moved(proposed.world_from_hand, proposed.preshape, given[env], self.hand, self.config)
+                pose, preshape = moved(
+                    proposed.world_from_hand, proposed.preshape, corrections[env], self.hand, self.config
+                )
                 found[env] = encode_action(pose, preshape, hand=self.hand)
         return found
 

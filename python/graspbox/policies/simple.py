@@ -21,7 +21,7 @@ class Zero(Policy):
 
 
 class Random(Policy):
-    """Actions sampled uniformly from the action space; every environment has a random stream of its own."""
+    """Actions sampled uniformly from the action space; every environment has its own random stream."""
 
     name = "random"
 

@@ -121,8 +121,10 @@ class _DepthTraining:
         stage("ablations", hours.evaluate, lambda s: self.export_ablations(s.folder, calibration))
         stage("evaluate", hours.evaluate, self.evaluate)
         folder = self.policy_folder()
-        config, given = read_depth_policy(folder), self.settings
-        card = depth_card(folder, config, command=command, settings=given, scenes=self.scenes, stages=self.run.stages)
+        config, settings = read_depth_policy(folder), self.settings
+        card = depth_card(
+            folder, config, command=command, settings=settings, scenes=self.scenes, stages=self.run.stages
+        )
         write_card(folder, config, card)
         self.run.log(f"the policy is in {folder}")
 

@@ -97,7 +97,7 @@ def depth_card(
 
 
 def _result(name: str, found: Mapping[str, Any]) -> str:
-    """Summarize the result of a stage, unless it has a table of its own."""
+    """Summarize the result of a stage, unless it has its own table."""
     if name.startswith("collect"):
         return "; ".join(
             f"{split}: {part['trials']} trials, {part['success']:.1%} success, {part['secure']:.1%} secure"

@@ -121,22 +121,22 @@ class _FeelTraining:
             seed=self.seed + number,
             device=self.settings.device,
         )
-        validation = held_out.felt, held_out.held
+        validation = held_out.readings, held_out.held
         net, trained = train_stability(
             stage.folder,
-            train.felt,
+            train.readings,
             train.held,
             validation,
             config,
             width=sizes.width,
             progress=reporter(stage, "minus cross-entropy"),
         )
-        logits = logits_of([net], held_out.felt)
+        logits = logits_of([net], held_out.readings)
         return {"steps": trained.step, "reason": trained.reason, "auc": round(auc(logits, held_out.held), 4)}
 
     def nets(self) -> list[StabilityNet]:
         """Load the trained networks."""
-        inputs = self.trials("held-out").felt.shape[1]
+        inputs = self.trials("held-out").readings.shape[1]
         nets = [StabilityNet(inputs, self.sizes.width) for _ in range(self.sizes.members)]
         for number, net in enumerate(nets):
             load_weights(net, self.out / f"member-{number}" / "weights.pt")
@@ -149,7 +149,7 @@ class _FeelTraining:
         first = held_out.first
         if not first.any():
             raise ConfigError("no scene of the held-out objects has a grasp; record more scenes")
-        logits = logits_of(self.nets(), held_out.felt[first])
+        logits = logits_of(self.nets(), held_out.readings[first])
         slope, offset = fit_logits(logits, held_out.held[first])
         return {"calibration": [slope, offset], "grasps": int(first.sum())}
 

@@ -45,9 +45,9 @@ class Score:
         return ScoreRow(self.objects, found.env_id, *counts, more=more)
 
 
-def object_set(given: str) -> object_sets.ObjectSet:
+def object_set(source: str) -> object_sets.ObjectSet:
     """Find the objects of ``NAME`` or ``NAME/SPLIT``; raises as `graspbox.object_sets.load`."""
-    name, split = object_sets.name_and_split(given)
+    name, split = object_sets.name_and_split(source)
     return object_sets.load(name, split=split)
 
 
@@ -115,7 +115,7 @@ def network_card(
     privileged = {*tables(load_hand(config.hand))["privileged"], "segmentation"}
     true = [name for name in names if name.split("_")[0] in privileged]
     summary = (
-        f"{_origin([one.what for one in made], config.algorithm)}: one network from observations to actions. It acts "
+        f"{_origin([one.kind for one in made], config.algorithm)}: one network from observations to actions. It acts "
         f"in `{config.environment.id}` and observes {listed(names)}."
     )
     if GOAL_NAME in config.uses:
@@ -126,7 +126,7 @@ def network_card(
         )
     if true:
         summary += f" It is **privileged**: no sensor measures {listed(true)}; the simulation gives it."
-    steps = [(one.what, one.told, "-" if one.seconds is None else shown_time(one.seconds)) for one in made]
+    steps = [(one.kind, one.told, "-" if one.seconds is None else shown_time(one.seconds)) for one in made]
     training = (
         f"{code(*(one.command for one in made), command)}\n\n{table(('step', 'description', 'time'), steps, 'll')}"
     )

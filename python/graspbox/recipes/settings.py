@@ -348,7 +348,7 @@ class StudySettings(_PublishedHand):
         graspbox train study --out out/quick --networks cnn3d --losses psi4 --iterations 200
         graspbox train study --out out/study --minutes-per-network 20 --publish policies/study
 
-    The folder holds study.md, which shows tables 3.2 and 3.3 beside ours and figures 3.19 to 3.27; results.jsonl with a
+    The folder has study.md, which shows tables 3.2 and 3.3 next to ours and figures 3.19 to 3.27; results.jsonl with a
     row per network; data with the samples; and a folder per network (graspbox.study.training), which
     graspbox.study.regressor.PoseRegressor loads as a policy.
 

@@ -8,7 +8,7 @@ interrupted recording resumes.
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -19,7 +19,7 @@ from graspbox.artifacts.folders import read_depth_policy
 from graspbox.envs.coding import Codec
 from graspbox.envs.scripted import ScriptedGrasp
 from graspbox.evaluation import trial_seeds
-from graspbox.models.stability.inputs import StabilityInputs, StabilityReading
+from graspbox.models.stability.inputs import STORED_NAME, StabilityInputs, StabilityReading
 from graspbox.perception.finder import FoundGrasp
 from graspbox.policies import DepthGrasp, GraspExecutor, Task
 from graspbox.training.array_files import ArrayTable, load_or_make_parts
@@ -40,7 +40,7 @@ class StabilityTrials(ArrayTable):
 
     Attributes
     ----------
-    felt : (n, k) float32
+    readings : (n, k) float32
         Known facts and sensor readings (`graspbox.models.stability.inputs.StabilityReading`).
     held, secure : (n,) bool
         Outcome of the trial: `graspbox.simulation` defines success and security.
@@ -48,11 +48,12 @@ class StabilityTrials(ArrayTable):
         Whether the grasp was the policy's own choice.
     """
 
-    felt: NDArray[np.float32]
+    readings: NDArray[np.float32]
     held: NDArray[np.bool_]
     secure: NDArray[np.bool_]
     first: NDArray[np.bool_]
 
+    stored_names: ClassVar = {"readings": STORED_NAME}
     nothing = "no grasp was tried in any scene; the policy finds nothing"
 
 
@@ -76,14 +77,14 @@ class Recorder:
     def __init__(self, policy: Path, objects: str, times: tuple[float, ...], seed: int, per_scene: int) -> None:
         self._policy = DepthGrasp(policy)
         self._seed, self._per_scene = seed, per_scene
-        given: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             "objects": objects,
             "hand": read_depth_policy(policy).hand,
             "autoreset_mode": AutoresetMode.DISABLED,
             "max_episode_steps": 400,
         }
         self._looking = gymnasium.make_vec(
-            "graspbox/Grasp-v0", BLOCK, obs=("depth", "proprio"), **DepthGrasp.settings, **given
+            "graspbox/Grasp-v0", BLOCK, obs=("depth", "proprio"), **DepthGrasp.settings, **arguments
         )
         task = Task.of(self._looking)
         self._policy.bind(task)
@@ -91,7 +92,7 @@ class Recorder:
         self._inputs = StabilityInputs(hand, times, self._policy.finder.crop, task.control)
         self._executor = GraspExecutor(task, hand, self._policy.observer.hand_view)
         self._proprio = Codec(task.control, hand, "proprio")
-        trying = gymnasium.make_vec("graspbox/Grasp-v0", BLOCK * per_scene, obs=self._inputs.obs, **given)
+        trying = gymnasium.make_vec("graspbox/Grasp-v0", BLOCK * per_scene, obs=self._inputs.obs, **arguments)
         # Gymnasium's class declares neither seeds per environment nor send and recv.
         self._trying: Any = trying.unwrapped
 

@@ -116,9 +116,9 @@ def _make_data(settings: StudySettings, objects: ObjectSet, run: Run) -> dict[st
         paths = [folder / f"{part}_{kind}.npz" for part in ("samples", "unseen")]
         if not paths[0].is_file():
             if count not in grasps:
-                given: dict[str, Any] = {"hand": settings.hand, "preshape": _preshape(settings)}
+                arguments: dict[str, Any] = {"hand": settings.hand, "preshape": _preshape(settings)}
                 counted = run.counter(count, "grasps")
-                grasps[count] = collect(objects, count, seed=settings.seed, done=counted, **given)
+                grasps[count] = collect(objects, count, seed=settings.seed, done=counted, **arguments)
                 _without_inputs(grasps[count]).save(folder / f"grasps_{count}.npz")
             options: dict[str, Any] = {"kind": kind, "mapping": settings.mapping, "seed": settings.seed}
             counted = run.counter(count, f"samples, {kind}")

@@ -65,7 +65,7 @@ def _image(request: Mapping[str, Any]) -> NDArray[np.generic]:
     try:
         found: NDArray[np.generic] = np.asarray(request["depth"])
     except (OverflowError, ValueError):
-        raise ConfigError("depth holds rows of different lengths; give an image (H, W)") from None
+        raise ConfigError("depth has rows of different lengths; give an image (H, W)") from None
     if found.dtype.kind not in "fiu" or found.ndim not in (2, 3):
         raise ConfigError(f"depth is {found.dtype} of shape {found.shape}; give numbers (H, W), or (k, H, W)")
     if not found.size:
@@ -91,15 +91,15 @@ def _separate(request: Mapping[str, Any], depth: NDArray[np.generic]) -> list[di
     return parts
 
 
-def _matrices(given: Any, name: str, size: int, images: int) -> Any:
+def _matrices(values: Any, name: str, size: int, images: int) -> Any:
     """Take one matrix for each image; empty where one is given for all, or none."""
     try:
-        several = given is not None and np.ndim(given) == 3
+        several = values is not None and np.ndim(values) == 3
     except ValueError:
-        raise ConfigError(f"{name} holds rows of different lengths; give matrices ({size}, {size})") from None
-    if several and len(given) != images:
-        raise ConfigError(f"{name} has {len(given)} matrices; give one for each of {images} images")
-    return given if several else ()
+        raise ConfigError(f"{name} has rows of different lengths; give matrices ({size}, {size})") from None
+    if several and len(values) != images:
+        raise ConfigError(f"{name} has {len(values)} matrices; give one for each of {images} images")
+    return values if several else ()
 
 
 def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:

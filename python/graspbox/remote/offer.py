@@ -88,7 +88,7 @@ class Offer:
             hint = f"did you mean {near[0] + text[len(kind) :]!r}?" if near else "choose procedural, ycb or NAME=SET"
             raise ConfigError(f"objects has {text!r}, which names no object set; {hint}")
 
-    def find(self, given: Any, scale: float = 1.0, mass: float | None = None) -> ObjectSet:
+    def find(self, objects: Any, scale: float = 1.0, mass: float | None = None) -> ObjectSet:
         """Find the objects that a client names; `scale` and `mass` as of `graspbox.object_sets.load`.
 
         Raises
@@ -96,12 +96,12 @@ class Offer:
         ObjectSetError
             For objects that are not offered, and for too many objects.
         """
-        names: list[str] = [given] if isinstance(given, str) else given
+        names: list[str] = [objects] if isinstance(objects, str) else objects
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise ObjectSetError(f"objects is {shown(given)}; give names of object sets")
-        # The work below grows with the number of names, and other clients wait meanwhile.
+            raise ObjectSetError(f"objects is {shown(objects)}; give names of object sets")
+        # The work below grows with the number of names, and other clients wait for it.
         if len(names) > MAX_OBJECTS:
-            raise ObjectSetError(f"objects has {len(names)} names; this server takes at most {MAX_OBJECTS} objects")
+            raise ObjectSetError(f"objects has {len(names)} names; this server allows at most {MAX_OBJECTS} objects")
         self._check_count(names)
         found = object_sets.load([self._aliases.get(name, name) for name in names], scale=scale, mass=mass)
         # Errors show the client's own names instead of local folders.
@@ -116,7 +116,9 @@ class Offer:
             seen.add(name)
             count += self._count(name)
             if count > MAX_OBJECTS:
-                raise ObjectSetError(f"objects names at least {count} objects; this server takes at most {MAX_OBJECTS}")
+                raise ObjectSetError(
+                    f"objects names at least {count} objects; this server allows at most {MAX_OBJECTS}"
+                )
 
     def _count(self, name: str) -> int:
         """Count the objects of a set that is offered."""

@@ -2,7 +2,7 @@
 
 The request determines the answer. ``depth`` with ``intrinsics`` is a request for grasps
 (`graspbox.remote.grasp_requests`). Observations of an environment are answered with ``actions``; each connection then
-has a policy of its own, bound to one environment, and ``{"reset": True}`` with the observations begins an episode.
+has its own policy, bound to one environment, and ``{"reset": True}`` with the observations begins an episode.
 These policies share their networks.
 """
 
@@ -43,7 +43,7 @@ class PolicyServer(RunningServer):
     Parameters
     ----------
     policy : str or Path
-        A name that `graspbox.policies.load` takes: a folder, or a baseline that needs no mesh.
+        A name for `graspbox.policies.load`: a folder, or a baseline that needs no mesh.
     settings : PolicyServerSettings, optional
         Address and bounds.
 
@@ -143,7 +143,7 @@ class PolicyServer(RunningServer):
             raise ConfigError(f"the request is {shown(request)}; send a map of observations")
         if "intrinsics" in request or job.json:
             if self._grasper is None:
-                raise ConfigError("this policy finds no grasps in images of your own; send observations")
+                raise ConfigError("this policy finds no grasps in your own images; send observations")
             return grasp_requests.decide(self._grasper, request)
         if isinstance(self._actors, GraspboxError):
             raise ConfigError(f"this policy finds grasps in images, but does not act: {self._actors}")
@@ -259,8 +259,8 @@ def _checked_row(name: str, value: Any, space: Any) -> Any:
     if found is not None and found.shape == (1, *space.shape):
         found = found[0]
     if found is None or found.shape != space.shape or found.dtype.kind not in "biuf":
-        given = "missing" if found is None else f"{found.dtype} of shape {found.shape}"
-        raise ConfigError(f"the observation {name!r} is {given}; {wanted}")
+        received = "missing" if found is None else f"{found.dtype} of shape {found.shape}"
+        raise ConfigError(f"the observation {name!r} is {received}; {wanted}")
     with np.errstate(all="ignore"):
         row = np.ascontiguousarray(found, dtype=space.dtype)[None]
     # Overflow of the space's type, and values that an integer type cannot represent.

@@ -120,7 +120,7 @@ class RayServers:
         except BaseException:
             self.close()
             raise
-        #: For the keyword ``remote`` of environments. It holds the token: do not store it.
+        #: For the keyword ``remote`` of environments. It contains the token: do not store it.
         self.remote = replace(remote or _REMOTE, urls=tuple(urls), token_text=token)
 
     def _start(
@@ -143,7 +143,7 @@ class RayServers:
             wanted = ", ".join(str(threads) for _, threads in places)
             raise ConfigError(
                 f"the servers did not start within {_START:.0f} s: they wait for {wanted} CPUs on {len(places)} nodes, "
-                "of which other tasks may hold some; give cpus_per_server"
+                "some of which other tasks may use; give cpus_per_server"
             ) from None
         except ray.exceptions.RayActorError as error:
             raise ConfigError(f"a server did not start: {error}") from None

@@ -21,7 +21,7 @@ _MOST_SETS, _LONGEST = 1000, 1000
 
 
 class RemotePolicy(Policy):
-    """Asks a server for the actions of each environment, one connection per environment.
+    """Queries a server for the actions of each environment, one connection per environment.
 
     A graspbox server also reports the policy's hand, the object sets from which it learned, and whether it states a
     probability of success.
@@ -74,7 +74,7 @@ class RemotePolicy(Policy):
         named = self.metadata.get("observations")
         self.obs = obs or (tuple(named) if named else None)
         if self.obs is None:
-            raise ConfigError(f"the server {url} does not say what it observes; name observations with obs (--obs)")
+            raise ConfigError(f"the server {url} does not name its observations; name them with obs (--obs)")
         self.name = str(self.metadata.get("policy") or url)
         self.env_id = self.metadata.get("environment")
         self.settings = dict(self.metadata.get("settings") or {}) if self._ours else {}
@@ -138,7 +138,7 @@ class RemotePolicy(Policy):
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         self._pending[env].clear()
         self._active[env] = True
-        # Only graspbox servers know episodes.
+        # Only graspbox servers have episodes.
         self._starts[env] = {"reset": True, "seed": seed} if self._ours else {}
 
     def act(self, observation: Any) -> Actions:
@@ -184,15 +184,15 @@ class RemotePolicy(Policy):
         """Take the actions to execute from an answer."""
         if isinstance(answer, str):
             # An openpi server sends a traceback, which ends with the error.
-            last = (answer.strip() or "it does not say which").splitlines()[-1]
+            last = (answer.strip() or "it does not name one").splitlines()[-1]
             raise ConfigError(f"the server {self._url} reports an error: {last}")
         if not isinstance(answer, Mapping) or self._name not in answer:
-            raise ConnectionLostError(f"the server {self._url} answers {shown(answer)}; it must hold {self._name!r}")
+            raise ConnectionLostError(f"the server {self._url} answers {shown(answer)}; it must contain {self._name!r}")
         try:
             found = np.asarray(answer[self._name], dtype=np.float32)
         except (TypeError, ValueError):
-            given = shown(answer[self._name])
-            raise ConfigError(f"the server {self._url} gives {self._name} as {given}; numbers are needed") from None
+            received = shown(answer[self._name])
+            raise ConfigError(f"the server {self._url} gives {self._name} as {received}; numbers are needed") from None
         size = self.task.action_space.shape
         if found.shape == size:
             found = found[None]

@@ -92,7 +92,7 @@ class RunningServer(ABC):
             Whether all of them ended.
         """
         self.drain()
-        # Not in the core: a second signal must be noticed meanwhile.
+        # Not in the core: a second signal must be noticed while it waits.
         until = time.monotonic() + DRAIN
         while patient and self._listener.busy and not self._hurried and time.monotonic() < until:
             time.sleep(0.01)

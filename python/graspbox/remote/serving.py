@@ -61,7 +61,7 @@ def description_of(core: GraspCore, environment: str) -> dict[str, Any]:
 
 
 def space_of(space: gymnasium.Space[Any]) -> dict[str, Any]:
-    """Write a space as JSON holds it: a ``Box``, whose bounds are one number where all are equal, or a ``Dict``."""
+    """Write a space as JSON: a ``Box``, whose bounds are one number where all are equal, or a ``Dict``."""
     if isinstance(space, gymnasium.spaces.Dict):
         return {"type": "Dict", "spaces": {name: space_of(one) for name, one in space.spaces.items()}}
     if not isinstance(space, gymnasium.spaces.Box):
@@ -118,35 +118,35 @@ class EnvironmentServer(RunningServer):
         _WrongField
             If the request is invalid.
         """
-        environment, given = request.get("environment", IDS[1]), dict(request.get("keywords") or {})
+        environment, settings = request.get("environment", IDS[1]), dict(request.get("keywords") or {})
         with _about("environment"):
             kind = kind_of(environment, request.get("vector", True))
-        hand = given.get("hand", "reflex")
+        hand = settings.get("hand", "reflex")
         with _about("hand"):
             if hand not in self.offer.hands:
                 raise ConfigError(
                     f"this server does not offer the hand {shown(hand)}; choose from {', '.join(self.offer.hands)}"
                 )
         with _about("keywords"):
-            complete(kind, given, hidden=_LOCAL)
-        refused = {"remote": given.get("remote") is not None, "render_mode": given.get("render_mode") == "human"}
+            complete(kind, settings, hidden=_LOCAL)
+        refused = {"remote": settings.get("remote") is not None, "render_mode": settings.get("render_mode") == "human"}
         for name, wrong in refused.items():
             with _about(name):
                 if wrong:
                     raise ConfigError(
-                        "a server makes environments of its own, without a window; leave remote and 'human' out"
+                        "a server makes its own environments, without a window; leave remote and 'human' out"
                     )
-        split = given.pop("split", None)
-        choice = {name: given.pop(name) for name in ("scale", "mass") if name in given}
+        split = settings.pop("split", None)
+        choice = {name: settings.pop(name) for name in ("scale", "mass") if name in settings}
         with _about("objects"):
             objects = self.offer.find(request.get("objects", self.offer.names[0]), **choice)
         with _about("split"):
             objects = objects if split is None else objects.split(split)
         for name in _LOCAL:
-            given.pop(name, None)
+            settings.pop(name, None)
         with _about("keywords"):
             count = request.get("num_envs", 1)
-            return GraspCore(kind, count, objects, {**given, "num_threads": self._threads}), environment
+            return GraspCore(kind, count, objects, {**settings, "num_threads": self._threads}), environment
 
 
 class _WrongField(Exception):  # noqa: N818 (it wraps the error)

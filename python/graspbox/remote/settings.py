@@ -19,7 +19,7 @@ __all__ = ["ListenerSettings", "PolicyServerSettings", "ServerSettings"]
 
 Texts = Sequence[str]
 FilePath = str | Path
-#: Fields that the core does not know.
+#: Fields that the core does not have.
 _PYTHON = ("insecure", "objects", "hands", "env_id")
 #: Fewest characters of a token.
 _MIN_TOKEN = 16
@@ -211,7 +211,7 @@ def _check_type(name: str, value: Any, hint: Any) -> None:
         raise ConfigError(f"{name} is {found}; give {_WANTED[hint]}")
 
 
-#: Value that an error asks for, by the annotation of a field.
+#: Required value in errors, by the annotation of a field.
 _WANTED: dict[Any, str] = {
     str: "a text",
     str | None: "a text or None",

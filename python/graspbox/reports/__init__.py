@@ -53,12 +53,12 @@ _KINDS = "`graspbox evaluate`, `grasp` or `dataset`, scripts/evaluate_policies.p
 
 
 def read_run(path: str | os.PathLike[str]) -> list[ReportRun]:
-    """Read a run; a folder of ``scripts/evaluate_policies.py`` holds several.
+    """Read a run; a folder of ``scripts/evaluate_policies.py`` has several.
 
     Parameters
     ----------
     path : str or PathLike
-        A JSON file or a folder; its content says which kind of run it is.
+        A JSON file or a folder; its content determines the kind of run.
 
     Raises
     ------

@@ -30,12 +30,12 @@ _DEFAULT_ENV = "graspbox/GraspPose-v0"
 
 
 def is_evaluation(content: Any) -> bool:
-    """Tell whether JSON is that of ``graspbox evaluate``."""
+    """Return whether JSON is that of ``graspbox evaluate``."""
     return isinstance(content, Mapping) and {"policy", "condition", "rate", "ci95"} <= content.keys()
 
 
 def is_evaluations(folder: Path) -> bool:
-    """Tell whether a folder is that of ``scripts/evaluate_policies.py``."""
+    """Return whether a folder is that of ``scripts/evaluate_policies.py``."""
     return (folder / "results.jsonl").is_file() and (folder / "settings.json").is_file()
 
 
@@ -225,14 +225,14 @@ def _run(
 
 def _rows(row: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
     """Name the columns of the trials of one job; rows of former versions have neither seeds nor kinds of failures."""
-    given = item(row, "trials", list, where)
-    if not given or not all(isinstance(trial, list) and len(trial) == len(COLUMNS) for trial in given):
+    trials = item(row, "trials", list, where)
+    if not trials or not all(isinstance(trial, list) and len(trial) == len(COLUMNS) for trial in trials):
         raise ConfigError(f"{where}: trials of {row['policy']!r} are not lists of {len(COLUMNS)} values; measure again")
-    seeds = row.get("seeds") or trial_seeds(item(row, "seed", int, where), len(given))
-    kinds = row.get("kinds") or [""] * len(given)
-    if not len(seeds) == len(kinds) == len(given):
+    seeds = row.get("seeds") or trial_seeds(item(row, "seed", int, where), len(trials))
+    kinds = row.get("kinds") or [""] * len(trials)
+    if not len(seeds) == len(kinds) == len(trials):
         raise ConfigError(f"{where}: seeds and kinds of {row['policy']!r} differ in number from trials; measure again")
     return [
         {**dict(zip(COLUMNS, trial, strict=True)), "seed": seed, "failure": kind}
-        for trial, seed, kind in zip(given, seeds, kinds, strict=True)
+        for trial, seed, kind in zip(trials, seeds, kinds, strict=True)
     ]

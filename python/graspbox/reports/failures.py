@@ -24,7 +24,7 @@ def failure_pictures(
 ) -> list[dict[str, Any]]:
     """Render failures of the runs, at most `most`: each run and each kind of failure in turn.
 
-    A trial that cannot be run again is left out, and its ``error`` says why.
+    A trial that cannot be run again is left out, and its ``error`` has the reason.
 
     Returns
     -------

@@ -28,12 +28,12 @@ _PER_KIND = 6
 
 
 def is_grasps(content: Any) -> bool:
-    """Tell whether JSON is that of ``graspbox grasp``."""
+    """Return whether JSON is that of ``graspbox grasp``."""
     return isinstance(content, Mapping) and {"objects", "tried", "first_rate", "objects_with_success"} <= content.keys()
 
 
 def is_dataset(folder: Path) -> bool:
-    """Tell whether a folder is a data set of ``graspbox dataset``."""
+    """Return whether a folder is a data set of ``graspbox dataset``."""
     return (folder / "manifest.json").is_file() and (folder / "trials").is_dir()
 
 
@@ -71,8 +71,8 @@ def read_grasps(path: Path) -> ReportRun:
     refused = facts_of(content.get("refused") or {})
     specs = {str(obj["name"]): spec for obj in objects if (spec := _spec(obj)) is not None}
     hand = made.get("hand")
-    given = made.get("trial")
-    config = config_of(TrialConfig, given, f"{where}: trial") if isinstance(given, Mapping) else TrialConfig()
+    trial = made.get("trial")
+    config = config_of(TrialConfig, trial, f"{where}: trial") if isinstance(trial, Mapping) else TrialConfig()
     pictures = _pictures(rows, specs, hand if isinstance(hand, str) else None, config, where)
     return ReportRun(
         path.stem, "grasps", str(path), facts_of(facts), total, counts, trials, specs, (), pictures, refused

@@ -21,10 +21,10 @@ _START = "start();"
 
 
 def page(title: str, data: Mapping[str, Any]) -> str:
-    """Assemble the page; `data` is what ``page.js`` shows."""
+    """Assemble the page; `data` is the content for ``page.js``."""
     scripts = {"program": _file("page.js"), "bundle": bundle().replace("</script", "<\\/script"), "start": _START}
     hashes = " ".join(f"'{_hash(script)}'" for script in scripts.values())
-    # In a script, text ends at the next tag of a script or a comment, whatever JSON means by it.
+    # In a script, text ends at the next tag of a script or a comment, even within a string of JSON.
     text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     fields = {"title": html.escape(title), "style": _file("page.css"), "data": text, "hashes": hashes, **scripts}
     return Template(_file("page.html")).substitute(fields)

@@ -1,4 +1,4 @@
-"""Runs as a report sees them, whatever wrote them: trials in columns, counts, curves, facts, replays."""
+"""Runs of any kind as a report uses them: trials in columns, counts, curves, facts, replays."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -25,9 +25,9 @@ class Counts:
     trials, succeeded : int
         Number of trials, and of those that succeeded.
     secure : int or None
-        Number of secure grasps; None where the run does not say.
+        Number of secure grasps; None if unknown.
     failures : mapping
-        Number of failures by kind, where the run says.
+        Number of failures by kind, if known.
     """
 
     trials: int
@@ -59,13 +59,13 @@ class Trials:
     Attributes
     ----------
     keys : tuple of str
-        What tells a trial from the others; the same trial of another run has the same key.
+        Key of each trial; the same trial of another run has the same key.
     objects : tuple of str
         Name of the object.
     success, secure : (n,) bool
         Outcome.
     failure : tuple of str
-        Kind of the failure; empty for a success, and where the run does not say.
+        Kind of the failure; empty for a success, and if unknown.
     probability : (n,) float64
         Predicted probability of success; NaN where there is none.
     """
@@ -127,7 +127,7 @@ class Picture:
     object, failure : str
         Name of the object, and kind of the failure.
     told : str
-        What tells the trial from others.
+        Key of the trial.
     render : callable
         Runs the trial again and renders it: pictures (H, W, 3) from left to right, and the kind of failure of the
         repetition (empty for a success).
@@ -152,7 +152,7 @@ class ReportRun:
     path : str
         The file or folder.
     facts : mapping
-        What its files know: commands, versions, dates, settings.
+        Facts in its files: commands, versions, dates, settings.
     total : Counts or None
         Counts of all trials; None for a training.
     objects : mapping

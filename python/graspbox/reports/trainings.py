@@ -18,7 +18,7 @@ _LOSSES = "losses.jsonl"
 
 
 def is_training(folder: Path) -> bool:
-    """Tell whether a folder is a training run, or has stages that are."""
+    """Return whether a folder is a training run, or has stages that are."""
     return any(_losses(folder))
 
 
@@ -78,7 +78,7 @@ def _thinned(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def _dates(folder: Path) -> Mapping[str, str]:
-    """When the run began and when it last wrote, as its log says."""
+    """Read the times of the first and the last entry of the log."""
     log = folder / "log.txt"
     if not log.is_file():
         newest = max(_losses(folder), key=lambda path: path.stat().st_mtime)

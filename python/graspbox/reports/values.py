@@ -1,4 +1,4 @@
-"""Values of JSON files, checked: each error names the file, the field and what to do."""
+"""Values of JSON files, checked: each error names the file, the field and the remedy."""
 
 import json
 from collections.abc import Mapping
@@ -46,8 +46,8 @@ def item(row: Mapping[str, Any], name: str, kind: type | tuple[type, ...], where
     """
     value = row.get(name) if isinstance(row, Mapping) else None
     numbers = kind in (int, float) and isinstance(value, bool)
-    given = (int, float) if kind is float else kind
-    if not isinstance(value, given) or numbers:
+    types = (int, float) if kind is float else kind
+    if not isinstance(value, types) or numbers:
         wanted = kind.__name__ if isinstance(kind, type) else " or ".join(one.__name__ for one in kind)
         raise ConfigError(f"{where}: {name} is {shown(value)}, not a {wanted}; {_AGAIN}")
     return value

@@ -53,12 +53,12 @@ __all__ = [
 ]
 
 
-def log(what: Any, to: str | os.PathLike[str] | Any = None, *, root: str = "") -> Path | None:
+def log(items: Any, to: str | os.PathLike[str] | Any = None, *, root: str = "") -> Path | None:
     """Log trials, episodes and grasps of images for rerun.
 
     Parameters
     ----------
-    what : (Scene, Grasp), Motion, Replay, ImageGrasps, or a sequence of these
+    items : (Scene, Grasp), Motion, Replay, ImageGrasps, or a sequence of these
         A grasp of a plan, simulated in its scene; a motion of `of_trial` or `of_replay`; an episode of an evaluation;
         the result of `graspbox.policies.grasp_image.grasp_image`.
     to : str, PathLike or rerun.RecordingStream, optional
@@ -74,14 +74,14 @@ def log(what: Any, to: str | os.PathLike[str] | Any = None, *, root: str = "") -
     Raises
     ------
     ConfigError
-        If `what` is something else, or `to` is no ``.rrd`` file and no stream.
+        If `items` is something else, or `to` is no ``.rrd`` file and no stream.
     FileError
         If the file cannot be written.
     MissingExtraError
         Without rerun-sdk.
     """
     rr = sdk()
-    things = [_motion(one) for one in _several(what)]
+    things = [_motion(one) for one in _several(items)]
     if isinstance(to, str | os.PathLike):
         path = Path(to)
         with recording(path, root) as recorder:
@@ -94,18 +94,18 @@ def log(what: Any, to: str | os.PathLike[str] | Any = None, *, root: str = "") -
     return None
 
 
-def _several(what: Any) -> Sequence[Any]:
-    one = isinstance(what, Motion | Replay | ImageGrasps) or (isinstance(what, tuple) and len(what) == 2)
-    if not one and not isinstance(what, Sequence):
-        raise ConfigError(f"what is a {type(what).__name__}; give (scene, grasp), a Motion, a Replay or ImageGrasps")
-    return [what] if one else what
+def _several(items: Any) -> Sequence[Any]:
+    one = isinstance(items, Motion | Replay | ImageGrasps) or (isinstance(items, tuple) and len(items) == 2)
+    if not one and not isinstance(items, Sequence):
+        raise ConfigError(f"items is a {type(items).__name__}; give (scene, grasp), a Motion, a Replay or ImageGrasps")
+    return [items] if one else items
 
 
-def _motion(what: Any) -> Motion | ImageGrasps:
-    if isinstance(what, Motion | ImageGrasps):
-        return what
-    if isinstance(what, Replay):
-        return of_replay(what)
-    if isinstance(what, tuple) and len(what) == 2 and isinstance(what[0], Scene) and isinstance(what[1], Grasp):
-        return of_trial(what[0], what[1].pose, float(what[1].preshape))
-    raise ConfigError(f"what holds a {type(what).__name__}; give (scene, grasp), a Motion, a Replay or ImageGrasps")
+def _motion(item: Any) -> Motion | ImageGrasps:
+    if isinstance(item, Motion | ImageGrasps):
+        return item
+    if isinstance(item, Replay):
+        return of_replay(item)
+    if isinstance(item, tuple) and len(item) == 2 and isinstance(item[0], Scene) and isinstance(item[1], Grasp):
+        return of_trial(item[0], item[1].pose, float(item[1].preshape))
+    raise ConfigError(f"items has a {type(item).__name__}; give (scene, grasp), a Motion, a Replay or ImageGrasps")

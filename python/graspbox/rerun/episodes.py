@@ -25,12 +25,12 @@ def of_demonstrations(made: Demonstrations, count: int) -> list[Replay]:
     ObjectSetError, MissingExtraError
         If the objects are not on this machine.
     """
-    given = made.settings["env_spec"]["kwargs"]
-    if given.get("remote") is not None:
+    keywords = made.settings["env_spec"]["kwargs"]
+    if keywords.get("remote") is not None:
         raise ConfigError("the demonstrations come from a server; recordings need environments of this machine")
-    chosen = {name: given[name] for name in ("split", "scale", "mass") if given.get(name) is not None}
-    specs = {spec.name: spec for spec in object_sets.load(given.get("objects", "procedural"), **chosen)}
-    settings = {name: value for name, value in given.items() if name not in _OWN and value is not None}
+    chosen = {name: keywords[name] for name in ("split", "scale", "mass") if keywords.get(name) is not None}
+    specs = {spec.name: spec for spec in object_sets.load(keywords.get("objects", "procedural"), **chosen)}
+    settings = {name: value for name, value in keywords.items() if name not in _OWN and value is not None}
     noise = float(made.settings.get("noise", 0.0))
     found = []
     for steps in islice(made.read(()), count):

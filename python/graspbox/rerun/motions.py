@@ -202,8 +202,8 @@ def of_replay(replay: Replay, images: Sequence[str] = ("rgb", "depth")) -> Motio
         env.close()
 
 
-def _hand_argument(given: Any) -> Any:
-    return tuple(given) if isinstance(given, list) else given
+def _hand_argument(hand: Any) -> Any:
+    return tuple(hand) if isinstance(hand, list) else hand
 
 
 def _title(replay: Replay) -> str:
@@ -240,15 +240,15 @@ def _decision(replay: Replay, env: Any, hand: Hand, images: tuple[str, ...]) -> 
 
 
 def _outcome(replay: Replay, now: str) -> str:
-    """Tell the outcome of the episode, and that of its repetition where it differs."""
+    """Describe the outcome of the episode, and that of its repetition where it differs."""
     before = replay.failure or "success"
     if before == "failure" and now != "success":
         return now
     return before if before == now else f"{before}; run again without the errors of its condition: {now}"
 
 
-def _config(kind: Any, given: Any) -> Any:
-    return config_of(kind, given, kind.__name__) if isinstance(given, Mapping) else kind()
+def _config(kind: Any, value: Any) -> Any:
+    return config_of(kind, value, kind.__name__) if isinstance(value, Mapping) else kind()
 
 
 def _episode(replay: Replay, env: Any, hand: Hand, images: tuple[str, ...]) -> Motion:

@@ -270,7 +270,7 @@ def _probabilities(found: ImageGrasps) -> Mapping[str, Floats]:
 
 
 def _mesh(rr: Any, mesh: Mesh) -> Any:
-    """Convert a mesh with flat shading: each face has corners of its own."""
+    """Convert a mesh with flat shading: each face has its own corners."""
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)

@@ -27,7 +27,7 @@ def hand_links(hand: Hand, joints: Floats) -> Floats:
 def joint_columns(codec: Codec, hand: Hand, control: str) -> Callable[[Any], Floats]:
     """Make a function that reads the positions (c,) of the independent joints from a state of ``Grasp-v0``.
 
-    The table of observations says which joints a column holds; joints in none follow from the preshape.
+    The table of observations names the joints of each column; other joints follow from the preshape.
     """
     _, observations = spaces.columns_of(control, spaces.tables(hand))
     places: dict[str, list[int]] = {}

@@ -15,7 +15,7 @@
 | `graspbox.sb3.settings` | options of these trainings, and their file of parameters |
 | `graspbox.sb3.export` | a policy as a folder that runs without torch; `graspbox.sb3.action_graphs`: its computation |
 | `graspbox.sb3.histories` | the history of a run's policy, with commands that reproduce it |
-| `graspbox.sb3.ppo` | PPO with a learning rate of its own for the value function |
+| `graspbox.sb3.ppo` | PPO with its own learning rate for the value function |
 
 Importing this package imports nothing of Stable-Baselines3; `require` checks that it is installed.
 """

@@ -84,9 +84,9 @@ class ActionGraph(nn.Module):  # type: ignore[misc]
     def forward(self, *observations: Tensor) -> Tensor:
         """Return actions (n, k) for observations (n, ...) in the order of `inputs`."""
         pairs = zip(self.inputs, observations, strict=True)
-        given = {name: self.seen[f"of_{name}"](values) for name, values in pairs}
+        observation = {name: self.seen[f"of_{name}"](values) for name, values in pairs}
         ready = preprocess_obs(
-            given if self._named else given[self.inputs[0]], self._space, normalize_images=self._images
+            observation if self._named else observation[self.inputs[0]], self._space, normalize_images=self._images
         )
         found = self.head(self.latent(self.extractor(ready)))
         if self._tanh:
@@ -97,7 +97,7 @@ class ActionGraph(nn.Module):  # type: ignore[misc]
 
 
 def _is_transposed(space: Box) -> bool:
-    """Tell whether a model takes channels first where its environment has channels last.
+    """Return whether a model takes channels first where its environment has channels last.
 
     Environments of graspbox have no images with channels first.
     """

@@ -184,7 +184,7 @@ def actor_parameters(model: BaseAlgorithm) -> list[torch.nn.Parameter]:
 
 
 def held_out(episode: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell which steps are held out of cloning: those of every tenth episode."""
+    """Return which steps are held out of cloning: those of every tenth episode."""
     aside: NDArray[np.bool_] = episode % 10 == 9
     return aside
 
@@ -345,13 +345,13 @@ def _evaluate(settings: CloneSettings, run: Run, model: Any, updates: int) -> di
         return known
     model.num_timesteps = updates
     save(model, run.folder / "checkpoint", run.seconds, buffer=False)
-    what = read_settings(run.folder)
+    kept = read_settings(run.folder)
     policy: Any = ModelPolicy(model, model.get_vec_normalize_env(), "clone")
-    policy, keywords = with_goals(policy, what["env"])
+    policy, keywords = with_goals(policy, kept["env"])
     # Validation objects are allowed here, even if the policy that provides the goals was trained on them.
     keywords |= {"split": settings.evaluate, "trials": settings.episodes, "include_learned": True}
-    keywords |= {"seed": EVALUATION_SEED, "num_envs": min(what["num_envs"], settings.episodes)}
-    row = summary(evaluation.evaluate(policy, what["id"], **keywords))
+    keywords |= {"seed": EVALUATION_SEED, "num_envs": min(kept["num_envs"], settings.episodes)}
+    row = summary(evaluation.evaluate(policy, kept["id"], **keywords))
     rows.append({"timesteps": updates, "seconds": round(run.seconds, 1), **row})
     run.log(f"{updates} updates: {row['success']:.1%} of {row['episodes']} held-out trials succeed")
     return rows[-1]
@@ -432,8 +432,10 @@ class CloningTerm:
         rows = torch.randint(len(self._steps), (self._batch,), generator=self._random)
         loss, error = cloning_loss(self._model, *self._steps[rows])
         # Not `loss.backward()`: it would change the gradients of other parameters in the loss.
-        given = [parameter for parameter in self._moved if parameter.requires_grad]
-        for parameter, slope in zip(given, torch.autograd.grad(weight * loss, given, allow_unused=True), strict=True):
+        parameters = [parameter for parameter in self._moved if parameter.requires_grad]
+        for parameter, slope in zip(
+            parameters, torch.autograd.grad(weight * loss, parameters, allow_unused=True), strict=True
+        ):
             if slope is not None:
                 parameter.grad = slope if parameter.grad is None else parameter.grad + slope
         self._model.logger.record("clone/error", error.item())

@@ -102,10 +102,10 @@ def export_policy(
         not reproduce the model's actions, or if the hand is a pair of files instead of a name.
     """
     rows = keywords(GraspVectorSettings)
-    hand, given = (env.get(keyword, rows[keyword].default) for keyword in ("hand", "obs"))
+    hand, observed = (env.get(keyword, rows[keyword].default) for keyword in ("hand", "obs"))
     if not isinstance(hand, str):
         raise ConfigError(f"env.hand is {hand!r}; a policy of a hand that has a name can be published")
-    obs = given if isinstance(given, str) else tuple(given)
+    obs = observed if isinstance(observed, str) else tuple(observed)
     acts_in = Environment(env_id, obs, plain(published_settings(env_id, env), "env"))
     uses, looked = _goal_of(Path(folder), env.get("goal_from"))
     names = acts_in.names
@@ -143,8 +143,8 @@ def export_policy(
     except Exception as error:  # the exporter's errors share no base class
         kind, first = type(graph.extractor).__name__, next(iter(str(error).strip().splitlines()), "")
         raise ConfigError(
-            f"the policy cannot be written as ONNX; its features extractor, {kind}, or a layer does what ONNX cannot "
-            f"hold, such as numpy's functions: {first}"
+            f"the policy cannot be written as ONNX; its features extractor, {kind}, or a layer has an operation "
+            f"that ONNX lacks, such as numpy's functions: {first}"
         ) from error
 
 
@@ -219,8 +219,8 @@ def load_graph(folder: Path) -> ActionGraph:
     config = load(folder, NetworkPolicyConfig)
     acts_in = config.environment
     looked = {f"{role}_from": used_folder(folder, config, role) for role in config.roles}
-    given = {**config.settings, **looked, "obs": acts_in.obs}
-    envs = _environments(acts_in.id, 1, given, "procedural:can:0")
+    settings = {**config.settings, **looked, "obs": acts_in.obs}
+    envs = _environments(acts_in.id, 1, settings, "procedural:can:0")
     spaces = envs.single_observation_space, envs.single_action_space
     envs.close()
     space = _model_space(spaces[0])

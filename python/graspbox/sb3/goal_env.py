@@ -99,8 +99,8 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         self.goals = Goals(base)
         self.goals.bind(Task.of(env))
         self._names = tuple(name for name in names if name != GOAL_NAME)
-        given: Any = env.single_observation_space
-        boxes = {name: given[name] for name in self._names} | {GOAL_NAME: goal_space()}
+        observed: Any = env.single_observation_space
+        boxes = {name: observed[name] for name in self._names} | {GOAL_NAME: goal_space()}
         self.single_observation_space = spaces.Dict(boxes)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
@@ -133,7 +133,7 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
 def with_goals(
     policy: Policy, settings: Mapping[str, Any], base: Policy | None = None
 ) -> tuple[Policy, dict[str, Any]]:
-    """Wrap a policy to observe goals if the keywords of its run say so.
+    """Wrap a policy to observe goals if the keywords of its run ask for it.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def goal_base(settings: Mapping[str, Any]) -> Policy | None:
     wanted = not isinstance(obs, str) and GOAL_NAME in obs
     if (folder is not None) != wanted or obs == GOAL_NAME:
         raise ConfigError(
-            f"obs is {obs!r} and goal_from {folder!r}; the observation 'goal' stands beside others, and goal_from "
-            "names the folder of the policy that looks, such as policies/depth"
+            f"obs is {obs!r} and goal_from {folder!r}; the observation 'goal' needs other observations, and "
+            "goal_from the folder of the policy that sees the image, such as policies/depth"
         )
     return None if folder is None else policies.load(str(folder))

@@ -29,7 +29,7 @@ class Made:
 
     Attributes
     ----------
-    what : str
+    kind : str
         ``demonstrations``, ``clone`` or ``training``.
     command : str
         The command that reproduces it, apart from time limits and interruptions.
@@ -41,7 +41,7 @@ class Made:
         Wall time, evaluations included; None if unknown.
     """
 
-    what: str
+    kind: str
     command: str
     told: str
     objects: Mapping[str, Any] = field(default_factory=dict)
@@ -69,8 +69,8 @@ def learned_from(made: list[Made], chosen_on: str | None) -> list[str]:
     found: list[str] = []
     names: tuple[str, ...] = ()
     for one in made:
-        given, split = one.objects.get("objects", ()), one.objects.get("split")
-        names = (given,) if isinstance(given, str) else tuple(given)
+        sets, split = one.objects.get("objects", ()), one.objects.get("split")
+        names = (sets,) if isinstance(sets, str) else tuple(sets)
         found += of_splits(names, [split]) if split else names
     if chosen_on is not None:
         found += of_splits(names, [chosen_on])
@@ -114,7 +114,7 @@ def _progress(folder: Path) -> dict[str, Any]:
 def _trained(folder: Path, settings: Mapping[str, Any], parameters: Path, progress: Mapping[str, Any]) -> Made:
     known = read_parameters(parameters, settings["algorithm"], settings["id"])
     begun = settings.get("begins_as")
-    # A clone replaces demonstrations of its own.
+    # A clone replaces its own demonstrations.
     skipped = ("steps", "demonstrations") if begun else ("steps",)
     words = ["graspbox", "train", "sb3", settings["algorithm"], "--out", shown(folder)]
     words += ["--env", settings["id"], *(["--clone", shown(Path(begun))] if begun else [])]
@@ -142,8 +142,8 @@ def _cloned(folder: Path, settings: Mapping[str, Any], parameters: Path, progres
 
 
 def _recorded(clone: Mapping[str, Any]) -> Made:
-    given, source = clone["shown_by"], Path(clone["demonstrations"])
-    spec = given["env_spec"]
+    recording, source = clone["shown_by"], Path(clone["demonstrations"])
+    spec = recording["env_spec"]
     kept = {name: value for name, value in spec["kwargs"].items() if value is not None}
     objects, split = kept.pop("objects", "procedural"), kept.pop("split", None)
     for name in ("obs", "num_threads"):
@@ -152,19 +152,19 @@ def _recorded(clone: Mapping[str, Any]) -> Made:
     words = [
         "graspbox",
         "record",
-        given.get("goal_from", given["policy"]),
+        recording.get("goal_from", recording["policy"]),
         "--out",
         shown(source),
         "--env",
-        given["env_id"],
+        recording["env_id"],
     ]
     words += ["--episodes", str(counts["episodes"])] if counts else []
-    words += ["--seed", str(given["seed"]), "--keep", given["keep"], "--noise", str(given["noise"])]
+    words += ["--seed", str(recording["seed"]), "--keep", recording["keep"], "--noise", str(recording["noise"])]
     words += [*(["--split", split] if split else []), *_repeated("--objects", objects)]
-    words += _repeated("--obs", given["observations"])
+    words += _repeated("--obs", recording["observations"])
     kept.setdefault("max_episode_steps", spec["max_episode_steps"])
     words += [word for name, value in kept.items() for word in ("--set", f"{name}={_json(value)}")]
-    told = f"demonstrations of `{given['policy']}`, kept: {given['keep']}, noise {given['noise']}"
+    told = f"demonstrations of `{recording['policy']}`, kept: {recording['keep']}, noise {recording['noise']}"
     if counts:
         told = f"{counts['episodes']} {told}: {counts['steps']} steps of {counts['trials']} trials"
     if clone["shown"] is not None:
@@ -190,16 +190,16 @@ def _repeated(option: str, values: Any) -> list[str]:
     return [word for value in named for word in (option, value)]
 
 
-def _changes(known: Mapping[str, Any], given: Mapping[str, Any], skipped: tuple[str, ...]) -> list[str]:
+def _changes(known: Mapping[str, Any], settings: Mapping[str, Any], skipped: tuple[str, ...]) -> list[str]:
     """Format ``--set`` for every value that differs from the known ones."""
     names = [name for name in known if name not in skipped]
-    pairs = _differing({n: known[n] for n in names}, {n: given[n] for n in names if n in given})
+    pairs = _differing({n: known[n] for n in names}, {n: settings[n] for n in names if n in settings})
     return [word for name, value in pairs for word in ("--set", f"{name}={_yaml(value)}")]
 
 
-def _differing(known: Any, given: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def _differing(known: Any, settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
     """Find the values that differ, by their names in ``--set``; a mapping with missing keys counts as one value."""
-    for name, value in given.items():
+    for name, value in settings.items():
         old = known.get(name) if isinstance(known, Mapping) else None
         if value == old:
             continue

@@ -133,8 +133,8 @@ def make_residual_env(num_envs: int, base: Policy, config: ResidualConfig, **set
     **settings
         Other keywords of ``GraspPose-v0``; the observations and settings of the base policy are added.
     """
-    given = {**base.settings, "obs": base.obs, **settings}
-    envs = gymnasium.make_vec(ENV_ID, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **given)
+    arguments = {**base.settings, "obs": base.obs, **settings}
+    envs = gymnasium.make_vec(ENV_ID, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments)
     return VecMonitor(VecEnv(ResidualVectorEnv(envs, base, config)))
 
 
@@ -177,7 +177,7 @@ def train_seed(
     Returns
     -------
     RunCallback
-        Holds its evaluations; ``interrupted`` tells whether it was interrupted.
+        Its evaluations, and ``interrupted``: whether it was interrupted.
 
     Raises
     ------
@@ -185,12 +185,12 @@ def train_seed(
         If the folder holds a run with other settings.
     """
     bounds, watched = settings.bounds(), settings.watched
-    what = {"seed": seed, "watched": watched, "num_envs": settings.num_envs, **settings.kept()}
+    values = {"seed": seed, "watched": watched, "num_envs": settings.num_envs, **settings.kept()}
     # Objects of the test.
-    del what["unseen"], what["trials"]
+    del values["unseen"], values["trials"]
     keywords: dict[str, Any] = {"objects": list(settings.objects), "reward": settings.reward}
     keywords |= {"hand": settings.named_hand}
-    with Run(folder, what, resume=settings.resume, echo=echo) as run:
+    with Run(folder, values, resume=settings.resume, echo=echo) as run:
         begun, base = has_checkpoint(run.folder), _base(settings)
         env = make_residual_env(settings.num_envs, _base(settings), bounds, split="train", **keywords)
         shown = {**base.settings, "obs": base.obs, **keywords, "split": "validation"}
@@ -220,14 +220,14 @@ def _model(settings: ResidualSettings, seed: int, folder: Path, env: Any, begun:
     algorithm = ALGORITHMS[settings.algorithm]
     if begun:
         return load(algorithm, folder / "checkpoint", env, seed, device=settings.device)
-    given = dict(PARAMETERS[settings.algorithm])
-    if "n_steps" in given:
+    parameters = dict(PARAMETERS[settings.algorithm])
+    if "n_steps" in parameters:
         # Batch size that divides a rollout.
-        given["batch_size"] = math.gcd(given["batch_size"], given["n_steps"] * settings.num_envs)
-    given["policy_kwargs"] = {**given["policy_kwargs"], "features_extractor_class": Extractor}
-    if "buffer_size" in given:
-        given["replay_buffer_class"] = DecisionBuffer
-    model = algorithm("MultiInputPolicy", env, seed=seed, device=settings.device, **given)
+        parameters["batch_size"] = math.gcd(parameters["batch_size"], parameters["n_steps"] * settings.num_envs)
+    parameters["policy_kwargs"] = {**parameters["policy_kwargs"], "features_extractor_class": Extractor}
+    if "buffer_size" in parameters:
+        parameters["replay_buffer_class"] = DecisionBuffer
+    model = algorithm("MultiInputPolicy", env, seed=seed, device=settings.device, **parameters)
     begin_at_zero(model)
     return model
 

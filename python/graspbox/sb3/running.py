@@ -161,7 +161,7 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> ModelPolicy:
 
 
 def has_checkpoint(run: Path) -> bool:
-    """Tell whether a run has a checkpoint to resume from.
+    """Return whether a run has a checkpoint to resume from.
 
     Raises
     ------
@@ -325,7 +325,7 @@ class RunCallback(BaseCallback):  # type: ignore[misc]
         return waited >= max(60 * self.every_minutes, 2 * self._evaluation)
 
 
-def model_arguments(algorithm: Any, given: dict[str, Any], env: Any, demonstrations: int) -> dict[str, Any]:
+def model_arguments(algorithm: Any, arguments: dict[str, Any], env: Any, demonstrations: int) -> dict[str, Any]:
     """Build an algorithm's arguments from its entry in the parameter file.
 
     Names of classes become classes, ``linear_X`` becomes a schedule, and the observation space determines the policy
@@ -335,21 +335,21 @@ def model_arguments(algorithm: Any, given: dict[str, Any], env: Any, demonstrati
     ----------
     algorithm : type
         A value of `graspbox.sb3.running.ALGORITHMS`.
-    given : dict
+    arguments : dict
         The entry ``model`` of the parameters.
     env : VecEnv
         The training environment.
     demonstrations : int
         Number of demonstrations; with any, an off-policy algorithm gets a `DemonstratedBuffer`.
     """
-    policy = dict(given.get("policy_kwargs", {}))
+    policy = dict(arguments.get("policy_kwargs", {}))
     if "activation_fn" in policy:
         policy["activation_fn"] = getattr(torch.nn, policy["activation_fn"])
     space = env.observation_space
     named = isinstance(space, gymnasium.spaces.Dict)
     if any(len(box.shape) > 1 for box in (space.values() if named else [space])):
         policy.setdefault("features_extractor_class", Extractor)
-    found = {**given, "policy": "MultiInputPolicy" if named else "MlpPolicy", "policy_kwargs": policy}
+    found = {**arguments, "policy": "MultiInputPolicy" if named else "MlpPolicy", "policy_kwargs": policy}
     if demonstrations and issubclass(algorithm, OffPolicyAlgorithm):
         found["replay_buffer_class"] = DemonstratedBuffer
     if "learning_rate" in found:

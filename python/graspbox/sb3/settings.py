@@ -175,9 +175,9 @@ class Sb3Settings(HandOption):
 
     def kept(self) -> dict[str, Any]:
         """Return the settings that must not change when the run is resumed; it may be extended."""
-        what: dict[str, Any] = {"algorithm": self.algorithm, "id": self.env, "evaluate": self.evaluate}
-        what |= {"seed": self.seed, "episodes": self.episodes, **asdict(replace(self.read_parameters(), steps=0))}
-        return what | {"begins_as": None if self.clone is None else str(self.clone.resolve())}
+        values: dict[str, Any] = {"algorithm": self.algorithm, "id": self.env, "evaluate": self.evaluate}
+        values |= {"seed": self.seed, "episodes": self.episodes, **asdict(replace(self.read_parameters(), steps=0))}
+        return values | {"begins_as": None if self.clone is None else str(self.clone.resolve())}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,10 +231,10 @@ class CloneSettings(Options):
     def kept_of(self, env_id: str, env: Mapping[str, Any], shown_by: Mapping[str, Any]) -> dict[str, Any]:
         """Return the settings that must not change when the run is resumed, with those of the demonstrations."""
         parameters = asdict(read_parameters(self.parameters, self.algorithm, env_id, self.set))
-        what = {"algorithm": self.algorithm, "id": env_id, "evaluate": self.evaluate, "seed": self.seed}
+        values = {"algorithm": self.algorithm, "id": env_id, "evaluate": self.evaluate, "seed": self.seed}
         clone = {name: getattr(self, name) for name in ("keep", "shown", "epochs", "batch", "rate")}
         clone |= {"demonstrations": str(self.demonstrations.resolve()), "shown_by": dict(shown_by)}
-        return {**what, "episodes": self.episodes, **parameters, "env": dict(env), "clone": clone}
+        return {**values, "episodes": self.episodes, **parameters, "env": dict(env), "clone": clone}
 
 
 @dataclass(frozen=True, kw_only=True)

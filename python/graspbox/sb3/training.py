@@ -2,7 +2,7 @@
 
 An off-policy learner samples half of each batch from successful episodes of the scripted expert (`DemonstratedBuffer`;
 Ball, Smith, Kostrikov, Levine, "Efficient Online Reinforcement Learning with Offline Data", 2023). An on-policy learner
-is initialized by cloning them, or recorded demonstrations. The expert knows the objects' meshes; the trained policy
+is initialized by cloning them, or recorded demonstrations. The expert uses the objects' meshes; the trained policy
 does not.
 """
 

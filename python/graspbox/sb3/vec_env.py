@@ -66,7 +66,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
             )
         if not getattr(env.unwrapped, "copy", True):
             raise ConfigError(
-                "learners keep observations beside the next ones, which copy=False overwrites; use copy=True"
+                "learners keep observations together with the next ones, which copy=False overwrites; use copy=True"
             )
         self.env = env
         self._actions: NDArray[np.float32] | None = None

@@ -1,4 +1,4 @@
-"""Scenes to take away: an object, a hand about to grasp it and the table as MJCF, USD or URDF.
+"""Export of scenes: an object, a hand about to grasp it and the table as MJCF, USD or URDF.
 
 | module | contents |
 |---|---|
@@ -9,8 +9,8 @@
 | `usd`, `usd_hand`, `usd_prims` | the USD stage (extra ``usd``) |
 | `urdf`        | URDF files of object and table |
 | `mesh_files`  | OBJ files, triangles of convex hulls (extra ``scenes``) |
-| `records`     | ``scene.json`` and ``object.json``: poses, drives, what the format cannot say |
-| `losses`      | what each format cannot say |
+| `records`     | ``scene.json`` and ``object.json``: poses, drives, limits of the format |
+| `losses`      | limits of each format |
 | `folders`     | folders that appear whole or not at all |
 
 ``graspbox export-scene OBJECT --to mjcf --out FOLDER``

@@ -31,7 +31,7 @@ class ObjectData:
     inertia: Array
     #: Resting pose on the table, (4, 4).
     world_from_object: Array
-    #: What it looks like, in the same frame.
+    #: Visual mesh, in the same frame.
     visual: Mesh | None = None
 
     @property

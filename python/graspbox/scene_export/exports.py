@@ -37,7 +37,7 @@ _NAMES: dict[Format, str] = {"mjcf": "xml", "usd": "usda", "urdf": "urdf"}
 
 @dataclass(frozen=True)
 class Export:
-    """What an export wrote.
+    """Files of an export.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Export:
     files : tuple of Path
         All files, first the one to open.
     not_expressed : tuple of str
-        What the format cannot say, as sentences.
+        Properties of the scene that the format cannot express, as sentences.
     """
 
     to: Format
@@ -59,7 +59,7 @@ class Export:
 
 @dataclass(frozen=True)
 class SetExport:
-    """What an export of an object set wrote.
+    """Files of the export of an object set.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def _format(to: str) -> Format:
 
 
 def _usd() -> ModuleType:
-    """Import what writes USD."""
+    """Import the writer of USD."""
     imported("pxr", "USD needs usd-core, from the extra 'usd'", "usd")
     from graspbox.scene_export import usd
 
@@ -103,11 +103,11 @@ def _pose(pose: ArrayLike | Grasp, preshape: float | None, scene: Scene) -> tupl
     if isinstance(pose, Grasp):
         if preshape is not None:
             raise ConfigError("preshape is given twice; leave it out, since a grasp includes it")
-        given, preshape = pose.pose, pose.preshape
+        matrix, preshape = pose.pose, pose.preshape
     else:
-        given = floats(pose, "pose")
-    if given.shape != (4, 4) or not bool(_core.is_rigid(given[None])[0]):
-        raise ConfigError(f"pose has shape {list(given.shape)} or is not a rigid motion; give a 4x4 object_from_hand")
+        matrix = floats(pose, "pose")
+    if matrix.shape != (4, 4) or not bool(_core.is_rigid(matrix[None])[0]):
+        raise ConfigError(f"pose has shape {list(matrix.shape)} or is not a rigid motion; give a 4x4 object_from_hand")
     if preshape is None:
         raise ConfigError("preshape is missing; give one, or a grasp of a plan instead of a pose")
     value = floats(preshape, "preshape")
@@ -116,7 +116,7 @@ def _pose(pose: ArrayLike | Grasp, preshape: float | None, scene: Scene) -> tupl
         raise ConfigError(f"preshape is {shown(preshape)}; give one number from {low:g} to {high:g}")
     if scene.hand.preshape_unit == "1" and not float(value.item()).is_integer():
         raise ConfigError(f"preshape is {shown(preshape)}; give the number of a named preshape, {low:g} to {high:g}")
-    return given, float(value.item())
+    return matrix, float(value.item())
 
 
 def scene_data(scene: Scene, pose: ArrayLike | Grasp, preshape: float | None = None) -> SceneData:
@@ -259,7 +259,7 @@ def export_objects(
     *,
     done: Callable[[str], None] | None = None,
 ) -> SetExport:
-    """Write every object of a set as `export_object` does, each into a folder of its own, and ``objects.json``.
+    """Write every object of a set as `export_object` does, each into its own folder, and ``objects.json``.
 
     Parameters
     ----------

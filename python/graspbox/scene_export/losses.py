@@ -1,4 +1,4 @@
-"""What each format cannot say of a scene, as sentences: in every exported ``scene.json`` and in the guide."""
+"""Limits of the formats, as sentences: in every exported ``scene.json`` and in the guide."""
 
 from typing import Literal, TypeAlias
 
@@ -11,7 +11,7 @@ FORMATS: tuple[Format, ...] = ("mjcf", "usd", "urdf")
 _LOCKED = "Self-locking drives (the swivels of the ReFlex) are fixed; export again for another preshape."
 _SENSORS = "Tactile sensors and joint encoders of the hand are left out."
 
-#: What a file of each format leaves to its reader.
+#: Properties of a scene that a file of each format cannot express.
 NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
     "mjcf": (
         "Actuators do not move by themselves: ctrl of a tendon is spool_radius x position, ctrl of a servo is ratio x "
@@ -23,7 +23,7 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         _LOCKED,
         "The table is an infinite plane; that of graspbox has sides of 1.2 m.",
         "MuJoCo's friction is the larger coefficient of two geoms: the object has 0, so that the other surface's "
-        "applies, which holds the product of both factors; objects that you add need explicit pairs.",
+        "applies, which is the product of both factors; objects that you add need explicit pairs.",
         _SENSORS,
     ),
     "usd": (
@@ -35,18 +35,18 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "Rotor inertia is the attribute graspbox:armature.",
         "Joints that mimic another are free, with the attributes graspbox:mimicJoint, mimicRatio and mimicOffset.",
         _LOCKED,
-        "UsdPhysics does not say how two frictions combine: graspbox multiplies them, as PhysX does for these files; "
-        "other readers may average.",
+        "UsdPhysics does not define how two frictions combine: graspbox multiplies them, as PhysX does for these "
+        "files; other readers may average.",
         _SENSORS,
     ),
     "urdf": (
-        "A URDF holds one articulated body: object, table and hand are files of their own; scene.json has their poses.",
+        "A URDF contains one articulated body: object, table and hand are separate files; scene.json has their poses.",
         "hand.urdf is the hand's own file: tendons, springs, damping, armature, soft stops, servos and friction are in "
-        "hand.toml beside it.",
+        "hand.toml next to it.",
         "Friction of object and table is the element contact, which Bullet reads (and multiplies with the other "
         "body's); other readers ignore it.",
         "Self-locking drives are ordinary joints: hold them at the positions in scene.json.",
-        "URDF does not say which links of the hand may collide with each other.",
+        "URDF does not define which links of the hand may collide with each other.",
         _SENSORS,
     ),
 }

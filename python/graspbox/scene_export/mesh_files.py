@@ -67,7 +67,7 @@ def obj(vertices: ArrayLike, faces: ArrayLike, name: str) -> str:
         Name of the OBJ object; white space is replaced.
     """
     lines = [f"o {'_'.join(name.split()) or 'mesh'}"]
-    # Nine digits tell all float32 numbers apart.
+    # Nine digits distinguish all float32 numbers.
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(vertices, dtype=np.float32).tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (np.asarray(faces, dtype=np.int64) + 1).tolist()]
     return "\n".join(lines) + "\n"

@@ -9,7 +9,7 @@
   clamped to ``[0, max_tension]``. A servo is a position actuator with limited force, and a mimic joint an equality
   constraint. A soft stop is a tendon of one joint with a spring that has the joint's range as its dead band.
 * The friction coefficient of a pair is the product of its two factors. For contacts of the object, whose geoms have 0,
-  MuJoCo's maximum of the two is the other surface's, which holds the product. All others are explicit pairs, which also
+  MuJoCo's maximum of the two is the other surface's, which is the product. All others are explicit pairs, which also
   define the self-collisions of the hand: links of different chains, and the palm with links not adjacent to it.
 """
 
@@ -64,7 +64,7 @@ class Numerics:
 
 @dataclass(frozen=True)
 class MeshFiles:
-    """Names of the mesh files that a model refers to, beside it; a model without them contains its meshes."""
+    """Names of the mesh files of a model, relative to it; a model without them contains its meshes."""
 
     parts: Sequence[str]
     visual: str | None = None
@@ -82,7 +82,7 @@ def _add_inertial(body: ET.Element, mass: float, center: Array, inertia: Array) 
 
 
 class _Builder:
-    """One model in the making."""
+    """Builder of a model."""
 
     def __init__(self, name: str, physics: PhysicsConfig, numerics: Numerics, start: Start | None):
         self.physics, self.numerics, self.start = physics, numerics, start
@@ -165,7 +165,7 @@ class _Builder:
         self._add_actuators(hand)
 
     def _link_pose(self, link: Link, index: int, free: Sequence[int]) -> Array:
-        """Return ``parent_from_link``; for a link without a joint of its own, at the position of the start."""
+        """Return ``parent_from_link``; for a link without its own joint, at the position of the start."""
         if self.start is None:
             return link.parent_from_link
         if index == BASE:

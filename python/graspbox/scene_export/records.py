@@ -1,4 +1,4 @@
-"""``scene.json`` and ``object.json``: what the files of an export are, where everything is, and what they cannot say.
+"""``scene.json`` and ``object.json``: files of an export, poses, and limits of the format.
 
 Version 1; lengths in metres, angles in radians, matrices as lists of rows.
 
@@ -8,7 +8,7 @@ Version 1; lengths in metres, angles in radians, matrices as lists of rows.
 | ``to``, ``files`` | format of the export, and its files by their parts in it |
 | ``object`` | name, mass, ``center_of_mass``, ``inertia`` about it, number of convex parts, friction factor |
 | ``world_from_object`` | 4x4: pose of the object at rest; the table is the plane z = 0 |
-| ``not_expressed`` | what the format cannot say, as sentences |
+| ``not_expressed`` | properties that the format cannot express, as sentences |
 
 A scene has these as well:
 

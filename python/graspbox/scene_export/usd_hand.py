@@ -211,7 +211,7 @@ def _add_joint(stage: Usd.Stage, paths: _Paths, index: int, start: Start) -> Non
 
 
 def _set_joint_data(prim: Usd.Prim, link: Link, paths: _Paths, hand: HandDescription) -> None:
-    """Add what UsdPhysics does not say of a free joint."""
+    """Add the properties of a free joint that UsdPhysics lacks."""
     spring = link.spring
     for name, value in (
         ("springStiffness", spring.stiffness),

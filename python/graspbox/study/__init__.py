@@ -14,7 +14,7 @@
 | `pose_folders` | folders of published models, and their runtime | no |
 | `export`     | writes such folders | yes |
 | `settings` | settings of the reproduction; results of the study | no |
-| `results`, `figures` | tables 3.2 and 3.3 and figures 3.19 to 3.27 of the study beside ours | no |
+| `results`, `figures` | tables 3.2 and 3.3 and figures 3.19 to 3.27 of the study next to ours | no |
 
 ``graspbox train study`` runs all of it. No module imports torch before it is used; `require` checks that it is
 installed.

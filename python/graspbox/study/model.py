@@ -123,8 +123,8 @@ class PoseModel(nn.Module):  # type: ignore[misc]
         self.eval()
         with torch.inference_mode():
             for start in range(0, len(inputs), _BATCH):
-                given = torch.from_numpy(np.ascontiguousarray(inputs[start : start + _BATCH]))
-                outputs = self(given.to(self.input_shift.device))
+                batch = torch.from_numpy(np.ascontiguousarray(inputs[start : start + _BATCH]))
+                outputs = self(batch.to(self.input_shift.device))
                 if self.loss.size == 4:
                     outputs[:, 3:] = normalized(outputs[:, 3:])
                 found.append(outputs.cpu().numpy())
@@ -159,7 +159,7 @@ class PoseModel(nn.Module):  # type: ignore[misc]
 
     @classmethod
     def load(cls, folder: Path) -> "PoseModel":
-        """Read what `save` wrote.
+        """Read the files of `save`.
 
         Raises
         ------
@@ -169,8 +169,8 @@ class PoseModel(nn.Module):  # type: ignore[misc]
             If a file has other contents, or the files do not belong together.
         """
         try:
-            given: Any = json.loads(read_bounded(folder / _CONFIG, _LARGEST_CONFIG))
-            model = cls(config_of(ModelConfig, given, _CONFIG))
+            settings: Any = json.loads(read_bounded(folder / _CONFIG, _LARGEST_CONFIG))
+            model = cls(config_of(ModelConfig, settings, _CONFIG))
         except (ValueError, TypeError, AttributeError) as error:
             raise ConfigError(
                 f"{str(folder / _CONFIG)!r} does not describe a model ({error}); train the network again"

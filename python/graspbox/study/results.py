@@ -1,4 +1,4 @@
-"""Results of the reproduction as Markdown: tables 3.2 and 3.3 of the study beside ours, and the page of all."""
+"""Results of the reproduction as Markdown: tables 3.2 and 3.3 of the study next to ours, and the page of all."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -199,7 +199,7 @@ def page(
         "the average of the object's training poses, `constant` one training pose for everything "
         "(`graspbox.study.execution`).\n",
         baseline_table(baselines),
-        "## What training did\n",
+        "## Training\n",
         '"Weights moved by" is over all layers but the last, as a share of their norm.\n',
         cause_table(results),
     ]

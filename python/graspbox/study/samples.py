@@ -108,7 +108,7 @@ class Samples(ByValue):
 
     @classmethod
     def load(cls, path: Path) -> "Samples":
-        """Read what `save` wrote.
+        """Read the file of `save`.
 
         Raises
         ------

@@ -8,7 +8,7 @@
 """
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import ClassVar, Self, TypeVar
@@ -28,9 +28,12 @@ class ArrayTable:
     ----------
     nothing : str
         Error message if no table has a row.
+    stored_names : mapping of str to str
+        Name in the file of each field whose name differs there.
     """
 
     nothing: ClassVar[str] = "there are no tables to join; give some"
+    stored_names: ClassVar[Mapping[str, str]] = {}
 
     def __len__(self) -> int:
         """Count the rows."""
@@ -53,13 +56,13 @@ class ArrayTable:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an ``.npz`` file: whole, or not at all."""
         with replacing(Path(path)) as temporary:
-            np.savez_compressed(temporary, **vars(self))
+            np.savez_compressed(temporary, **{self.stored_names.get(k, k): v for k, v in vars(self).items()})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """Read a table that `save` wrote."""
         with np.load(path, allow_pickle=False) as arrays:
-            return cls(**arrays)
+            return cls(**{f.name: arrays[cls.stored_names.get(f.name, f.name)] for f in fields(cls)})  # type: ignore[arg-type]
 
 
 Table = TypeVar("Table", bound=ArrayTable)

@@ -52,8 +52,8 @@ class Options:
 
     def kept(self) -> dict[str, Any]:
         """Give the options on which the results depend, as JSON holds them."""
-        given = {name: value for name, value in asdict(self).items() if name not in self.free}
-        return dict(json.loads(json.dumps(given, default=str)))
+        values = {name: value for name, value in asdict(self).items() if name not in self.free}
+        return dict(json.loads(json.dumps(values, default=str)))
 
     def run(self, echo: Callable[[str], None], settings: dict[str, Any] | None = None) -> Run:
         """Open the run of these options, or of other settings, in its folder."""

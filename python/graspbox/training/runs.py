@@ -114,7 +114,7 @@ class Run:
         return self._before + time.monotonic() - self._began
 
     def late(self) -> bool:
-        """Tell whether the limit is reached; called often, it also records the time taken."""
+        """Return whether the limit is reached; called often, it also records the time taken."""
         now = time.monotonic() - self._began
         if now - self._recorded > _EVERY:
             self._recorded = now
@@ -175,7 +175,7 @@ class Run:
         limit : float
             Seconds that it may take.
         work : callable
-            Does the work in a run of its own, in the folder of its name, and returns results that JSON can hold.
+            Does the work in its own run, in the folder of its name, and returns results that JSON can hold.
         """
         path = self.folder / f"{name}.json"
         if path.exists():

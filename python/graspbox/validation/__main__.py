@@ -28,37 +28,37 @@ def main(arguments: list[str] | None = None) -> int:
         prog="python -m graspbox.validation", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("check", choices=CHECKS)
-    given = sys.argv[1:] if arguments is None else arguments
-    check = parser.parse_args(given[:1]).check
+    words = sys.argv[1:] if arguments is None else arguments
+    check = parser.parse_args(words[:1]).check
     try:
         if check == "mujoco":
             from graspbox.validation.mujoco.command import main as compare_with_mujoco
 
-            return compare_with_mujoco(given[1:])
+            return compare_with_mujoco(words[1:])
         if check == "planner":
             from graspbox.validation.mujoco.command import PLANNER
             from graspbox.validation.mujoco.command import main as compare_with_mujoco
 
-            return compare_with_mujoco(given[1:], PLANNER)
+            return compare_with_mujoco(words[1:], PLANNER)
         if check == "export":
             from graspbox.validation.mujoco.export_command import main as compare_exports
 
-            return compare_exports(given[1:])
+            return compare_exports(words[1:])
         if check == "robust":
             from graspbox.validation.mujoco.robust_command import main as compare_robust
 
-            return compare_robust(given[1:])
+            return compare_robust(words[1:])
         if check == "engines":
             from graspbox.validation.engines import main as compare_engines
 
-            return compare_engines(given[1:])
+            return compare_engines(words[1:])
         if check == "speed":
             from graspbox.validation.speed import main as compare_speed
 
-            return compare_speed(given[1:])
+            return compare_speed(words[1:])
         from graspbox.study.comparison import main as compare_study
 
-        return compare_study(given[1:])
+        return compare_study(words[1:])
     except GraspboxError as error:
         print(f"graspbox: {error}", file=sys.stderr)
         return 2

@@ -1,10 +1,10 @@
-"""Look at things in a browser, turned with the mouse (extra ``view``).
+"""Interactive 3D views of objects, grasps, hands and runs in a browser (extra ``view``).
 
     graspbox view procedural:mug:0
 
-`show` opens a view from Python and notebooks; ``graspbox view`` from the command line. What can be viewed:
+`show` opens a view from Python and notebooks; ``graspbox view`` from the command line. Sources:
 
-| what | page |
+| source | page |
 |---|---|
 | an object, a mesh file or a mesh | boxes, poses by outcome, filters, and the trace of any trial |
 | (mesh, plan), a plan, its JSON file | the same, with the poses of the plan |
@@ -39,7 +39,7 @@ __all__ = ["Options", "Page", "Viewer", "show"]
 
 
 def show(
-    what: Any,
+    source: Any,
     *,
     hand: HandLike = "reflex",
     objects: str | None = None,
@@ -55,14 +55,14 @@ def show(
     insecure: bool = False,
     open_browser: bool = False,
 ) -> Viewer:
-    """Show something in a browser.
+    """Open a view in a browser.
 
-    In a notebook, the returned `Viewer` as the last value of a cell shows the page there. Elsewhere open its ``url``,
+    In a notebook, the returned `Viewer` as the last value of a cell shows the page. Elsewhere open its ``url``,
     and keep the program running with `Viewer.wait`.
 
     Parameters
     ----------
-    what : object
+    source : object
         A name, a path or a value of one of the kinds in the table of `graspbox.viewer`.
     hand, objects, scale, seed, poses, policy, intrinsics, depth_scale, camera_pose
         See `Options`.
@@ -83,11 +83,11 @@ def show(
     Raises
     ------
     ConfigError, ObjectSetError
-        If there is nothing of that name, an option is wrong, or the address cannot be used.
+        If the source does not exist, an option is invalid, or the address cannot be used.
     MissingExtraError
         Without viser (extra ``view``).
     GraspboxError
-        If the thing cannot be read or simulated.
+        If the source cannot be read or simulated.
     """
     options = Options(
         hand=hand,
@@ -100,7 +100,7 @@ def show(
         depth_scale=depth_scale,
         camera_pose=camera_pose,
     )
-    viewer = Viewer(what, options, host=host, port=port, insecure=insecure)
+    viewer = Viewer(source, options, host=host, port=port, insecure=insecure)
     if open_browser:
         webbrowser.open(viewer.url)
     return viewer

@@ -28,7 +28,7 @@ _GREY, _LINE = (205, 205, 205), 0.0006
 
 
 class Canvas:
-    """What pages draw on.
+    """A viser server as pages use it.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class Canvas:
         self.status = self.gui.add_markdown("")
         self.problem = self.gui.add_markdown("", visible=False)
 
-    def _cannot_open(self, what: Any) -> None:
-        raise ConfigError(f"this canvas has no viewer that could show {what!r}; open another view")
+    def _cannot_open(self, source: Any) -> None:
+        raise ConfigError(f"this canvas has no viewer that could show {source!r}; open another view")
 
     def say(self, text: str) -> None:
         """Show a line of text (Markdown) at the top of the panel."""
@@ -62,9 +62,9 @@ class Canvas:
         """Show errors of a function in the page instead of raising them."""
 
         @functools.wraps(work)
-        def run(*given: Any) -> Any:
+        def run(*arguments: Any) -> Any:
             try:
-                return work(*given)
+                return work(*arguments)
             except GraspboxError as error:
                 self.complain(str(error))
             except Exception as error:  # a bug must not end the thread of the page
@@ -96,18 +96,18 @@ class Canvas:
         return self._worker.submit(self.guarded(work))
 
     def thread(self, work: Callable[[], object], name: str) -> threading.Thread:
-        """Run a loop that ends with `closed` in a thread of its own."""
+        """Run a loop that ends with `closed` in its own thread."""
         thread = threading.Thread(target=self.guarded(work), name=f"graspbox-viewer-{name}", daemon=True)
         thread.start()
         return thread
 
     def close(self) -> None:
-        """End the background work; what waits is dropped."""
+        """End the background work, without the tasks that have not begun."""
         self.closed.set()
         self._worker.shutdown(wait=True, cancel_futures=True)
 
     def look(self, target: ArrayLike, distance: float, direction: Sequence[float] = (0.75, -1.0, 0.6)) -> None:
-        """Place the camera, of browsers that show the page now and later; metres."""
+        """Place the camera of all present and later browsers; metres."""
         way = np.asarray(direction, dtype=np.float64)
         at = np.asarray(target, dtype=np.float64)
         eye = at + distance * way / np.linalg.norm(way)

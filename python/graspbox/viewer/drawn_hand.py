@@ -23,17 +23,17 @@ _STICK = 0.0008
 _MANY = 1000
 #: A link whose frame changed by less is not sent again, metres and shares of 1.
 _STILL = 1e-5
-#: Most different shapes of wire hands in one set; preshapes between them take the nearest.
+#: Most different shapes of wire hands in one set; other preshapes use the nearest.
 _MOST_SHAPES = 6
 
 
 class DrawnHand:
-    """A hand, drawn by its collision shapes and hinges; a node for each moving link, which alone moves with its joint.
+    """A hand, drawn by its collision shapes and hinges; with a node for each moving link.
 
     Parameters
     ----------
     canvas : Canvas
-        Where to draw.
+        The canvas of the page.
     name : str
         Name of its nodes.
     hand : Hand
@@ -134,7 +134,7 @@ class PoseSet:
             shapes = np.linspace(shapes[0], shapes[-1], _MOST_SHAPES)
         self._shape = np.abs(preshape[:, None] - shapes).argmin(axis=1)
         wires = [wire_hand(hand, float(value)) for value in shapes]
-        self._fine, self._coarse = ([draw(wire, _STICK) for wire in wires] for draw in (sticks, needles))
+        self._fine, self._coarse = ([lines(wire, _STICK) for wire in wires] for lines in (sticks, needles))
         #: Nodes that are shown, by shape, and the indices of the poses of each.
         self.nodes: dict[int, Any] = {}
         self.rows: dict[int, NDArray[np.int64]] = {}

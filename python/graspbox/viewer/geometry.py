@@ -1,4 +1,4 @@
-"""Colours, poses in viser's notation, and meshes of which nodes draw many instances. No viser here."""
+"""Colours, poses in viser's notation, and meshes for instanced nodes; without viser."""
 
 from itertools import pairwise
 from typing import TypeAlias
@@ -40,7 +40,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Color: TypeAlias = tuple[int, int, int]
 Solid: TypeAlias = tuple[NDArray[np.float32], NDArray[np.uint32]]
 
-# The colours of `graspbox.pictures`, which readers with any colour vision can tell apart.
+# The colours of `graspbox.pictures`, which readers with any colour vision can distinguish.
 OBJECT: Color = (216, 183, 140)
 SUCCESS: Color = (0, 158, 115)
 FAILURE: Color = (213, 94, 0)
@@ -60,14 +60,14 @@ _WIRE_SCALE, _STEM, _CLOSED = 0.36, 0.03, 0.3
 
 def split(pose: ArrayLike) -> tuple[Floats, Floats]:
     """Split a pose (4, 4) into a quaternion (w, x, y, z) and a position."""
-    given = np.asarray(pose, dtype=np.float64)
-    return quaternion_from_rotation(given[None, :3, :3])[0], given[:3, 3]
+    matrix = np.asarray(pose, dtype=np.float64)
+    return quaternion_from_rotation(matrix[None, :3, :3])[0], matrix[:3, 3]
 
 
 def split_all(poses: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Split poses (n, 4, 4) into quaternions (n, 4) and positions (n, 3), as instances take them."""
-    given = np.asarray(poses, dtype=np.float64)
-    return quaternion_from_rotation(given[:, :3, :3]).astype(np.float32), given[:, :3, 3].astype(np.float32)
+    """Split poses (n, 4, 4) into quaternions (n, 4) and positions (n, 3), for instances."""
+    matrices = np.asarray(poses, dtype=np.float64)
+    return quaternion_from_rotation(matrices[:, :3, :3]).astype(np.float32), matrices[:, :3, 3].astype(np.float32)
 
 
 def rows(segments: ArrayLike) -> Floats:
@@ -92,12 +92,12 @@ def ramp(values: ArrayLike) -> NDArray[np.uint8]:
 
 def depth_picture(depth: ArrayLike) -> NDArray[np.uint8]:
     """Colour a depth image (H, W), metres, as (H, W, 3): yellow near, violet far, white where nothing was measured."""
-    given = np.asarray(depth, dtype=np.float64)
-    seen = given > 0
+    metres = np.asarray(depth, dtype=np.float64)
+    seen = metres > 0
     if not seen.any():
-        return np.full((*given.shape, 3), 255, dtype=np.uint8)
-    low, high = np.log(given[seen].min()), np.log(given[seen].max())
-    shares = (np.log(np.where(seen, given, 1.0)) - low) / max(high - low, 1e-3)
+        return np.full((*metres.shape, 3), 255, dtype=np.uint8)
+    low, high = np.log(metres[seen].min()), np.log(metres[seen].max())
+    shares = (np.log(np.where(seen, metres, 1.0)) - low) / max(high - low, 1e-3)
     # Five stops of matplotlib's plasma, reversed.
     stops = np.array([(240, 249, 33), (248, 149, 64), (204, 71, 120), (126, 3, 168), (13, 8, 135)], dtype=np.float64)
     places = np.linspace(0.0, 1.0, len(stops))

@@ -1,6 +1,6 @@
-"""What can be viewed: one row per kind, with the function that recognises it and the page that shows it.
+"""Kinds of sources: a row each, with a recogniser and a page.
 
-The first row whose recogniser returns something has the thing; a recogniser returns None for things of other kinds.
+The first recogniser that returns a value decides the kind; others return None.
 """
 
 import json
@@ -42,16 +42,16 @@ _MAX_BYTES = 256 << 20
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of thing.
+    """A kind of source.
 
     Attributes
     ----------
     name : str
         Its name, in errors.
     recognise : callable
-        Takes a thing and `Options`; returns what the page shows, or None.
+        Maps a source and `Options` to the content of the page, or to None.
     page : type of Page
-        Shows it.
+        The page.
     """
 
     name: str
@@ -59,47 +59,47 @@ class Kind:
     page: type[Page]
 
 
-def _object(what: Any, options: Options) -> PlannedObject | None:
-    if isinstance(what, PlannedObject):
-        return what
-    if isinstance(what, Mesh):
-        return PlannedObject(what)
-    if isinstance(what, tuple) and len(what) == 2 and isinstance(what[1], Plan):
-        return PlannedObject(as_mesh(what[0]), what[1])
-    found = _set(what, options)
+def _object(source: Any, options: Options) -> PlannedObject | None:
+    if isinstance(source, PlannedObject):
+        return source
+    if isinstance(source, Mesh):
+        return PlannedObject(source)
+    if isinstance(source, tuple) and len(source) == 2 and isinstance(source[1], Plan):
+        return PlannedObject(as_mesh(source[0]), source[1])
+    found = _set(source, options)
     return PlannedObject(found[0].load()) if found is not None and len(found) == 1 else None
 
 
-def _set(what: Any, options: Options) -> ObjectSet | None:
-    if isinstance(what, ObjectSet):
-        return what
-    if not isinstance(what, str | Path):
+def _set(source: Any, options: Options) -> ObjectSet | None:
+    if isinstance(source, ObjectSet):
+        return source
+    if not isinstance(source, str | Path):
         return None
-    name = str(what)
+    name = str(source)
     if name.partition(":")[0] in ("procedural", "ycb", "dir") or Path(name).suffix.lower() in MESH_SUFFIXES:
-        return object_sets.load(what, scale=options.scale)
+        return object_sets.load(source, scale=options.scale)
     return None
 
 
-def _hand(what: Any, options: Options) -> HandSource | None:
+def _hand(source: Any, options: Options) -> HandSource | None:
     del options
-    if isinstance(what, Hand):
-        return HandSource(what)
-    if isinstance(what, str) and what in Hand.names():
-        return HandSource(what)
-    if isinstance(what, tuple) and len(what) == 2 and all(isinstance(one, str | Path) for one in what):
-        return HandSource(what, (Path(what[0]), Path(what[1])))
-    if isinstance(what, str) and what.endswith((".urdf", ".toml")):
-        urdf, comma, toml = what.partition(",")
+    if isinstance(source, Hand):
+        return HandSource(source)
+    if isinstance(source, str) and source in Hand.names():
+        return HandSource(source)
+    if isinstance(source, tuple) and len(source) == 2 and all(isinstance(one, str | Path) for one in source):
+        return HandSource(source, (Path(source[0]), Path(source[1])))
+    if isinstance(source, str) and source.endswith((".urdf", ".toml")):
+        urdf, comma, toml = source.partition(",")
         if not comma:
-            load_hand(what)  # says that a hand has two files
+            load_hand(source)  # raises: a hand has two files
         return HandSource((urdf, toml), (Path(urdf), Path(toml)))
     return None
 
 
-def _environment(what: Any, options: Options) -> str | None:
+def _environment(source: Any, options: Options) -> str | None:
     del options
-    name = what.removeprefix("graspbox:") if isinstance(what, str) else ""
+    name = source.removeprefix("graspbox:") if isinstance(source, str) else ""
     if name in IDS:
         return name
     if name.startswith("graspbox/"):
@@ -107,40 +107,40 @@ def _environment(what: Any, options: Options) -> str | None:
     return None
 
 
-def _depth_image(what: Any, options: Options) -> DepthImage | None:
-    if isinstance(what, ImageGrasps):
-        return DepthImage(found=what)
-    if isinstance(what, np.ndarray):
-        return DepthImage(metric_depth(what, options.depth_scale))
-    if isinstance(what, str | Path) and Path(what).suffix.lower() in (".npy", ".png"):
-        return DepthImage(read_depth(what, options.depth_scale))
+def _depth_image(source: Any, options: Options) -> DepthImage | None:
+    if isinstance(source, ImageGrasps):
+        return DepthImage(found=source)
+    if isinstance(source, np.ndarray):
+        return DepthImage(metric_depth(source, options.depth_scale))
+    if isinstance(source, str | Path) and Path(source).suffix.lower() in (".npy", ".png"):
+        return DepthImage(read_depth(source, options.depth_scale))
     return None
 
 
-def _plan(what: Any, options: Options) -> PlannedObject | None:
-    if isinstance(what, Plan):
-        plan = what
-    elif _is_json(what) and (table := _document(Path(what))) is not None and table.get("format") == "graspbox.plan":
-        plan = Plan.load(what)
+def _plan(source: Any, options: Options) -> PlannedObject | None:
+    if isinstance(source, Plan):
+        plan = source
+    elif _is_json(source) and (table := _document(Path(source))) is not None and table.get("format") == "graspbox.plan":
+        plan = Plan.load(source)
     else:
         return None
     return PlannedObject(find_object(plan.name, plan.mesh_sha256, options), plan)
 
 
-def _grasps(what: Any, options: Options) -> dict[str, Any] | None:
+def _grasps(source: Any, options: Options) -> dict[str, Any] | None:
     del options
-    if not _is_json(what):
+    if not _is_json(source):
         return None
-    found = read_table(Path(what))
+    found = read_table(Path(source))
     if found is None:
         raise ConfigError(
-            f"{str(what)!r} is neither a plan (graspbox plan --out) nor a table of grasps (graspbox grasp --out)"
+            f"{str(source)!r} is neither a plan (graspbox plan --out) nor a table of grasps (graspbox grasp --out)"
         )
     return found
 
 
-def _is_json(what: Any) -> bool:
-    return isinstance(what, str | Path) and Path(what).suffix.lower() == ".json"
+def _is_json(source: Any) -> bool:
+    return isinstance(source, str | Path) and Path(source).suffix.lower() == ".json"
 
 
 def _document(path: Path) -> dict[str, Any] | None:
@@ -152,20 +152,20 @@ def _document(path: Path) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def _data_set(what: Any, options: Options) -> Path | None:
+def _data_set(source: Any, options: Options) -> Path | None:
     del options
-    folder = Path(what) if isinstance(what, str | Path) else None
+    folder = Path(source) if isinstance(source, str | Path) else None
     return folder if folder is not None and (folder / manifest.FILE).is_file() else None
 
 
-def _run(what: Any, options: Options) -> Path | None:
+def _run(source: Any, options: Options) -> Path | None:
     del options
-    folder = Path(what) if isinstance(what, str | Path) else None
+    folder = Path(source) if isinstance(source, str | Path) else None
     return folder if folder is not None and folder.is_dir() and is_run(folder) else None
 
 
-def _gallery(what: Any, options: Options) -> ObjectSet | None:
-    return _set(what, options)
+def _gallery(source: Any, options: Options) -> ObjectSet | None:
+    return _set(source, options)
 
 
 KINDS: tuple[Kind, ...] = (
@@ -181,18 +181,18 @@ KINDS: tuple[Kind, ...] = (
 )
 
 
-def find(what: Any, options: Options) -> tuple[type[Page], Any]:
-    """Find the page for a thing; returns its class and what it shows.
+def find(source: Any, options: Options) -> tuple[type[Page], Any]:
+    """Find the page of a source; returns the class of the page and its content.
 
     Raises
     ------
     ConfigError, ObjectSetError
-        If no kind has it, or it is of a kind but cannot be read.
+        If no recogniser accepts it, or it cannot be read.
     """
     for kind in KINDS:
-        if (found := kind.recognise(what, options)) is not None:
+        if (found := kind.recognise(source, options)) is not None:
             return kind.page, found
     known = "; ".join(kind.name for kind in KINDS)
-    if isinstance(what, str | Path):
-        raise ObjectSetError(f"{str(what)!r} names nothing that can be viewed; give one of: {known}")
-    raise ConfigError(f"what is of the type {type(what).__name__}; give one of: {known}")
+    if isinstance(source, str | Path):
+        raise ObjectSetError(f"{str(source)!r} names nothing that can be viewed; give one of: {known}")
+    raise ConfigError(f"source is of the type {type(source).__name__}; give one of: {known}")

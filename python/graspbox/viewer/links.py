@@ -1,4 +1,4 @@
-"""Frames of a hand's links from its two files, and where they put sensors and tendons; the core gives frames of joints.
+"""Frames of a hand's links, sensors and tendons, from its two files; the core gives frames of joints alone.
 
 Positions follow `graspbox.Hand.joints`; mimic joints follow their leaders. The core has checked the files.
 """
@@ -90,19 +90,19 @@ class HandLinks:
 
     def frames(self, positions: ArrayLike) -> Floats:
         """Return the frames of all links with the independent joints at `positions` (c,): hand_from_link (l, 4, 4)."""
-        given = dict(zip(self._hand.joints, np.asarray(positions, dtype=np.float64).tolist(), strict=True))
+        joint_positions = dict(zip(self._hand.joints, np.asarray(positions, dtype=np.float64).tolist(), strict=True))
         frames = np.zeros((len(self._links), 4, 4))
         for index, link in enumerate(self._links):
             parent = self._hand_from_base if link.parent < 0 else frames[link.parent]
-            frames[index] = parent @ link.parent_from_link @ _moved(link, self._position(link, given))
+            frames[index] = parent @ link.parent_from_link @ _moved(link, self._position(link, joint_positions))
         return frames
 
-    def _position(self, link: _Link, given: dict[str, float]) -> float:
+    def _position(self, link: _Link, joint_positions: dict[str, float]) -> float:
         if link.follows is None:
-            return given.get(link.joint, 0.0)
+            return joint_positions.get(link.joint, 0.0)
         leader, ratio, offset = link.follows
         (found,) = [one for one in self._links if one.joint == leader]
-        return ratio * self._position(found, given) + offset
+        return ratio * self._position(found, joint_positions) + offset
 
     def sensors(self, frames: Floats) -> tuple[Floats, Floats]:
         """Return points and outward normals of the sensors, (s, 3) each, hand frame, given the result of `frames`."""
@@ -135,7 +135,7 @@ class HandLinks:
         return np.array(segments)
 
     def _below(self, link: int, above: int) -> bool:
-        """Tell whether a link hangs on another one."""
+        """Return whether a link descends from another one."""
         link = self._links[link].parent
         while link >= 0 and link != above:
             link = self._links[link].parent

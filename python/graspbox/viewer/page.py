@@ -13,14 +13,14 @@ __all__ = ["Options", "Page"]
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a view; each kind reads those that concern it.
+    """Options of a view; each kind uses those that apply to it.
 
     Attributes
     ----------
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     objects : str or None
-        The object of a plan, where its name does not find it; the objects of an environment.
+        The object of a plan, if its name is not enough; the objects of an environment.
     scale : float
         Metres per unit of mesh files.
     seed : int
@@ -34,7 +34,7 @@ class Options:
     depth_scale : float or None
         Metres per unit of a depth image; by default 1 for floats, 0.001 for integers.
     camera_pose : path or None
-        File of ``table_from_camera`` of a depth image; by default the table is searched for.
+        File of ``table_from_camera`` of a depth image; by default the table is found in the image.
     """
 
     hand: HandLike = "reflex"
@@ -49,27 +49,27 @@ class Options:
 
 
 class Page(ABC):
-    """One view of something: its scene, its controls, and the work behind them.
+    """A view: its scene, its controls, and their callbacks.
 
     Parameters
     ----------
-    what : object
-        The thing shown, as its recogniser returned it.
+    content : object
+        Content of the page, from its recogniser.
     canvas : Canvas
-        Where to draw.
+        The canvas of the page.
     options : Options
         Options of the view.
 
     Attributes
     ----------
     title : str
-        Kind of the thing, in errors and as the label of the panel.
+        Kind of the content, in errors and as the label of the panel.
     """
 
     title: ClassVar[str] = "view"
 
-    def __init__(self, what: Any, canvas: Canvas, options: Options) -> None:
-        self.what, self.canvas, self.options = what, canvas, options
+    def __init__(self, content: Any, canvas: Canvas, options: Options) -> None:
+        self.content, self.canvas, self.options = content, canvas, options
 
     @abstractmethod
     def build(self) -> None:
@@ -78,8 +78,8 @@ class Page(ABC):
         Raises
         ------
         GraspboxError
-            If the thing cannot be shown at all.
+            If the content cannot be shown.
         """
 
-    def close(self) -> None:  # noqa: B027 (most pages hold nothing)
-        """End what the page has begun; the canvas ends its own threads."""
+    def close(self) -> None:  # noqa: B027 (most pages have nothing to close)
+        """End players and environments of the page; the canvas ends its own threads."""

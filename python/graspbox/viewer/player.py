@@ -31,7 +31,7 @@ class Player:
     Parameters
     ----------
     canvas : Canvas
-        Where to draw.
+        The canvas of the page.
     hand : DrawnHand
         The hand that moves.
     node : scene node
@@ -83,7 +83,7 @@ class Player:
         return self._hand.hand
 
     def load(self, trace: Trace) -> None:
-        """Take a trace, and show its first sample; an empty one shows nothing."""
+        """Load a trace, and show its first sample; an empty one shows nothing."""
         self.stop()
         with self._canvas.lock:
             self.trace = trace if len(trace.time) else None
@@ -143,7 +143,7 @@ class Player:
         self._tell(sample, values)
 
     def _color_sensors(self, points: Floats, colors: Any) -> None:
-        """Move the sensors in the hand's frame, and colour them; what has not changed is not sent."""
+        """Move the sensors in the hand's frame, and colour them; unchanged values are not sent."""
         if np.abs(points - self.sensors.batched_positions).max() > _STILL:
             self.sensors.batched_positions = points.astype(np.float32)
         if (colors != self.sensors.batched_colors).any():
@@ -151,7 +151,7 @@ class Player:
         self.sensors.visible = True
 
     def _tell(self, sample: int, values: Floats | None) -> None:
-        """Show the readings; while a trace plays, only now and then."""
+        """Show the readings; while a trace plays, at a lower rate."""
         now = time.monotonic()
         if not self._plays.is_set() or now - self._told > _TOLD:
             self._told = now

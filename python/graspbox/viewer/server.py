@@ -1,4 +1,4 @@
-"""`Viewer`: a page in a viser server, on this machine unless told otherwise."""
+"""`Viewer`: a page in a viser server, by default reachable from this machine alone."""
 
 import contextlib
 import html
@@ -29,11 +29,11 @@ _HEIGHT = 600
 
 
 class Viewer:
-    """A running view; a context manager, which ends it. In a notebook it shows itself.
+    """A running view, also a context manager; a notebook displays it as the last value of a cell.
 
     Parameters
     ----------
-    what : object
+    source : object
         See `graspbox.viewer.show`.
     options : Options
         Options of the view.
@@ -63,7 +63,7 @@ class Viewer:
 
     def __init__(
         self,
-        what: Any,
+        source: Any,
         options: Options = Options(),  # noqa: B008 (frozen)
         *,
         host: str = "127.0.0.1",
@@ -72,13 +72,13 @@ class Viewer:
     ) -> None:
         _check_host(host, insecure)
         _viser()
-        kind, found = find(what, options)
+        kind, found = find(source, options)
         chosen = _free_port(host, port)
         self._server = _start(host, chosen, f"graspbox: {kind.title}")
         _arrange(self._server)
         self._closed, self._options = threading.Event(), options
         self._back: list[Any] = []
-        self._what = what
+        self._source = source
         try:
             self._build(kind, found)
         except BaseException:
@@ -94,20 +94,20 @@ class Viewer:
             self.canvas.on(self.canvas.gui.add_button("back", icon="arrow-left"), call=self._go_back)
         self.page.build()
 
-    def open(self, what: Any) -> None:
-        """Show another thing at the same address; the page gets a button that leads back.
+    def open(self, source: Any) -> None:
+        """Show another thing at the same address; a button leads back.
 
         Raises
         ------
         GraspboxError
-            If it is not recognised or cannot be read; the present page stays. Later errors are shown in the page.
+            If it is not recognised or cannot be read; the present page is kept. The page shows later errors.
         """
-        kind, found = find(what, self._options)
-        self._back.append(self._what)
-        self._replace(what, kind, found)
+        kind, found = find(source, self._options)
+        self._back.append(self._source)
+        self._replace(source, kind, found)
 
-    def _replace(self, what: Any, kind: type[Page], found: Any) -> None:
-        self._what = what
+    def _replace(self, source: Any, kind: type[Page], found: Any) -> None:
+        self._source = source
         self.canvas.closed.set()
         self.page.close()
         self.canvas.close()
@@ -119,14 +119,14 @@ class Viewer:
         except GraspboxError as error:
             self.canvas.complain(str(error))
 
-    def _open_later(self, what: Any) -> None:
-        """Open from a callback, whose page ends thereby."""
-        threading.Thread(target=self.canvas.guarded(lambda: self.open(what)), daemon=True).start()
+    def _open_later(self, source: Any) -> None:
+        """Open from a callback; this closes the page of the callback."""
+        threading.Thread(target=self.canvas.guarded(lambda: self.open(source)), daemon=True).start()
 
     def _go_back(self) -> None:
-        what = self._back.pop()
-        kind, found = find(what, self._options)
-        threading.Thread(target=self.canvas.guarded(lambda: self._replace(what, kind, found)), daemon=True).start()
+        source = self._back.pop()
+        kind, found = find(source, self._options)
+        threading.Thread(target=self.canvas.guarded(lambda: self._replace(source, kind, found)), daemon=True).start()
 
     def __repr__(self) -> str:
         return f"Viewer({self.page.title!r}, {self.url!r})"
@@ -166,7 +166,7 @@ class Viewer:
 
 
 def _check_host(host: str, insecure: bool) -> None:
-    """Refuse an address that other machines reach, unless that is wanted."""
+    """Refuse an address that other machines can reach, unless `insecure` is set."""
     try:
         local = host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -179,7 +179,7 @@ def _check_host(host: str, insecure: bool) -> None:
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """Return a port at which one can listen: viser itself would search on without a word."""
+    """Return a free port; viser itself would silently choose another one."""
     wanted = range(DEFAULT_PORT, DEFAULT_PORT + _ATTEMPTS) if port is None else (natural(port, "port", bits=16),)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     reason = ""
@@ -201,15 +201,15 @@ def _viser() -> Any:
 
 
 def _start(host: str, port: int, label: str) -> Any:
-    """Start viser's server, without its tunnel to the internet, which any page that reaches the server may ask for."""
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints a table whatever `verbose` says
+    """Start viser's server, without its tunnel to the internet, which any page on the server could request."""
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints a table even without `verbose`
         server = _viser().ViserServer(host, port, label, verbose=False)
     server.request_share_url = lambda verbose=True: None
     return server
 
 
 def _arrange(server: Any) -> None:
-    """Choose the look that all pages share."""
+    """Set the theme of all pages."""
     server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
     server.scene.set_up_direction("+z")

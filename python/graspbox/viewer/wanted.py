@@ -24,32 +24,32 @@ def find_object(name: str, sha256: str, options: Options) -> Mesh:
     sha256 : str
         Hash of its mesh (`graspbox.planning.plan_files.mesh_hash`); empty: not checked.
     options : Options
-        ``objects`` names the set or mesh file where the name does not find it.
+        ``objects`` names the set or mesh file if the name is not enough.
 
     Raises
     ------
     ObjectSetError
         If it is not found, or its mesh is another one.
     """
-    given = options.objects or _set_of(name)
-    if given is None:
+    source = options.objects or _set_of(name)
+    if source is None:
         raise ObjectSetError(
             f"the object {name!r} is in no set that is installed; name its mesh file or set with objects (--objects)"
         )
-    found = object_sets.load(given, scale=options.scale)
+    found = object_sets.load(source, scale=options.scale)
     chosen = [spec for spec in found if spec.name == name] or (list(found) if len(found) == 1 else [])
     if not chosen:
-        raise ObjectSetError(f"objects is {given!r}, which has no object {name!r}; name another set")
+        raise ObjectSetError(f"objects is {source!r}, which has no object {name!r}; name another set")
     mesh = chosen[0].load()
     if sha256 and mesh_hash(mesh) != sha256:
         raise ObjectSetError(
-            f"the mesh of {given!r} differs from that of {name!r} in the file; name the right one (--objects)"
+            f"the mesh of {source!r} differs from that of {name!r} in the file; name the right one (--objects)"
         )
     return mesh
 
 
 def _set_of(name: str) -> str | None:
-    """Return the set that holds this object alone, for sets that come with the package."""
+    """Return a set of this object alone, for sets that come with the package."""
     procedural = _PROCEDURAL.fullmatch(name)
     if procedural and procedural[1] in _core.procedural_families():
         return f"procedural:{procedural[1]}:{int(procedural[2])}"

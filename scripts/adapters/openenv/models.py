@@ -1,4 +1,4 @@
-"""What client and server exchange: an action, observations as arrays in JSON, the state of a session."""
+"""Messages of client and server: an action, observations as arrays in JSON, the state of a session."""
 
 import base64
 import io
@@ -32,7 +32,7 @@ class GraspAction(Action):
 
 
 class GraspObservation(Observation):
-    """What follows a reset or a step; ``metadata`` is the info of the environment: ``is_success`` and others."""
+    """Result of a reset or a step; ``metadata`` is the info of the environment: ``is_success`` and others."""
 
     arrays: dict[str, ArrayData] = Field(default_factory=dict, description="Observations by name: proprio, rgb, ...")
     truncated: bool = Field(default=False, description="Whether the episode ended by its number of steps")
@@ -76,7 +76,7 @@ def _base64(raw: bytes) -> str:
 
 
 def decoded(array: ArrayData) -> NDArray[Any]:
-    """Read what `encoded` wrote.
+    """Read the output of `encoded`.
 
     Raises
     ------

@@ -124,7 +124,7 @@ class GraspboxBenchmark(StepBenchmark):
         return {"images": images, "task_description": TASK, **others}
 
     def get_step_result(self, step_result: StepResult) -> EpisodeResult:
-        """Give what graspbox says of the episode."""
+        """Return the result of the episode."""
         info = step_result.info
         return {
             "success": bool(info.get("is_success", False)),

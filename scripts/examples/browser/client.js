@@ -71,7 +71,7 @@ export class Client {
     else this.#fail(new Error(answer.error.message));
   }
 
-  /** The connection broke off: takes the session up again, and sends what the server has not received. */
+  /** The connection broke off: takes the session up again, and sends the messages that the server has not received. */
   async #lost(reason) {
     this.#socket = null;
     if (this.#closed) return;

@@ -1,4 +1,4 @@
-// msgpack, and numpy arrays as openpi's clients write them: what the protocol of graspbox needs, and no more.
+// msgpack, and numpy arrays as openpi's clients write them: the subset that graspbox's protocol needs.
 //
 // Integers beyond 2^53, such as the secret of a session, are BigInt on both sides; all others are Number.
 

@@ -40,7 +40,7 @@ class TopDownPolicy(PreTrainedPolicy):  # type: ignore[misc]
         return torch.from_numpy(np.stack(actions))
 
     def _check(self, batch: dict[str, Any]) -> None:
-        """Find what the features promised, and the instruction."""
+        """Find the observations of the features, and the instruction."""
         for name, feature in self.config.input_features.items():
             assert tuple(batch[name].shape[1:]) == tuple(feature.shape), name
         assert set(batch["task"]) == {"Grasp the object and lift it."}

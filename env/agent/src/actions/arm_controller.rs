@@ -74,7 +74,7 @@ impl ArmController {
         }
     }
 
-    /// Refuses what no arm can be in.
+    /// Refuses states that no arm can have.
     ///
     /// # Errors
     /// [`OutOfRange`], naming the first number.

@@ -155,7 +155,7 @@ impl ProtectiveStop {
         }
     }
 
-    /// Refuses what no stop can be in.
+    /// Refuses states that no stop can have.
     ///
     /// # Errors
     /// [`OutOfRange`], naming the first number.

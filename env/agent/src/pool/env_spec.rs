@@ -128,7 +128,7 @@ fn carriers(hand: &Hand, link: usize) -> Vec<usize> {
     found
 }
 
-/// Index of every link's contact flag; links without a flag of their own have no collision shapes.
+/// Index of every link's contact flag; links without their own flag have no collision shapes.
 fn flags(hand: &Hand) -> Vec<usize> {
     let own = hand.touch_links();
     let palm = own.len();

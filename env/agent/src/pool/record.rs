@@ -48,7 +48,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Refuses what no episode with this hand can remember.
+    /// Refuses states that no episode with this hand can have.
     ///
     /// # Errors
     /// [`OutOfRange`], naming the first number.

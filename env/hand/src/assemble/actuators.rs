@@ -1,4 +1,4 @@
-//! Actuators: what each moves, and that nothing is moved twice.
+//! Actuators and their transmissions; nothing is moved twice.
 
 use crate::error::ProblemKind;
 use crate::model::{Actuator, Drive, DrivenJoint, Hand, JointKind, Transmission};

@@ -21,7 +21,7 @@ pub(crate) fn put_mesh(body: &mut Vec<u8>, mesh: &TriMesh) {
     body.extend(mesh.faces().iter().flatten().flat_map(|v| v.to_le_bytes()));
 }
 
-/// Takes from the front what was appended.
+/// Reads from the front, in the order of the writer.
 pub(crate) struct Reader<'a>(pub &'a [u8]);
 
 impl Reader<'_> {

@@ -25,8 +25,8 @@ pub(super) fn after_write(folder: &Path, most: u64) {
     }
 }
 
-/// Removes the entries that were written first until those that stay have at most `most` bytes. What another process removes or reads
-/// meanwhile is no matter: an entry that is gone is made again.
+/// Removes the entries that were written first until those that stay have at most `most` bytes. Other processes may
+/// remove or read entries meanwhile: a missing entry is made again.
 pub(super) fn trim(folder: &Path, most: u64) {
     let Ok(files) = std::fs::read_dir(folder) else { return };
     let mut entries: Vec<_> = files

@@ -41,7 +41,7 @@ mod tests {
     use super::triangles_meet;
     use nalgebra::{Point3, Vector3};
 
-    /// Through, touching with a corner, beside, above, and in one plane with a corner inside.
+    /// Through, touching with a corner, next to it, above, and in one plane with a corner inside.
     #[test]
     fn triangles_meet_where_they_do() {
         let flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 
 /// Most pairs of a set of neighbours and a component whose bounds are compared; dust of many thousand components is taken as solid.
 const MAX_PAIRS: usize = 100_000_000;
-/// Least winding number of a component around what lies inside it: one with small holes surrounds it still, an open bowl does not.
+/// Least winding number of a component around its inside: one with small holes surrounds it still, an open bowl does not.
 const SURROUNDED: f64 = 0.9;
 /// Surfaces nearer than this share of the mesh's longest side touch each other: ten times the rounding of f32.
 const TOUCHING: f64 = 1e-6;
@@ -19,7 +19,7 @@ const TOUCHING: f64 = 1e-6;
 ///
 /// Neighbours are faces that share an edge with exactly two faces. Each set of neighbours is then turned as a whole so that its
 /// signed volume is positive, or negative when it is a cavity: when an odd number of other components surround it. A component surrounds
-/// what lies wholly inside it; what touches its surface, or reaches through it, is a solid that overlaps it.
+/// those wholly inside it; one that touches its surface, or reaches through it, is a solid that overlaps it.
 pub(super) fn orient(vertices: &[Point3<f64>], faces: &mut [[u32; 3]]) -> usize {
     let before = faces.to_vec();
     let patches = agree(faces);

@@ -114,7 +114,7 @@ pub(super) fn check_fans(mesh: &TriMesh) -> Result<(), Defect> {
 }
 
 /// The surface has no boundary: along every edge as many faces run one way as the other. Weaker than [`check_watertight`]
-/// (touching solids pass), and exactly what volume integrals need.
+/// (touching solids pass), and exactly the condition of volume integrals.
 pub fn is_closed(mesh: &TriMesh) -> bool {
     let counts = edge_counts(mesh.faces());
     directed_edges(mesh.faces()).all(|(a, b)| counts.get(&(b, a)) == counts.get(&(a, b)))

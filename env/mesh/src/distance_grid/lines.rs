@@ -13,7 +13,7 @@ pub(super) struct Lines<'a> {
 }
 
 impl Lines<'_> {
-    /// Inside is what at least two of three scan directions call inside.
+    /// A node is inside if it is inside along at least two of three scan directions.
     pub fn vote(&self) -> Vec<bool> {
         let mut votes = vec![0_u8; self.size.iter().product()];
         for axis in 0..3 {
@@ -42,7 +42,7 @@ impl Lines<'_> {
     fn crossings(&self, axis: usize) -> Vec<Vec<(f64, i8)>> {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let mut lines = vec![Vec::new(); self.size[u] * self.size[v]];
-        // The lines pass a little beside the nodes: modelled objects have edges in grid planes.
+        // The lines pass slightly off the nodes: modelled objects have edges in grid planes.
         let (du, dv) = (self.step * 1.234_567e-4, self.step * 2.345_678e-4);
         for face in 0..self.mesh.faces().len() {
             let [a, b, c] = self.mesh.triangle(face);

@@ -1,11 +1,11 @@
-//! Two scans over a grid, there and back, in which every node asks the 13 neighbours that it has passed for a closer point.
+//! Two scans over a grid, there and back, in which every node takes closer points from the 13 neighbours already visited.
 //!
-//! Twelve of them lie in rows that are done, so a row is asked for all of its nodes at once, which the compiler turns into vector code; only
-//! the last neighbour, in the same row, has to wait for its predecessor.
+//! Twelve of them lie in rows that are done, so a row is processed for all of its nodes at once, which the compiler turns into vector code;
+//! only the last neighbour, in the same row, has to wait for its predecessor.
 //!
 //! Danielsson, "Euclidean distance mapping", 1980.
 
-/// What every node of a grid knows: columns, node by node.
+/// Data of every node of a grid: columns, node by node.
 pub(super) struct Known {
     /// Its closest face.
     pub face: Vec<u32>,
@@ -19,7 +19,7 @@ impl Known {
         Self { face: vec![u32::MAX; nodes], closest: [column(), column(), column()] }
     }
 
-    /// Squared distance from `p` to the point that node `i` knows.
+    /// Squared distance from `p` to the point of node `i`.
     pub fn squared(&self, i: usize, p: &[f32; 3]) -> f32 {
         let [x, y, z] = &self.closest;
         squared([p[0] - x[i], p[1] - y[i], p[2] - z[i]])
@@ -30,10 +30,10 @@ impl Known {
         self.closest.iter_mut().zip(closest).for_each(|(column, x)| column[i] = x);
     }
 
-    /// Tells every node about the points of its neighbours.
+    /// Compares every node with the points of its neighbours.
     ///
     /// * `places`: coordinates of the nodes along each axis; their numbers are the grid's size.
-    /// * `right`: nodes whose squared distance is no greater know the right face already.
+    /// * `right`: nodes whose squared distance is no greater have the right face already.
     pub fn scan(&mut self, places: &[Vec<f32>; 3], right: f32) {
         let size = [0, 1, 2].map(|k| places[k].len());
         let mut rows = Rows::new(size[0]);
@@ -74,7 +74,7 @@ impl Known {
         }
     }
 
-    /// Every node of a row asks its neighbour, `dx` nodes along x, in another row.
+    /// Compares every node of a row with its neighbour, `dx` nodes along x, in another row.
     fn ask(&mut self, xs: &[f32], [y, z]: [f32; 2], [row, other]: [usize; 2], dx: isize, rows: &mut Rows) {
         let count = xs.len();
         // The nodes that have such a neighbour.
@@ -100,11 +100,11 @@ impl Known {
     }
 }
 
-/// What a row needs for a moment.
+/// Temporary buffers of a row.
 struct Rows {
     /// Squared distance of the closest point so far; negative where nothing is closer.
     best: Vec<f32>,
-    /// Squared distance of the point that the neighbour knows.
+    /// Squared distance of the neighbour's point.
     distances: Vec<f32>,
     /// All ones where that is closer.
     masks: Vec<u32>,
@@ -116,7 +116,7 @@ impl Rows {
     }
 }
 
-/// Squared distances of the nodes of a row from the points that their neighbours know. Each loop has one result, which compilers turn into
+/// Squared distances of the nodes of a row from their neighbours' points. Each loop has one result, which compilers turn into
 /// vector code.
 fn measure(distances: &mut [f32], xs: &[f32], [y, z]: [f32; 2], ax: &[f32], ay: &[f32], az: &[f32]) {
     for ((((distance, x), ax), ay), az) in distances.iter_mut().zip(xs).zip(ax).zip(ay).zip(az) {
@@ -124,7 +124,7 @@ fn measure(distances: &mut [f32], xs: &[f32], [y, z]: [f32; 2], ax: &[f32], ay: 
     }
 }
 
-/// Takes what the neighbours know where they are closer.
+/// Takes the values of neighbours where they are closer.
 fn take_closer(own: &mut [f32], asked: &[f32], masks: &[u32]) {
     for ((own, asked), mask) in own.iter_mut().zip(asked).zip(masks) {
         *own = f32::from_bits(chosen(own.to_bits(), asked.to_bits(), *mask));

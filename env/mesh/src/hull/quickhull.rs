@@ -43,7 +43,7 @@ pub(super) fn quickhull(points: &[Point3<f64>]) -> Option<Vec<[u32; 3]>> {
 
 /// The first point of each cube of side `same`, ascending.
 ///
-/// The size is at most 10^5 cubes, so that a place fits into 3 times 21 bits. A table of its own, because hulls of some dozen points are
+/// The size is at most 10^5 cubes, so that a place fits into 3 times 21 bits. It has its own table, because hulls of some dozen points are
 /// made by the ten thousand.
 fn distinct(points: &[Point3<f64>], origin: &Point3<f64>, same: f64) -> Vec<u32> {
     /// No cube: the upper bit is never set.
@@ -97,7 +97,7 @@ struct Builder<'a> {
     scratch: Scratch,
 }
 
-/// What [`Builder::add`] needs for a moment.
+/// Temporary buffers of [`Builder::add`].
 #[derive(Default)]
 struct Scratch {
     /// Faces that the new point sees.

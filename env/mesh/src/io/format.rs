@@ -1,4 +1,4 @@
-//! Formats, limits, and what a parser hands over.
+//! Formats, limits, and the output of a parser.
 
 use crate::error::MeshError;
 use nalgebra::Point3;
@@ -97,7 +97,7 @@ pub(super) fn check_size(format: MeshFormat, bytes: u64, options: &LoadOptions) 
 
 /// Compares a count with its limit.
 pub(super) fn check_count(format: MeshFormat, what: &'static str, count: u64, limit: u64) -> Result<(), MeshError> {
-    // Indices are u32, whatever the caller allows.
+    // Indices are u32, so a larger limit of the caller does not apply.
     let limit = limit.min(u64::from(u32::MAX));
     if count > limit {
         return Err(MeshError::TooMany { format: format.name(), what, count, limit });

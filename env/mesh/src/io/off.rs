@@ -1,4 +1,4 @@
-//! OFF text: a keyword, three counts, vertices, polygons; `#` begins a comment, what follows on a line (colours) is skipped.
+//! OFF text: a keyword, three counts, vertices, polygons; `#` begins a comment, the rest of a line (colours) is skipped.
 //!
 //! Own code: `off-rs` rounds to f32, and refuses `COFF` and counts on the line of the keyword.
 

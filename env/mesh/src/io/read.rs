@@ -4,7 +4,7 @@ use std::fs::{File, Metadata};
 use std::io::{Error, ErrorKind, Read, Result};
 use std::path::Path;
 
-/// Reads at most `max_bytes + 1` bytes of a regular file, so that a caller can tell a file that exceeds its limit.
+/// Reads at most `max_bytes + 1` bytes of a regular file, so that a caller can detect a file that exceeds its limit.
 ///
 /// Devices, pipes and sockets are refused before they are opened: opening a pipe or reading a device may never return.
 /// Symbolic links are followed.

@@ -1,8 +1,8 @@
-//! What bytes look like, for errors about files with the wrong ending.
+//! Guesses the format of bytes, for errors about files with the wrong ending.
 
 use super::format::MeshFormat;
 
-/// First bytes of common files, in lower case, and what they are.
+/// First bytes of common files, in lower case, and their formats.
 const STARTS: [(&[u8], &str); 14] = [
     (b"ply\n", "a PLY file"),
     (b"ply\r", "a PLY file"),
@@ -22,12 +22,12 @@ const STARTS: [(&[u8], &str); 14] = [
 /// Bytes that are looked at.
 const LENGTH: usize = 4096;
 
-/// What `bytes` look like, unless that is `expected` itself or nothing known.
+/// The apparent format of `bytes`; none if it is `expected` itself or unknown.
 pub(super) fn looks_like(bytes: &[u8], expected: MeshFormat) -> Option<&'static str> {
     let head = &bytes[..bytes.len().min(LENGTH)];
     let start = head.trim_ascii_start().to_ascii_lowercase();
     let known = STARTS.iter().find(|(magic, _)| start.starts_with(magic)).map(|(_, what)| *what);
-    // OBJ and OFF are text; what is wrong with it is said by the parser's own error.
+    // OBJ and OFF are text; the parser's own error names their problems.
     let other = || if matches!(expected, MeshFormat::Obj | MeshFormat::Off) { None } else { text(head) };
     let found = known.or_else(other)?;
     (!found.contains(&format!(" {} ", expected.name()))).then_some(found)

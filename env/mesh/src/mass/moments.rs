@@ -22,7 +22,8 @@ impl Moments {
         Self { reference, volume: 0.0, first: Vector3::zeros(), second: Matrix3::zeros() }
     }
 
-    /// Of what a closed mesh winds around, as often as it does: signed tetrahedra from the reference point to every face, exact.
+    /// Of the volume that a closed mesh winds around, counted with the winding number: signed tetrahedra from the reference
+    /// point to every face, exact.
     ///
     /// For corners 0, a, b, c and six times the volume d: the integral of x is d (a + b + c) / 24, that of x x^T is
     /// d ((a + b + c)(a + b + c)^T + a a^T + b b^T + c c^T) / 120.

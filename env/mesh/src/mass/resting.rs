@@ -5,7 +5,7 @@
 //! to the neighbour where the centre of mass lies lowest, until it is stable (no dynamics: Goldberg, Mirtich, Zhuang, Craig,
 //! Carlisle, Canny, "Part pose statistics", 1999, their quasi-static estimate).
 //!
-//! Own code: we know no Rust crate that does this.
+//! Own code: no Rust crate for this is known.
 
 use crate::error::{MeshError, require};
 use crate::fast_hash::map_for;
@@ -208,7 +208,7 @@ fn merge(areas: &[Vector3<f64>], around: &[Vec<usize>], min_cosine: f64) -> Vec<
         let mut stack = vec![seed];
         while let Some(face) = stack.pop() {
             for &other in &around[face] {
-                // A sliver without area has no normal of its own and joins whoever comes first.
+                // A sliver without area has no normal and joins the first neighbour.
                 let aligned = areas[other].dot(&normal) >= min_cosine * areas[other].norm();
                 if label[other] == usize::MAX && aligned {
                     label[other] = next;

@@ -1,4 +1,5 @@
-//! Integrals over what a surface encloses, where signed tetrahedra do not give them: shells that overlap, and surfaces with holes.
+//! Integrals over the volume that a surface encloses, where signed tetrahedra do not give them: shells that overlap, and
+//! surfaces with holes.
 
 use super::moments::Moments;
 use crate::mass::face_tree::FaceTree;
@@ -17,14 +18,14 @@ const CELLS: usize = 64;
 const BLOCK: usize = 4;
 /// Distance from [`INSIDE`] that the winding number of such a block's middle has.
 const CLEAR: f64 = 0.2;
-/// Winding number of a point that is taken as inside: what a plane sheet has on itself.
+/// Winding number of a point that is taken as inside: that of a plane sheet on itself.
 const INSIDE: f64 = 0.5;
-/// Least mean winding number of what is inside: a box without a lid has 0.8, the hollows of a wavy sheet hardly more than [`INSIDE`].
+/// Least mean winding number of the inside: a box without a lid has 0.8, the hollows of a wavy sheet hardly more than [`INSIDE`].
 const ENCLOSED: f64 = 0.7;
 
 /// Integrals along the lines of a grid: over the space that a closed mesh winds around, as often as it does, and once.
 pub(super) struct Lines {
-    /// As often as the mesh winds around it: what [`Moments::of`] gives exactly.
+    /// Counted with the winding number: [`Moments::of`] gives these exactly.
     pub signed: Moments,
     /// Once: where shells overlap, their union.
     pub union: Moments,

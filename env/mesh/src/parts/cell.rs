@@ -35,7 +35,7 @@ pub(super) struct Cell {
 }
 
 impl Cell {
-    /// Cuts in two: what lies on the positive side of the plane, and what lies on the negative one.
+    /// Cuts in two: the part on the positive side of the plane, and that on the negative one.
     pub fn cut(&self, pool: &mut Pool, plane: &Plane) -> [Cell; 2] {
         let height = |p: &Point3<f64>| plane.normal.dot(&p.coords) - plane.offset;
         let mut halves = [Cell::default(), Cell::default()];
@@ -117,7 +117,7 @@ pub(super) fn hull_of(points: &[Point3<f64>]) -> Option<Hull> {
     let volume = volume(&points, &faces);
     let (min, max) = points.iter().fold((points[0], points[0]), |(a, b), p| (a.inf(p), b.sup(p)));
     let size = (max - min).amax();
-    // Flatter than this the f32 of the physics engine cannot tell inside from outside.
+    // Flatter than this the f32 of the physics engine cannot distinguish inside from outside.
     (volume > 1e-6 * size.powi(3)).then_some(Hull { points, faces, volume })
 }
 

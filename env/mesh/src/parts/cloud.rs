@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 const BLOCK: usize = 16;
 /// Blocks of a group.
 const GROUP: usize = 16;
-/// Cells along each side of the bounds that tell neighbours from others: a power of two.
+/// Cells along each side of the bounds that separate neighbours from others: a power of two.
 const CELLS: f64 = 1024.0;
 /// Rounding of a height, as a share of the greatest coordinate: far above that of f64.
 const ROUNDING: f64 = 1e-12;
@@ -146,7 +146,7 @@ impl Farthest {
     }
 }
 
-/// Looks at the entry of `with` that reaches farthest, and then at those that reach as far as what is found by then.
+/// Looks at the entry of `with` that reaches farthest, and then at those that reach as far as the best so far.
 fn best_first(reach: &[f64], with: &[bool], best: &mut Farthest, mut look: impl FnMut(usize, &mut Farthest)) {
     let mut first = None;
     for (i, (reach, with)) in reach.iter().zip(with).enumerate() {

@@ -25,7 +25,7 @@ const CUT_SHARE: f64 = 0.8;
 /// Cells no wider than this many times the allowed error are not cut across that width.
 const LEAST_SIZE: f64 = 2.0;
 
-/// A cell with its hull and what is wrong with it.
+/// A cell with its hull and its error.
 pub(super) struct Piece {
     pub cell: Cell,
     pub hull: Hull,
@@ -77,7 +77,7 @@ pub(super) fn cut_down(whole: Cell, pool: &mut Pool, fit: &Fit, max_error: f64, 
 /// The plane whose two hulls have the least volume together.
 ///
 /// * `ahead`: look one cut further. A round shell gains nothing by being halved and much by being quartered, so one cut alone
-///   cannot tell the cut through its axis from the others.
+///   cannot distinguish the cut through its axis from the others.
 fn best_plane(cell: &Cell, pool: &Pool, coarse: &[Vector3<f64>], least: f64, ahead: bool) -> Option<Plane> {
     let points: Vec<_> = cell.points.iter().map(|&v| pool[v as usize]).collect();
     let along = |normal: Vector3<f64>| {
@@ -169,7 +169,7 @@ fn cost([a, b]: [f64; 2]) -> f64 {
     a + b + BALANCE * (a - b).abs()
 }
 
-/// The extremes of the slabs between neighbouring places: what is below or above a place follows from these alone.
+/// The extremes of the slabs between neighbouring places: the extremes below or above a place follow from these alone.
 struct Slabs {
     /// Where each slab begins among the sorted points; the last entry is their number.
     begins: Vec<usize>,

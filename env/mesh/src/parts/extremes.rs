@@ -39,7 +39,7 @@ impl Columns {
                 (best, place) = (most, range.start + block * BLOCK);
             }
         }
-        // The blocks say how high and about where; which point it is, is looked up once.
+        // The blocks give the height and the rough place; the point itself is looked up once.
         let first = (place..range.end).find(|&i| height(self.x[i], self.y[i], self.z[i]) >= best);
         (best, first.unwrap_or(range.start))
     }

@@ -41,7 +41,7 @@ fn grow(hull: &TriMesh, max_points: usize) -> TriMesh {
     let mut chosen = extremes(corners);
     loop {
         let points: Vec<_> = chosen.iter().map(|&i| corners[i]).collect();
-        // The extremes of a solid span it; should rounding say otherwise, the full hull is still right.
+        // The extremes of a solid span it; if rounding contradicts this, the full hull is still correct.
         let Ok(inner) = convex_hull(&points) else {
             return hull.clone();
         };

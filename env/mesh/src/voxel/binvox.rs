@@ -5,7 +5,7 @@
 //!
 //! Source: Patrick Min, "binvox voxel file format specification", <https://www.patrickmin.com/binvox/binvox.html>.
 //!
-//! Own code: we know no Rust crate for this format.
+//! Own code: no Rust crate for this format is known.
 
 use super::grid::{MAX_RESOLUTION, VoxelFrame, VoxelGrid, out_of_memory, with_room};
 use crate::error::MeshError;
@@ -44,7 +44,7 @@ pub fn parse_binvox(bytes: &[u8]) -> Result<VoxelGrid, MeshError> {
     let (header, runs) = Header::read(bytes)?;
     let frame = VoxelFrame::new(header.resolution, header.translate, header.scale)
         .map_err(|error| malformed(error.to_string()))?;
-    // A pair of bytes stands for 255 voxels at most, so this also bounds what is allocated by the size of the file.
+    // A pair of bytes stands for 255 voxels at most, so the size of the file also bounds the allocation.
     if !runs.len().is_multiple_of(2) || (runs.len() / 2).saturating_mul(255) < frame.len() {
         return Err(truncated(header.resolution, runs.len() / 2));
     }
@@ -108,7 +108,7 @@ struct Header {
 }
 
 impl Header {
-    /// The header, and what follows it.
+    /// The header, and the rest.
     fn read(bytes: &[u8]) -> Result<(Self, &[u8]), MeshError> {
         let mut rest = bytes;
         let mut line = || {

@@ -2,7 +2,7 @@
 //!
 //! A face is cut along each row of lines by two of its edges. Where an edge cuts a row is computed from its two vertices alone, in
 //! the order of their indices, so the faces on both sides of an edge agree to the last bit and every line leaves a closed mesh as
-//! often as it enters it: there are no stripes, whatever lies on an edge or a vertex.
+//! often as it enters it: lines through edges or vertices leave no stripes.
 
 use super::grid::out_of_memory;
 use crate::error::MeshError;
@@ -29,7 +29,7 @@ pub(crate) fn off_lines(corners: &[[f64; 3]]) -> Vec<[f64; 3]> {
 /// The crossings of lines along `axis`, by row of lines; the lines of `n` rows run through (j + 0.5, i + 0.5), in voxels.
 ///
 /// * `corners`: in voxels, as [`off_lines`] gives them.
-/// * `place`: what is kept of a place along a line.
+/// * `place`: the data kept of a place along a line.
 ///
 /// # Errors
 /// [`MeshError::OutOfMemory`]: large faces, each across the whole grid, have n * n crossings each.

@@ -37,11 +37,11 @@ impl FromStr for VoxelMode {
 /// How inside was decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FillRule {
-    /// The mesh is closed and oriented: inside is what it winds around.
+    /// The mesh is closed and oriented: it winds around its inside.
     Winding,
-    /// The mesh is closed, but neighbours disagree about a side: inside is what an odd number of crossings leads to.
+    /// The mesh is closed, but neighbours disagree about a side: the inside is an odd number of crossings away.
     Parity,
-    /// The mesh has holes: inside is what at least four of the six rays along the axes find it winding around.
+    /// The mesh has holes: a place is inside if at least four of the six rays along the axes find the mesh winding around it.
     Vote,
 }
 
@@ -56,7 +56,7 @@ impl FillRule {
     }
 }
 
-/// What [`voxelize`](crate::voxelize) makes.
+/// Kind of voxels that [`voxelize`](crate::voxelize) makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct VoxelOptions {
     /// Voxels along each side of the grid before it is halved, 1 to 1024.
@@ -65,7 +65,7 @@ pub struct VoxelOptions {
     pub mode: VoxelMode,
     /// How often the resolution is halved; it must stay whole.
     pub down: u32,
-    /// Clear the voxels whose six neighbours are set. What lies beyond the grid counts as empty.
+    /// Clear the voxels whose six neighbours are set. Space beyond the grid counts as empty.
     pub remove_internal: bool,
     /// Set every voxel that a triangle touches as well; in [`VoxelMode::Surface`] they are all there is.
     pub exact: bool,

@@ -32,7 +32,7 @@ pub fn fill(corners: &[[f64; 3]], faces: &[[u32; 3]], n: usize) -> Result<(Vec<b
     Ok((set, rule))
 }
 
-/// What the edges allow: each is kept at the lower of its vertices, and the faces must run along it equally often both ways.
+/// The rule that the edges allow: each is kept at the lower of its vertices, and the faces must run along it equally often both ways.
 fn rule(faces: &[[u32; 3]], vertices: usize) -> FillRule {
     let edges = || {
         let all = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);

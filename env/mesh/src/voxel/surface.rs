@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-/// Half a voxel, and a billionth more: a face between two voxels touches both, whatever its coordinates were rounded to.
+/// Half a voxel, and a billionth more: a face between two voxels touches both, for any rounding of its coordinates.
 const REACH: f64 = 0.5 + 1e-9;
 
 /// Where the centre of a touching voxel can be along one direction.
@@ -59,7 +59,7 @@ fn mark_triangle(triangle: &[Vector3<f64>; 3], n: usize, set: &mut [bool]) {
     let normal = edges[0].cross(&edges[1]);
     let plane = Slab::new(normal, triangle);
     let slabs: [Slab; 9] = std::array::from_fn(|s| Slab::new(edges[s / 3].cross(&axes[s % 3]), triangle));
-    // Along the axis that the plane faces most, only the voxels beside the plane are looked at.
+    // Along the axis that the plane faces most, only the voxels next to the plane are tested.
     let steep = normal.iamax();
     let (u, v) = ((steep + 1) % 3, (steep + 2) % 3);
     let mut at = [0; 3];

@@ -39,7 +39,7 @@ pub(crate) fn kettle(sampler: &mut Sampler) -> Result<Draft, MeshError> {
     ]);
     // As fine as the largest number of faces allows, at any size.
     let surface = skin_of(&solid, radius * 0.079)?;
-    // Sheet over floor, side and shoulder, the spout as a tube of its own, a hollow arch, the grip around it.
+    // Sheet over floor, side and shoulder, the spout as its own tube, a hollow arch, the grip around it.
     let sheet = sampler.range(0.0005, 0.0009);
     let skin = PI * (foot * foot + 2.0 * radius * height + shoulder * shoulder) + 2.0 * PI * SPOUT_MEAN * reach;
     let length = |line: &[P3]| line.windows(2).map(|w| (w[1] - w[0]).norm()).sum::<f64>();

@@ -41,7 +41,7 @@ pub struct Prediction {
     pub span: f64,
     /// Distance of the centre of mass ahead of the closing centre along hand x, metres.
     pub ahead: f64,
-    /// Distance of the centre of mass beside the closing centre along hand y, metres.
+    /// Distance of the centre of mass from the closing centre along hand y, metres.
     pub aside: f64,
     /// Downward component of hand x: 1 straight down, -1 straight up.
     pub nose_down: f64,
@@ -149,7 +149,7 @@ fn close_one(
     hand_from_object: &Isometry3<f64>,
     object_from_hand: &Isometry3<f64>,
 ) -> ClosedChain {
-    /// Greatest distance of a point beside the finger, metres: samples are about 5 mm apart.
+    /// Greatest distance of a point from the finger, metres: samples are about 5 mm apart.
     const BESIDE: f64 = 0.002;
     /// Margin for the rounding between two frames, metres; far above it.
     const ROUNDING: f64 = 1e-9;
@@ -157,7 +157,7 @@ fn close_one(
     let origin = finger.hand_from_plane.translation.vector;
     let reach2 = (finger.reach + BESIDE).powi(2);
     let mut points = Vec::with_capacity(128);
-    // Most samples are beside the finger: a test in their own frame rejects them faster.
+    // Most samples are off the finger: a test in their own frame rejects them faster.
     let across = object_from_hand * y_axis;
     let middle = across.dot(&(object_from_hand * Point3::from(origin)).coords);
     for (sample, index) in target.samples.iter().zip(0u32..) {

@@ -92,7 +92,7 @@ pub(crate) fn check_terms(hand: &Hand) -> Result<(), PlanError> {
     }
 }
 
-/// Preshapes with a term of their own: all but the first, to which they are compared.
+/// Preshapes with their own term: all but the first, to which they are compared.
 fn others(hand: &Hand) -> &[Preshape] {
     hand.preshapes().get(1..).unwrap_or_default()
 }

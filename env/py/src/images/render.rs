@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Settings of [`render`] beside meshes, hand and camera.
+/// Settings of [`render`] besides meshes, hand and camera.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RenderConfig {

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Settings of [`render_scenes`] beside objects and cameras.
+/// Settings of [`render_scenes`] besides objects and cameras.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SceneImagesConfig {

@@ -64,7 +64,7 @@ pub(crate) fn lens(matrix: &Floats, height: u32, width: u32) -> Result<Intrinsic
     Ok(Intrinsics { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5] })
 }
 
-/// Settings of [`views`] beside mesh and poses.
+/// Settings of [`views`] besides mesh and poses.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ViewsConfig {

@@ -202,7 +202,7 @@ fn add_mass(body: &mut solver::Body, link: &Link, body_from_link: &Isometry3<f64
     (body.mass, body.center) = (total, common);
 }
 
-/// The solver depends on no other crate of the project and has its own enum; only this function knows both.
+/// The solver depends on no other crate of the project and has its own enum; only this function uses both.
 fn primitive(shape: &Shape) -> solver::Primitive {
     match *shape {
         Shape::Cuboid(half) => solver::Primitive::Cuboid(half),

@@ -6,8 +6,8 @@ use parry3d::query::ContactManifold;
 /// Most points kept of a manifold: a flat contact needs no more for support, and each costs time.
 const MOST: usize = 4;
 
-/// Points nearer to each other than this count as one, parry's lengths squared: 0.1 mm. Parry lists the closest points again beside the clipped
-/// corners.
+/// Points nearer to each other than this count as one, parry's lengths squared: 0.1 mm. Parry lists the closest points again next to the
+/// clipped corners.
 const TWIN: f32 = 1e-4;
 
 /// Indices of the kept points, and their number.

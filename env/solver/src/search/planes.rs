@@ -156,7 +156,7 @@ fn over_edge(model: &Model, now: &Situation, body: BodyIndex) -> bool {
 }
 
 /// Visits the corners that may touch the plane: all of a shape with few corners; else the lowest, and the farthest in eight directions.
-/// Returns the height of the lowest corner, including corners beside the surface.
+/// Returns the height of the lowest corner, including corners off the surface.
 fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(&Vector3<f64>)) -> f64 {
     let highest = margin + corners.radius;
     let mut least = f64::INFINITY;

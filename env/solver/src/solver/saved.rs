@@ -1,4 +1,4 @@
-//! A state as it is saved, and the checks of one that comes from elsewhere: a checksum tells who damaged it, not who made it.
+//! A saved state, and the checks of one of unknown origin: a checksum shows damage, not the author.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +20,7 @@ const FACTORS: [f64; 2] = [1e-6, 1e6];
 /// A count that leaves room for more.
 const MOST_STEPS: u64 = 1 << 53;
 
-/// A state as it is saved: with what the search for contacts and Newton's method start from.
+/// A saved state: with the starting points of the search for contacts and of Newton's method.
 #[derive(Serialize, Deserialize)]
 pub struct SavedState {
     state: State,

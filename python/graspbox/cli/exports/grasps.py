@@ -49,7 +49,7 @@ def _chosen(grasps: Sequence[exchange.ExchangeGrasps], only: list[str] | None) -
 
 @dataclass(frozen=True)
 class _Wishes:
-    """What the command line asks for.
+    """Options of the command line.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class _Wishes:
 
 
 def _prepare(grasps: exchange.ExchangeGrasps, spec: ObjectSpec | None, wishes: _Wishes) -> exchange.ExchangeGrasps:
-    """Fill in what the format and the options need and is not known, and select rows."""
+    """Simulate unknown values that the format and the options need, and select rows."""
     if wishes.row.single and (spec is None or not wishes.joints):
         raise ConfigError(
             f"{wishes.row.name} stores joint positions, which are simulated; name the object {grasps.object_name!r} "
@@ -158,7 +158,7 @@ Objects = Annotated[
     list[str] | None,
     typer.Option(
         "--objects",
-        help="Object set with the objects of the grasps; may be repeated. Needed for what is simulated: unknown "
+        help="Object set with the objects of the grasps; may be repeated. Needed to simulate unknown "
         "outcomes, and joint positions. A data set names its own.",
     ),
 ]
@@ -178,7 +178,7 @@ Joints = Annotated[
     bool, typer.Option(help="Simulate joint positions, where the format has them and the object is known.")
 ]
 Meshes = Annotated[
-    bool, typer.Option(help="Write the meshes of known objects as .obj into the folder meshes beside the file.")
+    bool, typer.Option(help="Write the meshes of known objects as .obj into the folder meshes next to the file.")
 ]
 Frame = Annotated[str, typer.Option("--frame", help="Frame of the grasps of an image: table or camera.")]
 OtherHand = Annotated[

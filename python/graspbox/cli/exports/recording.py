@@ -1,4 +1,4 @@
-"""The options ``--rerun`` and ``--rerun-episodes``, and what the commands log."""
+"""The options ``--rerun`` and ``--rerun-episodes``, and the logs of the commands."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial

@@ -56,7 +56,7 @@ def _rank(plan: Plan, rank: int, source: str) -> Grasp:
 def _grasp(
     scene: Scene, pose: str | None, preshape: float | None, plan: tuple[Path, Plan] | None, rank: int, seed: int
 ) -> tuple[Any, float | None]:
-    """Return the pose and the preshape that the options name: given, of a saved plan, or of a new one."""
+    """Return the pose and the preshape that the options name, of a saved plan, or of a new one."""
     if pose is not None:
         found = read_pose(pose)
         low, high = scene.hand.preshape_limits
@@ -80,8 +80,8 @@ def _check_options(one: str | None, objects: list[str] | None, scene_only: Mappi
         for name, value in scene_only.items():
             if value is not None:
                 raise typer.BadParameter("a set of objects has no hand; leave it out", param_hint=name)
-    given = [name for name in ("--pose", "--plan") if scene_only[name] is not None]
-    if len(given) == 2:
+    used = [name for name in ("--pose", "--plan") if scene_only[name] is not None]
+    if len(used) == 2:
         raise typer.BadParameter("it names another pose than --plan; give one of them", param_hint="--pose")
     if scene_only["--preshape"] is not None and scene_only["--pose"] is None:
         raise typer.BadParameter("it belongs to --pose; a grasp of a plan has its own", param_hint="--preshape")
@@ -120,7 +120,7 @@ def export_scene(
     """Write an object at rest, a hand about to grasp it and the table as MJCF, USD or URDF.
 
     The hand is at --pose, at a grasp of --plan, or at a grasp that is planned with --seed. With --objects, every object
-    of a set is written alone, without a hand. scene.json or object.json in the folder says what the format cannot.
+    of a set is written alone, without a hand. scene.json or object.json in the folder lists the limits of the format.
     """
     scene_only = {"--hand": hand, "--pose": pose, "--preshape": preshape, "--plan": plan, "--grasp": grasp}
     _check_options(one, objects, scene_only)
@@ -146,7 +146,7 @@ def export_scene(
         print_json({**facts, "files": files, "not_expressed": list(done.not_expressed)})
         return
     typer.echo(f"{scene.name} and {scene.hand.name}: {done.files[0]}")
-    console.print(f"{len(done.files)} files; scene.json says what {to} cannot ({len(done.not_expressed)} points)")
+    console.print(f"{len(done.files)} files; scene.json lists the limits of {to} ({len(done.not_expressed)} points)")
 
 
 def _export_set(objects: list[str], split: str | None, scale: float, out: Path, to: str, as_json: bool) -> None:

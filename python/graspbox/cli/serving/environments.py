@@ -30,7 +30,7 @@ _OPTIONS = {"origins": "origin"}
 Host = Annotated[str, typer.Option("--host", help="Address to listen at; 0.0.0.0 for all of this machine.")]
 TlsCert = Annotated[str | None, typer.Option("--tls-cert", help="Certificate chain, a PEM file.")]
 TlsKey = Annotated[str | None, typer.Option("--tls-key", help="Private key of the certificate, a PEM file.")]
-TokenFile = Annotated[Path | None, typer.Option("--token-file", help="File with the token that clients must know.")]
+TokenFile = Annotated[Path | None, typer.Option("--token-file", help="File with the token that clients must send.")]
 Origins = Annotated[
     list[str] | None,
     typer.Option("--origin", help="Origin of a browser page that may connect: http://localhost:8080; repeatable."),
@@ -137,7 +137,7 @@ def listener_options(
 def serve_until_stopped(server: RunningServer, *said: str) -> None:
     """Serve until SIGTERM or SIGINT, which let running calls end; a second one ends everything at once.
 
-    The lines of `said` go to standard output once clients can connect and signals are heard.
+    The lines of `said` go to standard output once clients can connect and signals are handled.
     """
     signals = 0
 
@@ -160,7 +160,7 @@ def serve_until_stopped(server: RunningServer, *said: str) -> None:
         return
     _log.warning("stopped, although calls were running")
     logging.shutdown()
-    # Threads that are still at work cannot be waited for.
+    # Busy threads cannot be joined.
     os._exit(130 if signals > 1 else 1)
 
 

@@ -131,7 +131,7 @@ def _named(objects: ObjectsArgument) -> list[str]:
         for spec in objects:
             if spec.mass_known in ("given", "table") or spec.scale != 1.0:
                 raise ConfigError(
-                    f"object {spec.name!r} has a scale or mass of its own; a server takes objects as in their sets"
+                    f"object {spec.name!r} has its own scale or mass; a server takes objects as in their sets"
                 )
         return [spec.source for spec in objects]
     return object_sets.set_names(objects)

@@ -122,12 +122,12 @@ class SpreadPool:
         """Step environments in the background, as `graspbox._core.EnvPool.send`."""
         self._settle()
         self._check_actions(envs, actions)
-        given = np.asarray(envs)
+        indices = np.asarray(envs)
         asked = []
         for shard in self._shards:
-            rows = np.flatnonzero((given >= shard.first) & (given < shard.last))
+            rows = np.flatnonzero((indices >= shard.first) & (indices < shard.last))
             if len(rows):
-                own = (given[rows] - shard.first).tolist()
+                own = (indices[rows] - shard.first).tolist()
                 asked.append((shard, "send", {"actions": np.ascontiguousarray(actions[rows]), "env_ids": own}))
         self._each(asked)
         self._away |= {int(env) for env in envs}

@@ -249,7 +249,7 @@ class HeadSampler:
     def reached(
         self, solid: NDArray[np.uint8], poses: NDArray[np.float64], preshape: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
-        """Tell whether the open hand reaches poses (m, 4, 4), and enough fingers then meet the object."""
+        """Return whether the open hand reaches poses (m, 4, 4), and enough fingers then meet the object."""
         free, fingers = self.grid.meets(np.ascontiguousarray(solid), poses, self.grid.preshapes[preshape])
         return free & (fingers >= _FINGERS)
 

@@ -81,8 +81,8 @@ class PoseNet(nn.Module):  # type: ignore[misc]
     def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
         """Return the poses of one crop (2 or more, N, N, N), by confidence."""
         with torch.no_grad():
-            given = torch.from_numpy(volume[None]).to(self.out.bias.device)
-            position, rotation, preshape, confidence = (one[0].cpu() for one in self(given))
+            batch = torch.from_numpy(volume[None]).to(self.out.bias.device)
+            position, rotation, preshape, confidence = (one[0].cpu() for one in self(batch))
             best, index = torch.sigmoid(confidence).topk(min(count, self.count))
         poses = np.tile(np.eye(4), (len(index), 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = rotation[index].numpy(), position[index].numpy()

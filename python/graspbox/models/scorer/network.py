@@ -58,7 +58,7 @@ class ScorerNet(nn.Module):  # type: ignore[misc]
         middle, coarse = 3 * width // 2, 2 * width
         self._planes = len(HAND_CHANNELS) * x
         self.stem = nn.Conv2d(self._planes, width, 4, stride=2, padding=1, bias=False)
-        #: The region that the fingers sweep is the same for all grasps with a preshape, so it has a layer of its own.
+        #: The region that the fingers sweep is the same for all grasps with a preshape, so it has its own layer.
         self.stem_of_swept = nn.Conv2d(x, width, 4, stride=2, padding=1, bias=False)
         self.trunk = nn.Sequential(
             nn.BatchNorm2d(width),

@@ -157,8 +157,8 @@ def train_scorer(
         If there are no trials, or `start` holds another network.
     """
     torch.manual_seed(config.seed)
-    given = [some for some in (trials, on_policy) if some is not None]
-    samplers = [TrialSampler(some, inputs, views, config.seed, error) for some in given]
+    sources = [some for some in (trials, on_policy) if some is not None]
+    samplers = [TrialSampler(some, inputs, views, config.seed, error) for some in sources]
     held_out = TrialSampler(validation, inputs, views, 0, error)
     per_batch = max(1, config.batch_size // _PER_SCENE // len(samplers))
     kept: list[_Sampled] = []
@@ -182,7 +182,7 @@ def train_scorer(
     if start is not None:
         load_weights(net, start)
     settings = {"hand": inputs.grid.hand.name, "width": width, "error": asdict(error), "start": start is not None}
-    settings |= {"trials": [len(some) for some in given], "validation": len(validation)}
+    settings |= {"trials": [len(some) for some in sources], "validation": len(validation)}
     trainer = Trainer(net, folder, config, batch=batch, losses=scorer_losses, validate=validate, settings=settings)
     return trainer.run(progress)
 

@@ -24,13 +24,15 @@ from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.finder import FoundGrasp
 
-__all__ = ["FEEL_TIMES", "StabilityInputs", "StabilityReading", "check_times"]
+__all__ = ["FEEL_TIMES", "STORED_NAME", "StabilityInputs", "StabilityReading", "check_times"]
 
 #: Sensing times, seconds after closing began: once the hand has closed, and half a second, 10 cm, into the lift.
 FEEL_TIMES = (1.3, 1.8)
+#: Name of the readings in files: the input of published networks, and the column in tables of trials.
+STORED_NAME = "felt"
 #: Columns of ``proprio`` that hold the arm's position, not sensor readings of the hand.
 _ARM = ("hand_position", "hand_rotation", "hand_velocity", "hand_spin", "preshape")
-#: Number of best grasps whose mean score tells whether there are alternatives.
+#: Number of best grasps whose mean score shows whether there are alternatives.
 _OTHERS = 10
 #: Filled share from which a voxel belongs to the object, of 255.
 _FILLED = 64

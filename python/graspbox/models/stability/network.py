@@ -11,6 +11,7 @@ from torch.nn import functional
 
 from graspbox.errors import ConfigError
 from graspbox.models.scorer.training import auc
+from graspbox.models.stability.inputs import STORED_NAME
 from graspbox.training.trainer import TrainConfig, Trained, Trainer, TrainProgress
 
 __all__ = ["StabilityGraph", "StabilityNet", "logits_of", "train_stability"]
@@ -68,7 +69,7 @@ class StabilityGraph(nn.Module):  # type: ignore[misc]
         Slope and offset of the logit.
     """
 
-    inputs = ("felt",)
+    inputs = (STORED_NAME,)
     outputs = ("probability",)
 
     def __init__(self, nets: Sequence[StabilityNet], calibration: tuple[float, float] = (1.0, 0.0)) -> None:
@@ -134,8 +135,8 @@ def train_stability(
 
     def validate(net: nn.Module) -> dict[str, float]:
         logits = net(torch.from_numpy(validation[0]).to(config.device)).cpu()
-        truth = torch.from_numpy(validation[1].astype(np.float32))
-        loss = float(functional.binary_cross_entropy_with_logits(logits, truth))
+        labels = torch.from_numpy(validation[1].astype(np.float32))
+        loss = float(functional.binary_cross_entropy_with_logits(logits, labels))
         return {"minus_cross_entropy": -loss, "auc": auc(logits.numpy().astype(np.float64), validation[1])}
 
     settings = {"inputs": readings.shape[1], "width": width, "trials": len(readings), "validation": len(validation[0])}

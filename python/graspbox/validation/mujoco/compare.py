@@ -4,8 +4,8 @@ Both engines get the same poses (`sampling`); poses in collision at the start in
 and not compared.
 
 Trials with different labels, or all trials, can be repeated in both engines at half their time step. If an engine then
-changes its label, the label depends on numerics and the difference says nothing about the model; otherwise the engines
-disagree. If all trials are repeated, each engine's agreement with itself bounds the agreement to expect.
+changes its label, the label depends on numerics and the difference is no evidence about the model; otherwise the
+engines disagree. If all trials are repeated, each engine's agreement with itself bounds the agreement to expect.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What MuJoCo does not compute of the hand's actuators: their motion, and tendons at their force limit.
+"""Motion of the hand's actuators, and tendons at their force limit, which MuJoCo does not compute.
 
 All quantities are arrays over the dynamic joints (in the order of `Scene.joints`), over the actuators of the hand, or
 over MuJoCo's actuators ("drives": one per tendon or driven joint).

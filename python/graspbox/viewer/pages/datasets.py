@@ -32,13 +32,13 @@ _CHOICES = 500
 
 
 class DatasetPage(Page):
-    """See the module. `what` is the folder of a data set."""
+    """Page of a data set; `content` is its folder."""
 
     title: ClassVar[str] = "data set"
 
     def build(self) -> None:
         """Read the rows and show the first."""
-        folder: Path = self.what
+        folder: Path = self.content
         self.table = dataset.load(folder)
         self._config: dict[str, Any] = (manifest.read(folder) or {})["config"]
         self.columns = {
@@ -95,7 +95,8 @@ class DatasetPage(Page):
         self.rows.content = html_table(("row", *_COLUMNS), rows, int(marked[0]) if len(marked) else None)
         rate = float(self.columns["success"][kept].mean()) if len(kept) else 0.0
         self.canvas.say(
-            f"**{self.what}**  \n{len(kept)} of {len(self.table)} rows, {rate:.1%} succeed; sheet {sheet} of {sheets}"
+            f"**{self.content}**  \n{len(kept)} of {len(self.table)} rows, {rate:.1%} succeed; "
+            f"sheet {sheet} of {sheets}"
         )
 
     def select(self, index: int) -> None:

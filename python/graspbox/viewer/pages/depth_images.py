@@ -35,14 +35,14 @@ class DepthImage:
 
 
 class DepthImagePage(Page):
-    """See the module. `what` is a `DepthImage`."""
+    """Page of a depth image; `content` is a `DepthImage`."""
 
     title: ClassVar[str] = "depth image"
 
     def build(self) -> None:
         """Draw the points; grasps of the policy follow in the background."""
-        what: DepthImage = self.what
-        self.found: ImageGrasps | None = what.found
+        content: DepthImage = self.content
+        self.found: ImageGrasps | None = content.found
         gui = self.canvas.gui
         depth, lens, pose = self._image()
         with gui.add_folder("Image", expand_by_default=False):
@@ -61,7 +61,7 @@ class DepthImagePage(Page):
         """Return depth, intrinsics and the camera's pose over the table."""
         if self.found is not None:
             return self.found.depth, self.found.intrinsics, self.found.table_from_camera
-        options, depth = self.options, self.what.depth
+        options, depth = self.options, self.content.depth
         if options.intrinsics is None:
             raise ConfigError(
                 "intrinsics is missing; give (fx, fy, cx, cy) of the image, pixels (--intrinsics FX FY CX CY)"
@@ -93,7 +93,7 @@ class DepthImagePage(Page):
         options = self.options
         assert options.policy is not None
         grasper = ImageGrasper(options.policy)
-        self.found = grasper.find(self.what.depth, self._lens, self._pose, count=_COUNT, seed=options.seed)
+        self.found = grasper.find(self.content.depth, self._lens, self._pose, count=_COUNT, seed=options.seed)
         with self.canvas.lock, self.canvas.server.atomic():
             self._points(self.found.depth, self.found.intrinsics, self.found.table_from_camera)
             self._show_grasps()
@@ -125,7 +125,7 @@ class DepthImagePage(Page):
         down = np.degrees(np.arcsin(-found.table_from_camera[2, 2]))
         self.canvas.say(
             f"policy **{found.policy.name}**, hand {found.policy.hand}  \n{len(found)} grasps  \n"
-            f"camera {found.table_from_camera[2, 3]:.3f} m above the table, looks down by {down:.1f} degrees"
+            f"camera {found.table_from_camera[2, 3]:.3f} m above the table, tilted down by {down:.1f} degrees"
         )
 
     def _show_object(self, found: ImageGrasps) -> None:

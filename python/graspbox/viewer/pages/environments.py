@@ -1,4 +1,4 @@
-"""An environment, stepped live by a policy, by sliders, or by keys and buttons; its images beside the scene."""
+"""An environment, stepped live by a policy, by sliders, or by keys and buttons, with its images."""
 
 import functools
 from typing import Any, ClassVar
@@ -39,7 +39,7 @@ _BY_POLICY, _BY_SLIDERS, _BY_KEYS = "policy", "sliders", "keys"
 
 
 class EnvironmentPage(Page):
-    """See the module. `what` is the id of an environment, one of `graspbox.envs.IDS`."""
+    """Page of an environment; `content` is its id, one of `graspbox.envs.IDS`."""
 
     title: ClassVar[str] = "environment"
 
@@ -48,7 +48,7 @@ class EnvironmentPage(Page):
         options = self.options
         self.policy: Policy | None = None if options.policy is None else policies.load(options.policy)
         self.hand: Hand = load_hand(options.hand)
-        self.closed_loop = self.what.startswith("graspbox/Grasp-")
+        self.closed_loop = self.content.startswith("graspbox/Grasp-")
         self.env = self._make()
         self.native: Any = self.env.unwrapped
         self.control = "twist" if self.closed_loop else "grasp_pose"
@@ -66,7 +66,7 @@ class EnvironmentPage(Page):
         self.canvas.thread(self._run, "environment")
 
     def _make(self) -> gymnasium.Env[Any, Any]:
-        """Make the environment with what the policy and the page observe."""
+        """Make the environment with the observations of the policy and of the page."""
         settings: dict[str, Any] = dict(self.policy.settings) if self.policy is not None else {}
         wanted = () if self.policy is None or self.policy.obs is None else self.policy.obs
         names = [wanted] if isinstance(wanted, str) else list(wanted)
@@ -74,7 +74,7 @@ class EnvironmentPage(Page):
         if "cameras" not in settings:
             settings.setdefault("image_size", _IMAGE)
         objects = self.options.objects or "procedural"
-        return gymnasium.make(self.what, objects=objects, obs=tuple(names), hand=self.options.hand, **settings)
+        return gymnasium.make(self.content, objects=objects, obs=tuple(names), hand=self.options.hand, **settings)
 
     def _controls(self) -> None:
         gui = self.canvas.gui
@@ -209,7 +209,7 @@ class EnvironmentPage(Page):
         state = self.observation["state"]
         with self.canvas.server.atomic():
             if self.closed_loop or not self.done:
-                # After a decision the object stays where the hand reaches for it; the images show the end.
+                # After a decision the scene keeps the object at its place before the grasp; the images show the end.
                 self.canvas.move(self.node, object_pose(state, control=self.control, hand=self.hand))
             if self.closed_loop:
                 self.drawn.pose(hand_pose(state, control=self.control, hand=self.hand), self._joints(state))
@@ -221,7 +221,7 @@ class EnvironmentPage(Page):
             ended = "**success**" if self.info["is_success"] else f"**{self.info['failure'] or 'time limit'}**"
         name = "" if self.policy is None else f", policy {self.policy.name}"
         self.canvas.say(
-            f"**{self.what}**{name}  \nseed {self._seed}: {self._object}  \nstep {self.steps}, reward "
+            f"**{self.content}**{name}  \nseed {self._seed}: {self._object}  \nstep {self.steps}, reward "
             f"{self.reward:.2f}, lift {100 * float(self.info.get('lift') or 0):.1f} cm  \n{ended}"
         )
 

@@ -1,4 +1,4 @@
-"""An object set as a gallery: a grid of its objects with their names, some at a time."""
+"""An object set as a gallery: a grid of its objects with their names, in sheets."""
 
 from typing import Any, ClassVar
 
@@ -21,13 +21,13 @@ _CHOSEN: Color = (230, 159, 0)
 
 
 class GalleryPage(Page):
-    """See the module. `what` is an `ObjectSet`."""
+    """Page of an object set; `content` is an `ObjectSet`."""
 
     title: ClassVar[str] = "object set"
 
     def build(self) -> None:
         """Make the controls; objects appear in the background, one by one."""
-        objects: ObjectSet = self.what
+        objects: ObjectSet = self.content
         gui, pages = self.canvas.gui, -(-len(objects) // _SHOWN)
         self.nodes: dict[str, Any] = {}
         self.refused: dict[str, str] = {}
@@ -46,11 +46,11 @@ class GalleryPage(Page):
 
     def refresh(self) -> None:
         """Draw the sheet of the panel in the background."""
-        number = min(int(self.sheet.value), -(-len(self.what) // _SHOWN))
+        number = min(int(self.sheet.value), -(-len(self.content) // _SHOWN))
         self.canvas.background(lambda: self._draw(number))
 
     def _draw(self, number: int) -> None:
-        shown = self.what[(number - 1) * _SHOWN : number * _SHOWN]
+        shown = self.content[(number - 1) * _SHOWN : number * _SHOWN]
         with self.canvas.lock:
             for node in self._parts:
                 node.remove()
@@ -73,7 +73,7 @@ class GalleryPage(Page):
         left_out = "".join(f"  \n{name}: {why}" for name, why in self.refused.items())
         first = (number - 1) * _SHOWN + 1
         self.canvas.say(
-            f"**{self.what.name}**: {len(self.what)} objects; {first} to {first + len(shown) - 1} shown{left_out}"
+            f"**{self.content.name}**: {len(self.content)} objects; {first} to {first + len(shown) - 1} shown{left_out}"
         )
 
     def _load(self, spec: ObjectSpec) -> Mesh | None:
@@ -103,10 +103,10 @@ class GalleryPage(Page):
                 self._parts.append(label)
 
     def choose(self, name: str) -> None:
-        """Mark an object, and tell about it."""
-        if name not in self.what.names:
-            raise ConfigError(f"there is no object {name!r} in {self.what.name!r}")
-        self.chosen = self.what[self.what.names.index(name)]
+        """Mark an object, and show its description."""
+        if name not in self.content.names:
+            raise ConfigError(f"there is no object {name!r} in {self.content.name!r}")
+        self.chosen = self.content[self.content.names.index(name)]
         mesh = self.chosen.load()
         for other, node in self.nodes.items():
             node.color = _CHOSEN if other == name else OBJECT

@@ -39,16 +39,16 @@ def read_table(path: Path) -> dict[str, Any] | None:
 
 
 class GraspTablePage(Page):
-    """See the module. `what` is the table."""
+    """Page of a table of grasps; `content` is the table."""
 
     title: ClassVar[str] = "grasps"
 
     def build(self) -> None:
         """Show the counts."""
-        rows = self.what["objects"]
+        rows = self.content["objects"]
         columns = ("name", "tried", "succeeded", "secure")
         self.canvas.say(
-            f"{self.what['succeeded']} of {self.what['tried']} poses succeed, {len(rows)} objects; choose one"
+            f"{self.content['succeeded']} of {self.content['tried']} poses succeed, {len(rows)} objects; choose one"
         )
         gui = self.canvas.gui
         self.table = gui.add_html(html_table(columns, [[row.get(name) for name in columns] for row in rows]))
@@ -71,7 +71,7 @@ class GraspTablePage(Page):
         ObjectSetError
             If the object cannot be found.
         """
-        row = next(one for one in self.what["objects"] if one["name"] == name)
+        row = next(one for one in self.content["objects"] if one["name"] == name)
         mesh = find_object(name, "", self.options)
         tree = decompose(mesh, max_boxes=8)
         grasps = row["grasps"]

@@ -16,7 +16,7 @@ from graspbox.viewer.page import Page
 
 __all__ = ["HandPage", "HandSource"]
 
-#: Seconds between looks at the files.
+#: Seconds between checks of the files.
 _PERIOD = 0.5
 #: Radius of a sensor in the scene, and length of its normal, metres.
 _SENSOR, _NORMAL = 0.0022, 0.008
@@ -44,13 +44,13 @@ def _content(path: Path) -> bytes:
 
 
 class HandPage(Page):
-    """See the module. `what` is a `HandSource`."""
+    """Page of a hand; `content` is a `HandSource`."""
 
     title: ClassVar[str] = "hand"
 
     def build(self) -> None:
         """Draw the hand; files that describe none give an empty page with the error, until they are corrected."""
-        source: HandSource = self.what
+        source: HandSource = self.content
         self._text = source.text()
         self.hand: Hand | None = None
         self._parts: list[Any] = []
@@ -66,8 +66,8 @@ class HandPage(Page):
             self.check()
 
     def check(self) -> bool:
-        """Read the files again if they have changed; tells whether they have."""
-        text = self.what.text()
+        """Read the files again if they have changed; return whether they have."""
+        text = self.content.text()
         if text == self._text:
             return False
         self._text = text
@@ -75,13 +75,13 @@ class HandPage(Page):
         return True
 
     def read(self) -> None:
-        """Read the hand and draw it; an error is shown, and the last good hand stays."""
+        """Read the hand and draw it; after an error the last valid hand is kept."""
         try:
-            hand = load_hand(self.what.hand)
+            hand = load_hand(self.content.hand)
             links = HandLinks(hand)
         except GraspboxError as error:
             lines = str(error).splitlines()
-            self.canvas.complain("  \n".join(lines) + ("  \nThe last good version stays." if self.hand else ""))
+            self.canvas.complain("  \n".join(lines) + ("  \nThe last valid version is kept." if self.hand else ""))
             return
         with self.canvas.lock, self.canvas.server.atomic():
             before = self._values() if self.hand is not None else {}
@@ -128,8 +128,8 @@ class HandPage(Page):
             with gui.add_folder("Joints"):
                 for name, (least, most), at in zip(hand.joints, hand.joint_limits, positions, strict=True):
                     step = max(round(float(most - least) / 200, 6), 1e-6)
-                    given = float(np.clip(before.get(name, at), least, most))
-                    self.sliders[name] = gui.add_slider(name, float(least), float(most), step, given)
+                    initial = float(np.clip(before.get(name, at), least, most))
+                    self.sliders[name] = gui.add_slider(name, float(least), float(most), step, initial)
         self.canvas.on(self.preshape, self.closed, call=self._grasp)
         self.canvas.on(*self.sliders.values(), call=self.refresh)
         self.canvas.on(self.show_tendons, self.show_sensors, self.show_swept, call=self.refresh)

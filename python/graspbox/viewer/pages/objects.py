@@ -34,7 +34,7 @@ _NONE = "?"
 
 @dataclass(frozen=True, eq=False)
 class PlannedObject:
-    """An object to show, with what is known about grasps of it.
+    """An object with its known grasps.
 
     Attributes
     ----------
@@ -52,32 +52,34 @@ class PlannedObject:
 
 
 class ObjectPage(Page):
-    """See the module. `what` is a `PlannedObject`."""
+    """Page of an object; `content` is a `PlannedObject`."""
 
     title: ClassVar[str] = "object"
 
     def build(self) -> None:
         """Draw the object and its planned poses; trials begin in the background."""
-        what: PlannedObject = self.what
-        hand: Hand = load_hand(self.options.hand if what.plan is None else what.plan.hand_name or self.options.hand)
+        content: PlannedObject = self.content
+        hand: Hand = load_hand(
+            self.options.hand if content.plan is None else content.plan.hand_name or self.options.hand
+        )
         self._hand = hand
-        start = None if what.plan is None else what.plan.world_from_object
-        self.scene = Scene(what.mesh, hand=hand, world_from_object=start)
+        start = None if content.plan is None else content.plan.world_from_object
+        self.scene = Scene(content.mesh, hand=hand, world_from_object=start)
         self.rest = self.scene.world_from_object
-        low, high = what.mesh.bounds
+        low, high = content.mesh.bounds
         size = float(np.linalg.norm(high - low))
         self.canvas.look(self.rest[:3, 3] + (0.0, 0.0, 0.3 * size), max(2.5 * size, 0.5))
         self.canvas.table()
         self.node = self.canvas.frame("/object", self.rest)
-        self.mesh_node = self.canvas.mesh("/object/mesh", what.mesh)
-        self.plan = what.plan or plan(what.mesh, hand=hand, seed=self.options.seed, world_from_object=self.rest)
+        self.mesh_node = self.canvas.mesh("/object/mesh", content.mesh)
+        self.plan = content.plan or plan(content.mesh, hand=hand, seed=self.options.seed, world_from_object=self.rest)
         count = len(self.plan)
         #: Failure of each pose; empty for a success, ``?`` where it was not tried.
         self.failure = np.full(count, _NONE, dtype=object)
         self.failure[~self.plan.feasible] = "infeasible"
         self.secure = np.zeros(count, dtype=np.bool_)
-        if what.outcomes is not None:
-            self._take(np.arange(count), what.outcomes)
+        if content.outcomes is not None:
+            self._take(np.arange(count), content.outcomes)
         self._boxes()
         self._controls()
         self.hand = DrawnHand(self.canvas, "/hand", hand)
@@ -86,7 +88,7 @@ class ObjectPage(Page):
         poses = self.rest @ self.plan.poses
         self.poses = PoseSet(self.canvas, "/poses", hand, poses, self.plan.preshape, self.select)
         self.refresh()
-        if what.outcomes is None:
+        if content.outcomes is None:
             self.canvas.background(lambda: self.simulate(self.options.poses))
 
     def _boxes(self) -> None:
@@ -176,7 +178,7 @@ class ObjectPage(Page):
             rate = f"{won} succeed, {int(self.secure.sum())} secure" if tried.any() else "none tried yet"
             self.shown.content = f"{int(mask.sum())} of {len(self.plan)} poses shown"
             self.canvas.say(
-                f"**{self.what.mesh.name}**, {self.scene.body.mass:.3g} kg, hand {self._hand.name}  \n"
+                f"**{self.content.mesh.name}**, {self.scene.body.mass:.3g} kg, hand {self._hand.name}  \n"
                 f"{len(self.plan.tree)} boxes; {len(self.plan)} poses, {int(self.plan.feasible.sum())} feasible  \n"
                 f"{int(tried.sum())} tried: {rate}"
             )

@@ -13,7 +13,7 @@ from graspbox.viewer.tables import html_table
 
 __all__ = ["RunPage", "is_run"]
 
-#: Seconds between looks at the folder.
+#: Seconds between checks of the folder.
 _PERIOD = 2.0
 #: Largest file of rows, and the part of the log that is shown, bytes.
 _MAX_ROWS, _LOG_END = 256 << 20, 2000
@@ -23,18 +23,18 @@ _SETTINGS, _LOG = "settings.json", "log.txt"
 
 
 def is_run(folder: Path) -> bool:
-    """Tell whether a folder is that of a run: it has settings, and a log or rows."""
+    """Return whether a folder is that of a run: it has settings, and a log or rows."""
     return (folder / _SETTINGS).is_file() and ((folder / _LOG).is_file() or any(folder.rglob("*.jsonl")))
 
 
 class RunPage(Page):
-    """See the module. `what` is the folder."""
+    """Page of a run; `content` is its folder."""
 
     title: ClassVar[str] = "run"
 
     def build(self) -> None:
         """Show settings, log and the first curve."""
-        gui, folder = self.canvas.gui, self.what
+        gui, folder = self.canvas.gui, self.content
         self.canvas.say(f"**{folder}**")
         self.files = {str(path.relative_to(folder)): path for path in sorted(folder.rglob("*.jsonl"))}
         self._curves = gui.add_folder("Curves")
@@ -60,8 +60,8 @@ class RunPage(Page):
             self.check()
 
     def check(self) -> bool:
-        """Read the folder again if a file has grown; tells whether one has."""
-        paths = [*self.files.values(), *self.what.glob("*.json"), self.what / _LOG]
+        """Read the folder again if a file has grown; return whether one has."""
+        paths = [*self.files.values(), *self.content.glob("*.json"), self.content / _LOG]
         seen = tuple((str(path), path.stat().st_size) for path in paths if path.is_file())
         if seen == self._seen:
             return False
@@ -116,10 +116,10 @@ class RunPage(Page):
             with self._curves:
                 self.plot = self.canvas.gui.add_uplot((places, values), series, scales=scales, aspect=1.4)
         self.last.content = f"{len(values)} rows; last {values[-1]:.5g}" if len(values) else "no rows yet"
-        stages = [(path.stem, _json(path)) for path in sorted(self.what.glob("*.json")) if path.name != _SETTINGS]
+        stages = [(path.stem, _json(path)) for path in sorted(self.content.glob("*.json")) if path.name != _SETTINGS]
         lines = [(name, key, value) for name, found in stages for key, value in _flat(found)]
         self.results.content = html_table(("stage", "result", "value"), lines[:200])
-        log = self.what / _LOG
+        log = self.content / _LOG
         text = log.read_bytes()[-_LOG_END:].decode(errors="replace") if log.is_file() else ""
         self.log.content = "```\n" + text.replace("```", "'''") + "\n```"
 

@@ -2,7 +2,7 @@
 
 LeRobot imports this package by its name, and importing it registers `GraspboxEnv`.
 
-| module | what it does |
+| module | purpose |
 |---|---|
 | `lerobot_env_graspbox.configuration` | the settings of the environments, and their features |
 | `lerobot_env_graspbox.vector` | many environments in one process, with LeRobot's names |

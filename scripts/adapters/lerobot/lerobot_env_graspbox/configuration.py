@@ -26,7 +26,7 @@ class GraspboxEnv(EnvConfig):
     task : str
         ``Grasp-v0`` (closed loop) or ``GraspPose-v0`` (one decision per episode).
     fps : int
-        Follows from `task` and `frame_skip`; what is given is ignored.
+        Follows from `task` and `frame_skip`; a value set here is ignored.
     objects : list of str
         Object sets.
     split : str, optional

@@ -29,7 +29,7 @@ _MILLIMETRES = 1000.0
 
 
 def kind(name: str) -> str:
-    """Tell ``"rgb"`` and ``"depth"`` images from ``"other"`` observations of graspbox, by their name."""
+    """Classify an observation of graspbox by its name: ``"rgb"``, ``"depth"`` or ``"other"``."""
     first = name.partition("_")[0]
     return first if first in ("rgb", "depth") else "other"
 

@@ -1,1 +1,1 @@
-"""The server: `app` is the program, `grasp_environment` the environment, `settings` what it reads."""
+"""The server: `app` is the program, `grasp_environment` the environment, `settings` its configuration."""

@@ -22,7 +22,7 @@ __all__ = ["GraspEnvironment"]
 
 
 class GraspEnvironment(Environment[GraspAction, GraspObservation, GraspState]):
-    """One session: one environment of its own.
+    """One session: its own environment.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class GraspEnvironment(Environment[GraspAction, GraspObservation, GraspState]):
         Parameters
         ----------
         action : GraspAction
-            As many numbers as ``state.action_size`` says.
+            ``state.action_size`` numbers.
         timeout_s : float, optional
             Is ignored: a step takes milliseconds.
         **kwargs

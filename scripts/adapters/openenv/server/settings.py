@@ -14,7 +14,7 @@ PREFIX = "GRASPBOX_OPENENV_"
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """What the server makes of every session.
+    """Environment of every session.
 
     Attributes
     ----------
@@ -52,16 +52,16 @@ class ServerSettings:
         ValueError
             If a variable has a value that is not possible.
         """  # noqa: D205
-        given = {
+        values = {
             name.removeprefix(PREFIX).lower(): text
             for name, text in variables.items()
             if name.startswith(PREFIX) and text
         }
-        unknown = given.keys() - cls.__dataclass_fields__.keys()
+        unknown = values.keys() - cls.__dataclass_fields__.keys()
         if unknown:
             known = ", ".join(PREFIX + name.upper() for name in cls.__dataclass_fields__)
             raise ValueError(f"there is no variable {PREFIX}{min(unknown).upper()}; choose from {known}")
-        found: dict[str, Any] = dict(given)
+        found: dict[str, Any] = dict(values)
         for name in ("objects", "obs"):
             if name in found:
                 found[name] = tuple(found[name].split(","))
