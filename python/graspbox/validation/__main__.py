@@ -6,6 +6,7 @@
 | ``planner`` | the same for the planner's best grasps, and each engine's agreement with itself at half its time step |
 | ``export``  | the share of trials with equal labels in exported MJCF scenes and in the MuJoCo replay of ``mujoco`` |
 | ``robust``  | the success rate of perturbed copies of grasps, in MuJoCo and in the core |
+| ``forces``  | six forces, a lift and force closure, as DexGraspBench judges grasps, in the core and in MuJoCo |
 | ``engines`` | labels and speed of the engines `newton` and `rapier` |
 | ``speed``   | trials and simulated seconds per second of CPU time: ours, rapier, MuJoCo |
 | ``study``   | table 3.1 of the reference study, compared with graspbox |
@@ -19,7 +20,7 @@ import sys
 from graspbox.errors import GraspboxError
 from graspbox.programs import run_program
 
-CHECKS = ("mujoco", "planner", "export", "robust", "engines", "speed", "study")
+CHECKS = ("mujoco", "planner", "export", "robust", "forces", "engines", "speed", "study")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -48,6 +49,10 @@ def main(arguments: list[str] | None = None) -> int:
             from graspbox.validation.mujoco.robust_command import main as compare_robust
 
             return compare_robust(given[1:])
+        if check == "forces":
+            from graspbox.validation.forces.command import main as judge_by_forces
+
+            return judge_by_forces(given[1:])
         if check == "engines":
             from graspbox.validation.engines import main as compare_engines
 
