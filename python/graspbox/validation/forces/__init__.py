@@ -20,3 +20,12 @@ less than 5 cm and 15 degrees, the limits of a *secure* grasp. The second trial 
 Source: Chen, Ke, Wang, "BODex: Scalable and Efficient Robotic Dexterous Grasp Synthesis Using Bilevel Optimization",
 2025, and the benchmark JYChen18/DexGraspBench.
 """
+
+from importlib.util import find_spec
+
+from graspbox.errors import MissingExtraError
+
+for _package in ("mujoco", "scipy", "yaml"):
+    if find_spec(_package) is None:
+        _needs = f"graspbox.validation.forces needs the package {_package}, from the extra 'dev'"
+        raise MissingExtraError(f"{_needs}: pip install 'graspbox[dev]'")

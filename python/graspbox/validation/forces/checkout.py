@@ -37,6 +37,8 @@ _MENAGERIE = "third_party/mujoco_menagerie"
 #: Settings of the simulation: time step (s), contacts of the hand, and the weld by which it is moved.
 _STEP, _SOLREF, _SOLIMP = 0.004, [0.005, 1.0], [0.5, 0.99, 0.0001]
 _WELD = [0.9, 0.95, 0.001, 0.5, 2.0]
+#: Postures of a grasp, in their order.
+_STAGES = ("pregrasp", "grasp", "squeeze")
 #: Steps of a motion from one posture to the next, and of the simulation in each of them.
 _MOVES, _INNER = 10, 10
 #: Looks at the object during a pull, and steps of the simulation between them.
@@ -121,10 +123,13 @@ class Checkout:
     def __init__(self, root: Path) -> None:
         self.root = root
         settings = self._yaml("config/task/eval.yaml")
-        limits = settings["simulation_metrics"]
-        self.mass, self.friction = float(settings["obj_mass"]), [float(x) for x in settings["miu_coef"]]
-        self.max_shift, self.max_turn = float(limits["trans_thre"]), float(limits["angle_thre"])
-        self.max_depth = float(limits["max_pene"])
+        try:
+            limits = settings["simulation_metrics"]
+            self.mass, self.friction = float(settings["obj_mass"]), [float(x) for x in settings["miu_coef"]]
+            self.max_shift, self.max_turn = float(limits["trans_thre"]), float(limits["angle_thre"])
+            self.max_depth = float(limits["max_pene"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileError(f"{root / 'config/task/eval.yaml'} lacks a setting, or it is no number: {error}") from None
         self.grasps = sorted((root / EXAMPLES / "graspdata").rglob("*.npy"))
         if not self.grasps:
             raise FileError(f"{root / EXAMPLES / 'graspdata'} holds no .npy file; give a checkout of DexGraspBench")
@@ -160,7 +165,7 @@ class Checkout:
             If it is no file of the benchmark.
         """
         fields = read_fields(file)
-        for name in ("obj_path", "obj_pose", "obj_scale", "pregrasp_qpos", "grasp_qpos", "squeeze_qpos"):
+        for name in ("obj_path", "obj_pose", "obj_scale", *(f"{stage}_qpos" for stage in _STAGES)):
             if name not in fields:
                 raise ConfigError(f"{file} has no entry {name!r}; give a file of DexGraspBench")
         self._path(str(fields["obj_path"]), "its README, section Object Preparation, says where to download objects")
@@ -220,10 +225,13 @@ class _Trial:
         self.data = mujoco.MjData(self.model)
         self.object = self.model.body("object").id
         self.is_object = self.model.geom_bodyid == self.object
-        self.postures = [np.asarray(fields[f"{name}_qpos"], float) for name in ("pregrasp", "grasp", "squeeze")]
+        self.postures = [np.asarray(fields[f"{name}_qpos"], float) for name in _STAGES]
         self.pose = np.asarray(fields["obj_pose"], float)
-        if len(self.postures[0]) + len(self.pose) != self.model.nq:
-            raise ConfigError(f"a posture has {len(self.postures[0])} numbers; the hand needs {self.model.nq - 7}")
+        for name, posture in zip(_STAGES, self.postures, strict=True):
+            if posture.shape != (self.model.nq - 7,):
+                raise ConfigError(f"{name}_qpos has {posture.size} numbers; the hand needs {self.model.nq - 7}")
+        if self.pose.shape != (7,):
+            raise ConfigError(f"obj_pose has {self.pose.size} numbers; give 7, position and quaternion")
         self.place(self.postures[0])
         moments = np.zeros((self.model.nu, self.model.nv))
         data = self.data

@@ -66,6 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     source.add_argument("--grasps", nargs="+", type=Path, metavar="FILE", help="files that graspbox.exchange reads")
     source.add_argument("--policies", nargs="+", metavar="NAME", help="policies, each beside its own rate")
     source.add_argument("--dexgraspbench", type=Path, metavar="CHECKOUT", help="example grasps of its Shadow hand")
+    parser.add_argument("--preshape", type=float, default=None, help="preshape of files that have none, rad or index")
     parser.add_argument("--trials", type=int, default=100, help="trials of each policy (100)")
     parser.add_argument("--seed", type=int, default=0, help="seed of planner and trials (0)")
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=["newton", "mujoco"], help="(newton mujoco)")
@@ -107,7 +108,7 @@ def _judged(
 def _grasps(args: argparse.Namespace, threads: int, bar: Progress) -> list[SourceResult]:
     """Judge grasps of the planner or of files."""
     objects = args.objects or list(DEFAULT_OBJECTS)
-    found = from_files(args.grasps, objects, args.hand) if args.grasps else None
+    found = from_files(args.grasps, objects, args.hand, args.preshape) if args.grasps else None
     batches = list(planned(objects, args.poses, args.seed, args.hand) if found is None else found)
     task = bar.add_task("objects", total=len(batches))
     name = "planner" if found is None else "files"

@@ -92,7 +92,8 @@ def residual(contacts: Sequence[Contact], friction: float = 1.0) -> float:
 
     Notes
     -----
-    Source: Chen, Ke, Wang, "BODex", 2025: the measure by which it synthesizes grasps.
+    As the benchmark's measure ``qp``, without torsional friction, and with torques by `wrenches`. Source: Chen, Ke,
+    Wang, "BODex", 2025.
     """
     if not contacts:
         return float("nan")

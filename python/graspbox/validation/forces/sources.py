@@ -76,20 +76,22 @@ def planned(objects: Sequence[str], poses: int, seed: int, hand: HandLike = "ref
         yield Batch(scene, best.poses, best.preshape)
 
 
-def from_files(files: Sequence[Path], objects: Sequence[str], hand: HandLike = "reflex") -> Iterator[Batch]:
+def from_files(
+    files: Sequence[Path], objects: Sequence[str], hand: HandLike = "reflex", preshape: float | None = None
+) -> Iterator[Batch]:
     """Read the grasps of files that `graspbox.exchange` reads.
 
     The object of a file is the one of its name among `objects`, or the only one. It rests where the file's first known
-    pose lets it come to rest.
+    pose lets it come to rest. `preshape` is as for `graspbox.exchange.load`.
 
     Raises
     ------
     ConfigError
-        If a file is damaged, or `objects` lack its object.
+        If a file is damaged or lacks a preshape, or `objects` lack its object.
     """
     specs = list(object_sets.load(list(objects)))
     for file in files:
-        found = exchange.load(file, hand=hand)
+        found = exchange.load(file, hand=hand, preshape=preshape)
         spec = _object_of(file, found.object_name, specs)
         known = found.world_from_object[~np.isnan(found.world_from_object).any(axis=(1, 2))]
         scene = Scene(spec.load(), hand=found.hand, world_from_object=known[0] if len(known) else None)
@@ -147,10 +149,9 @@ def chosen(
 
 def _grasp(replay: Replay) -> Batch | None:
     """Step an episode again, and read its grasp."""
-    env = replay.make(obs="state")
+    env, hand = replay.make(obs="state"), load_hand(replay.settings.get("hand", "reflex"))
     try:
         states = [np.asarray(state, dtype=np.float64) for state, _ in replay.run(env)]
-        hand = load_hand(env.hand)
     finally:
         env.close()
     single = replay.env_id.endswith("GraspPose-v0")
