@@ -1,8 +1,8 @@
 //! Slides and servos against closed forms: the force at the limit, the speed, and the stops.
 #![allow(clippy::unwrap_used)]
 
+use graspbox_hand::ActuatorCommand;
 use graspbox_hand::assets::asset;
-use graspbox_hand::{ActuatorCommand, Hand};
 use graspbox_sim::{EngineKind, Geometry, PhysicsConfig, SimError, Template, World};
 use graspbox_tests::bench::{at, away, closing, palm_down, run, template, two_servos};
 use nalgebra::Vector3;
