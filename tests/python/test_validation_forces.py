@@ -189,17 +189,7 @@ def test_files_are_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     exchange.save(exchange.simulated(exchange.from_plan(plan), mesh), tmp_path / "can.yaml", "isaac")
     (read,) = from_files([tmp_path / "can.yaml"], [CAN], preshape=0.0)
     np.testing.assert_allclose(read.poses, plan.poses, atol=1e-6)
-    told = [
-        "forces",
-        "--grasps",
-        str(tmp_path / "can.yaml"),
-        "--preshape",
-        "0",
-        "--engines",
-        "newton",
-        "--json",
-        "--objects",
-    ]
+    told = ["forces", "--grasps", str(tmp_path / "can.yaml"), "--preshape", "0", "--engines", "newton", "--json"]
     assert main([*told, "--objects", CAN]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert row["source"] == "files"

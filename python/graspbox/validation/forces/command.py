@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--objects", nargs="+", metavar="SET", help="object sets (6 procedural; for policies, unseen)")
-    parser.add_argument("--hand", default="reflex", help="name of the hand (reflex)")
+    parser.add_argument("--hand", default="reflex", help="hand of the planner or of the files (reflex)")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--poses", type=int, default=5, help="grasps of the planner for each object (5)")
     source.add_argument("--grasps", nargs="+", type=Path, metavar="FILE", help="files that graspbox.exchange reads")
