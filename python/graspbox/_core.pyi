@@ -86,6 +86,23 @@ class PlanArrays(TypedDict):
     features: NotRequired[NDArray[np.float64]]
 
 @type_check_only
+class ForceArrays(TypedDict):
+    """Of n grasps with m contacts in all.
+
+    The rows of `motions` (n, 7, 2, 2) are six pulls and the lift: shift and turn since the start, then since the hand
+    closed; `verdicts` (n, 7, 2) compares them with the limits. `contact_of` (m,) is the grasp of each contact, and
+    `contacts` (m, 9) its link, point, normal into the link, force and friction.
+    """
+
+    start_depth: NDArray[np.float64]
+    closed_depth: NDArray[np.float64]
+    motions: NDArray[np.float64]
+    verdicts: NDArray[np.bool_]
+    time: NDArray[np.float64]
+    contact_of: NDArray[np.int64]
+    contacts: NDArray[np.float64]
+
+@type_check_only
 class OutcomeArrays(TypedDict):
     success: NDArray[np.bool_]
     secure: NDArray[np.bool_]
@@ -294,6 +311,14 @@ class Scene:
         num_threads: int | None,
     ) -> OutcomeArrays:
         """Try every pose, with the object's friction and mass multiplied by `factors` (n, 2)."""
+    def forces(
+        self,
+        poses: NDArray[np.float64],
+        preshape: NDArray[np.float64],
+        config: str,
+        num_threads: int | None,
+    ) -> ForceArrays:
+        """Pull the object at every pose along and against each axis of the world, and lift it off the table."""
     def trace(
         self, pose: NDArray[np.float64], preshape: float, config: str
     ) -> tuple[OutcomeArrays, dict[str, NDArray[Any]]]:

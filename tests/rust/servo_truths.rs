@@ -1,26 +1,12 @@
 //! Slides and servos against closed forms: the force at the limit, the speed, and the stops.
 #![allow(clippy::unwrap_used)]
 
+use graspbox_hand::ActuatorCommand;
 use graspbox_hand::assets::asset;
-use graspbox_hand::{ActuatorCommand, Hand};
 use graspbox_sim::{EngineKind, Geometry, PhysicsConfig, SimError, Template, World};
-use graspbox_tests::bench::{at, away, closing, palm_down, run, template};
+use graspbox_tests::bench::{at, away, closing, palm_down, run, template, two_servos};
 use nalgebra::Vector3;
 use std::sync::Arc;
-
-/// The shipped gripper with a servo for each finger, which any engine can simulate.
-fn two_servos() -> Hand {
-    let panda = asset("panda_gripper").unwrap();
-    let urdf = panda.urdf.replace("<mimic joint=\"finger_joint1\"/>", "");
-    let from = panda.toml.find("[[actuators]]").unwrap();
-    let to = panda.toml.find("# The grasp frame").unwrap();
-    let second = panda.toml[from..to].replace("finger_joint1", "finger_joint2").replace("\"fingers\"", "\"second\"");
-    let toml = format!("{}{second}{}", &panda.toml[..to], &panda.toml[to..]);
-    let toml = toml
-        .replace("closing = [\"fingers\"]", "closing = [\"fingers\", \"second\"]")
-        .replace("[joints.finger_joint1]", "[joints.fingers]\nnames = [\"finger_joint1\", \"finger_joint2\"]");
-    Hand::from_strs(&urdf, &toml, ["gripper.urdf", "hand.toml"]).unwrap()
-}
 
 /// A heavy block between the fingers, whose pads are 80 mm apart; it is as wide as `width`.
 fn around(width: f64, engine: EngineKind) -> World {

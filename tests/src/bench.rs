@@ -1,5 +1,6 @@
 //! Worlds with one object, posed and driven for a test.
 
+use graspbox_hand::assets::asset;
 use graspbox_hand::{ActuatorCommand, Hand};
 use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, Template, World};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -8,6 +9,20 @@ use std::sync::Arc;
 /// The ReFlex, to be shared or changed.
 pub fn reflex() -> Hand {
     Hand::reflex().unwrap().clone()
+}
+
+/// The shipped gripper with a servo for each finger, which any engine can simulate.
+pub fn two_servos() -> Hand {
+    let panda = asset("panda_gripper").unwrap();
+    let urdf = panda.urdf.replace("<mimic joint=\"finger_joint1\"/>", "");
+    let from = panda.toml.find("[[actuators]]").unwrap();
+    let to = panda.toml.find("# The grasp frame").unwrap();
+    let second = panda.toml[from..to].replace("finger_joint1", "finger_joint2").replace("\"fingers\"", "\"second\"");
+    let toml = format!("{}{second}{}", &panda.toml[..to], &panda.toml[to..]);
+    let toml = toml
+        .replace("closing = [\"fingers\"]", "closing = [\"fingers\", \"second\"]")
+        .replace("[joints.finger_joint1]", "[joints.fingers]\nnames = [\"finger_joint1\", \"finger_joint2\"]");
+    Hand::from_strs(&urdf, &toml, ["gripper.urdf", "hand.toml"]).unwrap()
 }
 
 /// A pose without rotation, metres.

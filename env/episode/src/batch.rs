@@ -133,7 +133,7 @@ fn check_config(scene: &Scene, config: &TrialConfig) -> Result<(), EpisodeError>
 /// # Errors
 /// [`EpisodeError::BadPose`] for a pose that is not finite or farther than [`FURTHEST`] from the object, [`EpisodeError::BadPreshape`]
 /// for a preshape beyond the hand's limits.
-fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), EpisodeError> {
+pub(crate) fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), EpisodeError> {
     let [low, high] = hand.preshape_limits();
     for (index, pose) in poses.iter().enumerate() {
         let at = &pose.object_from_hand;

@@ -9,6 +9,7 @@
 //! | [`trial`] | the scripted driver: close, lift, hold, shake |
 //! | [`sample`] | the trace of a trial: one sample every 10 ms |
 //! | [`shake`] | the shake of a grasped object along and about the hand's axes |
+//! | [`forces`] | a grasp under a force along six axes, and lifted off the table, by the protocol of DexGraspBench |
 //! | [`observer`] | additional measurements of a trial |
 //! | [`study`] | an observer: the measures of the reference study |
 //! | [`batch`] | trials with their feasibility check: many on rayon with progress and cancellation, or one with its trace |
@@ -41,6 +42,7 @@ pub mod batch;
 pub mod body;
 pub mod episode;
 mod error;
+pub mod forces;
 pub mod judge;
 pub mod observer;
 pub mod sample;
@@ -53,6 +55,7 @@ pub use batch::{Progress, run_observed_trials, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;
+pub use forces::{ForceConfig, ForceOutcome, Motion, Moved, run_forces};
 pub use judge::{FailureKind, Judge, SuccessCriterion, Verdict};
 pub use observer::Observer;
 pub use sample::Sample;

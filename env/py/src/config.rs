@@ -3,7 +3,7 @@
 use crate::convert::{config, json};
 use crate::errors::CoreError;
 use graspbox_agent::{AgentConfig, Randomization, ResetOptions};
-use graspbox_episode::{ShakeConfig, SuccessCriterion, TrialConfig};
+use graspbox_episode::{ForceConfig, ShakeConfig, SuccessCriterion, TrialConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_perception::{CropConfig, DepthNoise, HandGridConfig, ProposalConfig};
 use graspbox_plan::{DecomposeParams, PlanParams, PoseParams};
@@ -33,6 +33,7 @@ pub fn config_again(name: &str, text: &str) -> PyResult<String> {
         "LoadConfig" => json(&config::<LoadOptions>(text, name)?),
         "PlanConfig" => json(&config::<PlanParams>(text, name)?),
         "PoseConfig" => json(&config::<PoseParams>(text, name)?),
+        "ForceConfig" => json(&config::<ForceConfig>(text, name)?),
         "FrictionConfig" => json(&config::<Friction>(text, name)?),
         "Randomization" => json(&config::<Randomization>(text, name)?),
         "RapierConfig" => json(&config::<RapierConfig>(text, name)?),

@@ -5,10 +5,11 @@ use crate::errors::CoreError;
 use crate::gil::{detached, interruptible};
 use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
+use graspbox_episode::forces::PULLS;
 use graspbox_episode::study::Measures;
 use graspbox_episode::{
-    FailureKind, Finished, Progress, Sample, Scene as Core, Study, TrialConfig, TrialOutcome, run_observed_trials,
-    trace_trial,
+    FailureKind, Finished, ForceConfig, ForceOutcome, Progress, Sample, Scene as Core, Study, TrialConfig,
+    TrialOutcome, run_forces, run_observed_trials, trace_trial,
 };
 use graspbox_hand::GraspPose;
 use graspbox_plan::Feasibility;
@@ -148,6 +149,29 @@ impl Scene {
         outcome_arrays(py, &trials)
     }
 
+    /// Tries every pose under six forces and by a lift; arrays by name.
+    #[pyo3(signature = (poses, preshape, config, num_threads))]
+    fn forces<'py>(
+        &self,
+        py: Python<'py>,
+        poses: Floats<'_>,
+        preshape: Floats<'_>,
+        config: &str,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let grasps = grasps(&poses, &preshape)?;
+        let config: ForceConfig = crate::convert::config(config, "ForceConfig")?;
+        let progress = Arc::new(Progress::default());
+        let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
+        let outcomes = interruptible(
+            py,
+            num_threads,
+            move || progress.stop(),
+            move || run_forces(&scene, &grasps, config, &watched),
+        )?;
+        force_arrays(py, &outcomes)
+    }
+
     /// Runs one trial. Returns its outcome and its trace, a sample every 10 ms (none if the pose is infeasible); arrays by name.
     fn trace<'py>(
         &self,
@@ -169,6 +193,34 @@ impl Scene {
         let samples = sample_arrays(py, &trial.trace, self.core.template().hand())?;
         Ok((outcome_arrays(py, &[trial])?, samples))
     }
+}
+
+/// Outcomes of n grasps by name. The 7 rows of `motions` (shift and turn since the start, then since the hand closed) and of `verdicts` (the
+/// same limits) are the pulls and the lift; of the m contacts, `contact_of` is the grasp, and `contacts` has link, point, normal, force and
+/// friction.
+fn force_arrays<'py>(py: Python<'py>, outcomes: &[ForceOutcome]) -> PyResult<Bound<'py, PyDict>> {
+    let n = outcomes.len();
+    let numbers = |get: fn(&ForceOutcome) -> f64| array(py, outcomes.iter().map(get).collect(), &[n]);
+    let moved = outcomes.iter().flat_map(|o| o.pulls.iter().chain([&o.lift]));
+    let motions = moved.clone().flat_map(|m| [m.since_start, m.since_closed]).flat_map(|m| [m.shift, m.turn]).collect();
+    let verdicts = moved.flat_map(|m| [m.passes, m.holds]).collect();
+    let contacts = outcomes.iter().enumerate().flat_map(|(i, o)| o.contacts.iter().map(move |contact| (i, contact)));
+    let (owners, rows): (Vec<i64>, Vec<[f64; 9]>) = contacts
+        .map(|(i, c)| {
+            let (p, n) = (c.point, c.normal);
+            (i as i64, [c.link as f64, p.x, p.y, p.z, n.x, n.y, n.z, c.force, c.friction])
+        })
+        .unzip();
+    let dict = PyDict::new(py);
+    dict.set_item("start_depth", numbers(|o| o.start_depth)?)?;
+    dict.set_item("closed_depth", numbers(|o| o.closed_depth)?)?;
+    dict.set_item("motions", array::<f64>(py, motions, &[n, PULLS + 1, 2, 2])?)?;
+    dict.set_item("verdicts", array::<bool>(py, verdicts, &[n, PULLS + 1, 2])?)?;
+    dict.set_item("time", numbers(|o| o.time)?)?;
+    let count = owners.len();
+    dict.set_item("contact_of", array(py, owners, &[count])?)?;
+    dict.set_item("contacts", table(py, rows.into_iter())?)?;
+    Ok(dict)
 }
 
 /// Warns if the object fell over from `start`: poses that were planned for `start` no longer fit.

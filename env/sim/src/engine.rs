@@ -41,6 +41,8 @@ pub(crate) struct StepInput<'a> {
     pub base_from_world_after: Isometry3<f64>,
     /// Gravity and motion of the base during the step, axes of the base before the step.
     pub frame: FrameMotion,
+    /// Force on the object at its centre of mass during the step, N, axes of the base before the step.
+    pub force: Vector3<f64>,
     /// State of every actuator at the end of the step, in the order of the hand's actuators.
     pub actuators: &'a [ActuatorState],
 }

@@ -100,6 +100,7 @@ impl Engine for Newton {
             base_from_world: input.base_from_world,
             base_from_world_after: input.base_from_world_after,
             frame: input.frame,
+            force: input.force,
             driven: &self.driven,
             cables: &self.commands,
         });

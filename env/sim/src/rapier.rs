@@ -86,8 +86,8 @@ impl Rapier {
             && !contacts::hand_in_contact(&self.physics)
     }
 
-    /// True if fictitious forces of the last step still act on the bodies: rapier keeps forces until they are reset.
-    fn bears_frame_forces(&self) -> bool {
+    /// True if forces of the last step still act on the bodies: rapier keeps them until they are reset.
+    fn bears_forces(&self) -> bool {
         self.shared.handles.moving_bodies().any(|handle| {
             let body = self.body(handle);
             body.user_force() != Vector::ZERO || body.user_torque() != Vector::ZERO
@@ -119,12 +119,16 @@ impl Engine for Rapier {
         self.drive_joints(input);
         let forces = FrameForces::new(&input.frame);
         self.physics.gravity = forces.gravity;
-        if forces.turning() || self.bears_frame_forces() {
+        let pushed = input.force != Vector3::zeros();
+        if pushed || forces.turning() || self.bears_forces() {
             for body in self.shared.handles.moving_bodies() {
                 if let Some(body) = self.physics.bodies.get_mut(body) {
                     forces.apply(body);
                 }
             }
+        }
+        if pushed && let Some(object) = self.physics.bodies.get_mut(self.shared.handles.object) {
+            object.add_force(frames::lengths(&input.force), true);
         }
         if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.scenery) {
             body.set_next_kinematic_position(frames::pose(&input.base_from_world_after));

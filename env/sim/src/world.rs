@@ -25,6 +25,8 @@ pub(crate) struct State {
     motion: BaseMotion,
     /// Gravity in the world's frame, m/s2.
     gravity: Vector3<f64>,
+    /// Force on the object, world's axes, N.
+    force: Vector3<f64>,
     /// Factor on the object's mass.
     mass_factor: f64,
     actuators: Vec<ActuatorState>,
@@ -40,10 +42,13 @@ impl State {
         const FASTEST: f64 = 1e6;
         /// More gravity than any planet has, m/s2.
         const HEAVIEST: f64 = 1e3;
+        /// More force than any object of a hand bears, N.
+        const STRONGEST: f64 = 1e6;
         is_pose("motion.world_from_base", &self.motion.world_from_base, FARTHEST)?;
         all_within("motion.linear", self.motion.linear.iter().copied(), FASTEST, "m/s")?;
         all_within("motion.angular", self.motion.angular.iter().copied(), FASTEST, "rad/s")?;
         all_within("gravity", self.gravity.iter().copied(), HEAVIEST, "m/s2")?;
+        all_within("force", self.force.iter().copied(), STRONGEST, "N")?;
         in_range("mass_factor", self.mass_factor, 1e-6..=1e6, "")?;
         in_range("steps", self.steps as f64, 0.0..=1e15, "")?;
         for (state, actuator) in self.actuators.iter().zip(&hand.actuators) {
@@ -113,6 +118,7 @@ impl Template {
         let actuators = start.map(|(actuator, position)| ActuatorState::new(actuator, position)).collect();
         let state = State {
             gravity: Vector3::new(0.0, 0.0, -self.shared.config.gravity),
+            force: Vector3::zeros(),
             motion: BaseMotion::at_rest(world_from_base),
             mass_factor: 1.0,
             actuators,
@@ -178,6 +184,7 @@ impl World {
             base_from_world,
             base_from_world_after,
             frame,
+            force: base_from_world.rotation * self.state.force,
             actuators: &self.state.actuators,
         });
         self.state.steps += 1;
@@ -216,6 +223,14 @@ impl World {
     /// Sets gravity in the world's frame, m/s2, for example for a tilted table.
     pub fn set_gravity(&mut self, gravity: &Vector3<f64>) {
         self.state.gravity = *gravity;
+    }
+
+    /// Sets a force on the object's centre of mass, N, world's axes; it acts until it is set again, and a new world has none.
+    ///
+    /// * `force`: finite; another counts as none.
+    pub fn set_object_force(&mut self, force: &Vector3<f64>) {
+        let finite = force.iter().all(|x| x.is_finite());
+        self.state.force = if finite { *force } else { Vector3::zeros() };
     }
 
     /// Sets the object's velocity in the world's frame (m/s, of the centre of mass, and rad/s), for physics tests.

@@ -38,8 +38,8 @@
 //! solver.state_mut().base_from_object = Isometry3::translation(0.0, 0.0, -0.9);
 //! let frame = FrameMotion { gravity: Vector3::new(0.0, 0.0, -9.81), omega: Vector3::zeros(), alpha: Vector3::zeros() };
 //! for _ in 0..500 {
-//!     let (base_from_world, base_from_world_after) = (world, world);
-//!     solver.step(&StepInput { dt: 0.002, base_from_world, base_from_world_after, frame, driven: &[], cables: &[] });
+//!     let (base_from_world, base_from_world_after, force) = (world, world, Vector3::zeros());
+//!     solver.step(&StepInput { dt: 0.002, base_from_world, base_from_world_after, frame, force, driven: &[], cables: &[] });
 //! }
 //! assert!((solver.object_center().z + 0.97).abs() < 5e-4);
 //! # Ok::<(), graspbox_solver::ModelError>(())

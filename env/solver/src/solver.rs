@@ -26,6 +26,8 @@ pub struct StepInput<'a> {
     pub base_from_world_after: Isometry3<f64>,
     /// Motion of the base's frame during the step.
     pub frame: FrameMotion,
+    /// Force on the object's centre of mass, N, base's axes.
+    pub force: Vector3<f64>,
     /// Driven coordinates at the end of the step, rad or m.
     pub driven: &'a [f64],
     /// Command of every cable.
@@ -206,7 +208,10 @@ impl Solver {
             inertia * (spin.cross(omega) - alpha) - total.cross(&(inertia * total)) + spin.cross(&(inertia * spin));
         let pushed = spin + dt * inertia.try_inverse().map_or_else(Vector3::zeros, |i| i * torque);
         let momentum = inertia * gyroscopic(&inertia, &pushed, dt);
-        let linear = mass * (state.linear + dt * push);
+        let mut linear = mass * (state.linear + dt * push);
+        if input.force != Vector3::zeros() {
+            linear += dt * input.force;
+        }
         let free = model.tree.coordinates.len();
         let problem = &mut self.problem;
         problem.object_mass = mass;

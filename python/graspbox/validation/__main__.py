@@ -6,6 +6,7 @@
 | ``planner`` | the same for the planner's best grasps, and each engine's agreement with itself at half its time step |
 | ``export``  | the share of trials with equal labels in exported MJCF scenes and in the MuJoCo replay of ``mujoco`` |
 | ``robust``  | the success rate of perturbed copies of grasps, in MuJoCo and in the core |
+| ``forces``  | six forces, a lift and force closure, as DexGraspBench judges grasps, in the core and in MuJoCo |
 | ``engines`` | labels and speed of the engines `newton` and `rapier` |
 | ``speed``   | trials and simulated seconds per second of CPU time: ours, rapier, MuJoCo |
 | ``study``   | table 3.1 of the reference study, compared with graspbox |
@@ -15,11 +16,22 @@
 
 import argparse
 import sys
+from importlib import import_module
 
 from graspbox.errors import GraspboxError
 from graspbox.programs import run_program
 
-CHECKS = ("mujoco", "planner", "export", "robust", "engines", "speed", "study")
+#: For each check, its module and the name of its function; a module is imported when its check runs.
+CHECKS = {
+    "mujoco": ("graspbox.validation.mujoco.command", "main"),
+    "planner": ("graspbox.validation.mujoco.command", "compare_planner"),
+    "export": ("graspbox.validation.mujoco.export_command", "main"),
+    "robust": ("graspbox.validation.mujoco.robust_command", "main"),
+    "forces": ("graspbox.validation.forces.command", "main"),
+    "engines": ("graspbox.validation.engines", "main"),
+    "speed": ("graspbox.validation.speed", "main"),
+    "study": ("graspbox.study.comparison", "main"),
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -29,36 +41,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("check", choices=CHECKS)
     words = sys.argv[1:] if arguments is None else arguments
-    check = parser.parse_args(words[:1]).check
+    module, function = CHECKS[parser.parse_args(words[:1]).check]
     try:
-        if check == "mujoco":
-            from graspbox.validation.mujoco.command import main as compare_with_mujoco
-
-            return compare_with_mujoco(words[1:])
-        if check == "planner":
-            from graspbox.validation.mujoco.command import PLANNER
-            from graspbox.validation.mujoco.command import main as compare_with_mujoco
-
-            return compare_with_mujoco(words[1:], PLANNER)
-        if check == "export":
-            from graspbox.validation.mujoco.export_command import main as compare_exports
-
-            return compare_exports(words[1:])
-        if check == "robust":
-            from graspbox.validation.mujoco.robust_command import main as compare_robust
-
-            return compare_robust(words[1:])
-        if check == "engines":
-            from graspbox.validation.engines import main as compare_engines
-
-            return compare_engines(words[1:])
-        if check == "speed":
-            from graspbox.validation.speed import main as compare_speed
-
-            return compare_speed(words[1:])
-        from graspbox.study.comparison import main as compare_study
-
-        return compare_study(words[1:])
+        return int(getattr(import_module(module), function)(words[1:]))
     except GraspboxError as error:
         print(f"graspbox: {error}", file=sys.stderr)
         return 2

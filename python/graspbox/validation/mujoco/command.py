@@ -128,3 +128,8 @@ def main(arguments: list[str] | None = None, check: Check = RANDOM) -> int:
     else:
         _print(Console(), report)
     return 0 if report.rows and report.share >= check.goal and abs(report.bias) <= check.bias else 1
+
+
+def compare_planner(arguments: list[str] | None = None) -> int:
+    """Run the comparison on the planner's best grasps; see `main`."""
+    return main(arguments, PLANNER)
