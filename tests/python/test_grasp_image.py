@@ -54,7 +54,7 @@ def test_units_are_recognized(tmp_path: Path, depth: NDArray[np.float64]) -> Non
         (depth / 0.0254, None, r"perhaps .* inches \(depth scale 0.0254\) or centimetres \(depth scale 0.01\)"),
         ((depth * 10_000).astype(np.uint16), None, r"tenths of millimetres \(depth scale 0.0001\)"),
         (depth * 1e9, None, "give the depth scale, in metres per unit of the image; here it is 1"),
-        (depth * 0, None, "no depth at all"),
+        (depth * 0, None, "no pixel with a depth"),
         (-depth, None, "distances along the optical axis"),
         (depth[:, :, None].repeat(3, axis=2), None, r"one depth image \(H, W\)"),
         (depth, -1.0, "the depth scale is -1"),
@@ -193,10 +193,10 @@ def test_poses_of_cameras_are_checked(tmp_path: Path) -> None:
     far = pose.copy()
     far[0, 3] = 1e155
     for text, message in (
-        ("{}", "no matrix of numbers"),
-        ("[" * 100_000, "no matrix of numbers"),
-        (f"[{'9' * 400}]", "no matrix of numbers"),
-        ('["x"]', "no matrix of numbers"),
+        ("{}", "cannot be read as numbers"),
+        ("[" * 100_000, "cannot be read as numbers"),
+        (f"[{'9' * 400}]", "cannot be read as numbers"),
+        ('["x"]', "cannot be read as numbers"),
         (json.dumps(far.tolist()), "give metres, at most 10000"),
     ):
         (tmp_path / "wrong.json").write_text(text)

@@ -111,7 +111,7 @@ def test_json_says_the_same(server: PolicyServer, request_of_can: dict[str, Any]
         ({"depth": None}, "numbers"),
         ({"depth": [[1.0, 2.0], [3.0]]}, "depth"),
         ({"depth": np.zeros((0, 4))}, "depth has shape (0, 4), without a pixel"),
-        ({"depth": np.full((40, 40), np.nan)}, "no depth at all"),
+        ({"depth": np.full((40, 40), np.nan)}, "no pixel with a depth"),
         ({"depth": np.full((40, 40), 700.0)}, "millimetres"),
         ({"intrinsics": np.eye(4)}, "intrinsics has shape"),
         ({"intrinsics": np.full((3, 3), np.nan)}, "intrinsics holds nan; give finite numbers of shape (3, 3)"),
