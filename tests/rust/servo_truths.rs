@@ -111,12 +111,43 @@ fn coupled_fingers_share_the_force_of_their_servo() {
     assert_eq!(world.joint(0).position, world.joint(1).position, "the second follows the first");
 }
 
+/// One servo turns both knuckles of the linkage: each pad presses with half of its torque, divided by the height of the fingertip's hinge
+/// over the knuckle's.
+#[test]
+fn the_pads_of_a_linkage_press_with_the_torque_of_their_servo() {
+    let gripper = asset("robotiq_2f_85").unwrap().read().unwrap();
+    // Pads at an opening of 50 mm, and the height of the hinge, from the knuckle (37.2, 43.4 mm) turned by 0.357 rad.
+    for (width, position, height) in [(0.05_f64, 0.3567_f64, 0.05366_f64), (0.02, 0.6263, 0.05696)] {
+        let block = Geometry::Cuboid(Vector3::new(width / 2.0, 0.02, 0.05));
+        let template = template(gripper.clone(), &block, 100.0, PhysicsConfig::default());
+        let hand = palm_down(0.0, 0.0, 0.13);
+        let mut world = template.spawn(&hand, &at(0.0, 0.0, 0.05), 0.0);
+        let close = closing(world.hand(), 0.0);
+        run(&mut world, &hand, &close, 1.5);
+        assert!((world.load(0) - 20.4).abs() < 1e-9, "{} N m", world.load(0));
+        let found = world.joint(0).position;
+        let expected = 20.4 / (2.0 * height);
+        for side in ["left", "right"] {
+            let link = world.hand().links.iter().position(|link| link.name == format!("{side}_finger_tip_link"));
+            let contacts = world.link_contacts();
+            let force: f64 = contacts.iter().filter(|c| Some(c.link) == link).map(|c| c.force).sum();
+            println!("{side} pad on {width} m: {force:.1} N, expected {expected:.1} N, at {found:.4} rad");
+            assert!((force / expected - 1.0).abs() < 0.02 && (found - position).abs() < 5e-3, "{force} N at {found}");
+        }
+    }
+}
+
 /// Joints that follow others under forces are beyond this engine: it says so, and names itself.
 #[test]
 fn a_hand_that_the_engine_cannot_simulate_is_refused() {
     let config = PhysicsConfig { engine: EngineKind::Rapier, ..PhysicsConfig::default() };
     let block = graspbox_sim::ObjectModel::solid(&Geometry::Ball { radius: 0.03 }, 0.1).unwrap();
-    for (name, joint) in [("panda_gripper", "finger_joint2"), ("soft_hand", "thumb_inner_mimic")] {
+    let refused = [
+        ("panda_gripper", "finger_joint2"),
+        ("soft_hand", "thumb_inner_mimic"),
+        ("robotiq_2f_85", "left_finger_tip_joint"),
+    ];
+    for (name, joint) in refused {
         let hand = Arc::new(asset(name).unwrap().read().unwrap());
         let error = Template::new(hand, &block, config).err().unwrap();
         assert!(matches!(error, SimError::BadHand { engine: "rapier", .. }), "{error}");
