@@ -94,7 +94,7 @@ def _label(panel: Any, size: tuple[int, int], origin: Floats, text: str) -> None
     panel.annotate(
         text,
         xy=(origin[0], origin[1]),
-        xytext=(0.03 * size[0], origin[1] - 0.10 * size[1]),
+        xytext=(0.03 * size[0], max(origin[1] - 0.10 * size[1], 0.09 * size[1])),
         fontsize=9,
         ha="left",
         va="bottom",
