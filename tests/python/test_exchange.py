@@ -232,7 +232,7 @@ def test_dexgraspbench_places_the_hand_in_mujoco(made: Made, stage: str, tmp_pat
     np.testing.assert_allclose(_sorted(shapes[:, :3, 3]), _sorted(data.geom_xpos), atol=1e-6)
 
 
-@pytest.mark.parametrize("made", ["panda_gripper", "soft_hand"], indirect=True)
+@pytest.mark.parametrize("made", ["panda_gripper", "soft_hand", "robotiq_2f_85"], indirect=True)
 def test_dexgraspbench_fits_the_model_of_the_validation(made: Made, tmp_path: Path) -> None:
     """Its joints have the order of the file, and its links stand where graspbox's kinematics has them."""
     pytest.importorskip("mujoco", reason="qpos is checked with mujoco, from the extra 'dev'")

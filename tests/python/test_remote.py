@@ -147,7 +147,8 @@ def contact(seen: list[Any]) -> float:
 Case = tuple[Any, str, AutoresetMode, str]
 #: Every value of every axis, and every hand with every mode.
 CASES: list[Case] = [
-    (obs, HANDS[i // 3 % len(HANDS)], MODES[i % 3], IDS[i % 2]) for i, obs in enumerate((*OBSERVATIONS, *OBSERVATIONS[1:]))
+    (obs, HANDS[i // 3 % len(HANDS)], MODES[i % 3], IDS[i % 2])
+    for i, obs in enumerate((*OBSERVATIONS, *OBSERVATIONS[1:]))
 ]
 PRODUCT: list[Case] = [
     case for case in itertools.product(OBSERVATIONS, HANDS, MODES, IDS) if case[0] != "tactile" or case[1] == "reflex"
