@@ -21,7 +21,14 @@ h5py = pytest.importorskip("h5py", reason="ACRONYM's files need h5py, from the e
 yaml = pytest.importorskip("yaml", reason="Isaac Grasp files need PyYAML, from the extra 'exchange'")
 
 #: A hand of each kind, with an object that it holds.
-CASES = {"panda_gripper": "procedural:box:0", "reflex": "procedural:mug:3", "soft_hand": "procedural:can:3"}
+CASES = {
+    "panda_gripper": "procedural:box:0",
+    "reflex": "procedural:mug:3",
+    "soft_hand": "procedural:can:3",
+    "robotiq_2f_85": "procedural:box:1",
+}
+#: Prefix of joints and links, and base link, of hands that other programs name otherwise.
+NAMED = {"panda_gripper": ("panda_", "panda_hand"), "robotiq_2f_85": ("robotiq_85_", "robotiq_85_base_link")}
 #: Format and suffix of each row of the table.
 FILES = [(row.name, row.suffix) for row in exchange.FORMATS]
 
@@ -77,6 +84,18 @@ def test_frames_of_the_franka_hand() -> None:
         np.testing.assert_allclose(centers[:, 1 - axis], 0.0, atol=1e-12)
         np.testing.assert_allclose(centers[:, 2], 0.1033, atol=1e-9)
     assert convention_of(hand).gripper == "panda"
+
+
+def test_frames_of_the_robotiq_gripper() -> None:
+    """All formats have the frame of the base link: the fingers close along x, and the tips are 149 mm ahead."""
+    hand = graspbox.load_hand("robotiq_2f_85")
+    shapes, halves, pads, _ = hand.shapes(np.array([0.0]))
+    for frame in ("gripper", "base"):
+        placed = (exchange.frame_from_hand(hand, frame) @ shapes)[pads]  # type: ignore[arg-type]
+        np.testing.assert_allclose(sorted(placed[:, 0, 3]), [-0.0465, 0.0465], atol=1e-5)
+        np.testing.assert_allclose(placed[:, 1, 3], 0.0, atol=1e-12)
+        np.testing.assert_allclose(placed[:, 2, 3] + halves[pads][:, 2], 0.1493, atol=1e-4)
+    assert convention_of(hand).gripper == "robotiq_2f_85"
 
 
 def test_docstring_examples_run() -> None:
@@ -173,12 +192,12 @@ def test_isaac_is_read_by_yaml(made: Made, tmp_path: Path) -> None:
     base = grasps.object_from("base")[1]
     np.testing.assert_allclose(turned, base[:3, :3], atol=1e-9)
     np.testing.assert_allclose(entry["position"], base[:3, 3], atol=1e-9)
-    prefix = "panda_" if grasps.hand.name == "panda_gripper" else ""
+    prefix, base_link = NAMED.get(grasps.hand.name, ("", None))
     assert list(entry["cspace_position"]) == [prefix + name for name in grasps.hand.joints]
     np.testing.assert_allclose(list(entry["cspace_position"].values()), grasps.grasp[1])
     np.testing.assert_allclose(list(entry["pregrasp_cspace_position"].values()), grasps.pregrasp[1])
-    if prefix:
-        assert document["gripper_frame_link"] == "panda_hand"
+    if base_link is not None:
+        assert document["gripper_frame_link"] == base_link
 
 
 def _fields(path: Path) -> dict[str, Any]:
@@ -213,7 +232,7 @@ def test_dexgraspbench_places_the_hand_in_mujoco(made: Made, stage: str, tmp_pat
     np.testing.assert_allclose(_sorted(shapes[:, :3, 3]), _sorted(data.geom_xpos), atol=1e-6)
 
 
-@pytest.mark.parametrize("made", ["panda_gripper", "soft_hand"], indirect=True)
+@pytest.mark.parametrize("made", ["panda_gripper", "soft_hand", "robotiq_2f_85"], indirect=True)
 def test_dexgraspbench_fits_the_model_of_the_validation(made: Made, tmp_path: Path) -> None:
     """Its joints have the order of the file, and its links stand where graspbox's kinematics has them."""
     pytest.importorskip("mujoco", reason="qpos is checked with mujoco, from the extra 'dev'")
@@ -386,9 +405,10 @@ def test_imported_grasps_are_tried(made: Made, tmp_path: Path) -> None:
 def test_preshapes_have_to_be_given_where_a_hand_has_several(made: Made, tmp_path: Path) -> None:
     _, grasps = made
     exchange.save(grasps, tmp_path / "it.yaml", "isaac")
-    if grasps.hand.name == "reflex":
-        with pytest.raises(errors.ConfigError, match="preshape is missing, and 'reflex' has several"):
-            exchange.load(tmp_path / "it.yaml", hand="reflex")
+    name = grasps.hand.name
+    if name in ("reflex", "robotiq_2f_85"):
+        with pytest.raises(errors.ConfigError, match=f"preshape is missing, and '{name}' has several"):
+            exchange.load(tmp_path / "it.yaml", hand=name)
     else:
         assert (exchange.load(tmp_path / "it.yaml", hand=grasps.hand).preshape == 0).all()
 

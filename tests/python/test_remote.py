@@ -28,7 +28,7 @@ from graspbox.envs.remote_config import RemoteConfig
 from graspbox.remote import EnvironmentServer, ServerSettings
 
 GRASP, POSE = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
-IDS, HANDS, MODES = (GRASP, POSE), ("reflex", "panda_gripper", "soft_hand"), tuple(AutoresetMode)
+IDS, HANDS, MODES = (GRASP, POSE), ("reflex", "panda_gripper", "soft_hand", "robotiq_2f_85"), tuple(AutoresetMode)
 #: Every vector and image, and several at once; `tactile` is of the reflex hand alone.
 OBSERVATIONS: tuple[Any, ...] = (
     "tactile",
@@ -83,7 +83,7 @@ def acting(env: Any, steps: int, seed: int = 0) -> NDArray[np.float32]:
     shape = env.action_space.shape
     actions = np.random.default_rng(seed).uniform(-0.2, 0.2, (steps, *shape))
     if env.spec.id == POSE:
-        actions[..., :9] = [0.1, 0.1, 0.2, 0, 0, 0, 0, 0, 0] * actions[..., :9] + [0, 0, -0.58, 1, 0, 0, 0, -1, 0]
+        actions[..., :9] = [0.1, 0.1, 0.2, 0, 0, 0, 0, 0, 0] * actions[..., :9] + [0, 0, -0.42, 1, 0, 0, 0, -1, 0]
     else:
         actions[..., 2] = 1.0
         closing = np.where(np.arange(steps) % 8 > 3, 1.0, -1.0)
@@ -147,7 +147,8 @@ def contact(seen: list[Any]) -> float:
 Case = tuple[Any, str, AutoresetMode, str]
 #: Every value of every axis, and every hand with every mode.
 CASES: list[Case] = [
-    (obs, HANDS[i // 3 % 3], MODES[i % 3], IDS[i % 2]) for i, obs in enumerate((*OBSERVATIONS, *OBSERVATIONS[1:]))
+    (obs, HANDS[i // 3 % len(HANDS)], MODES[i % 3], IDS[i % 2])
+    for i, obs in enumerate((*OBSERVATIONS, *OBSERVATIONS[1:]))
 ]
 PRODUCT: list[Case] = [
     case for case in itertools.product(OBSERVATIONS, HANDS, MODES, IDS) if case[0] != "tactile" or case[1] == "reflex"

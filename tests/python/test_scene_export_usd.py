@@ -17,11 +17,12 @@ import graspbox
 from graspbox import scene_export
 from graspbox.configs import FrictionConfig, PhysicsConfig
 from graspbox.errors import MissingExtraError
+from graspbox.exchange.conventions import mechanism_of
 from graspbox.scene_export.description import HandDescription, read_hand
 from graspbox.scene_export.mjcf import colliding_shapes
 from graspbox.scene_export.usd_hand import identifiers
 
-HANDS = ("reflex", "panda_gripper", "soft_hand")
+HANDS = ("reflex", "panda_gripper", "soft_hand", "robotiq_2f_85")
 PHYSICS = PhysicsConfig(gravity=3.71, friction=FrictionConfig(table=0.45, object=0.8))
 
 
@@ -143,8 +144,9 @@ def frames(exported: Exported, prim: Any) -> tuple[np.ndarray, np.ndarray]:
 def test_joints_have_limits_and_frames_that_meet(exported: Exported) -> None:
     """Both frames of a joint differ by its position alone, along or about the joint's axis x."""
     hand, free = exported.hand, exported.hand.free()
-    joints = np.concatenate([exported.scene.hand.open(exported.grasp.preshape)])
-    open_at = dict(zip(exported.scene.hand.joints, joints, strict=True))
+    mechanism = mechanism_of(exported.scene.hand)
+    (joints,) = mechanism.all_positions(exported.scene.hand.open(exported.grasp.preshape)[None])
+    open_at = dict(zip(mechanism.joints, joints, strict=True))
     for index, link in enumerate(hand.links[1:], start=1):
         prim = exported.joint(index)
         parent, child = frames(exported, prim)
@@ -162,9 +164,12 @@ def test_joints_have_limits_and_frames_that_meet(exported: Exported) -> None:
         assert joint.GetLowerLimitAttr().Get() * unit == pytest.approx(link.limits[0], abs=1e-6)
         assert joint.GetUpperLimitAttr().Get() * unit == pytest.approx(link.limits[1], abs=1e-6)
         np.testing.assert_allclose(child[:3, 0], exported.pose(exported.links[index])[:3, :3] @ link.axis, atol=1e-6)
-        # All hands begin with their revolute joints at 0.
-        expected = np.eye(4)
-        expected[0, 3] = open_at.get(link.joint, 0.04) if prismatic else 0.0
+        expected, position = np.eye(4), open_at[link.joint]
+        if prismatic:
+            expected[0, 3] = position
+        else:
+            cosine, sine = math.cos(position), math.sin(position)
+            expected[1:3, 1:3] = [[cosine, -sine], [sine, cosine]]
         np.testing.assert_allclose(motion, expected, atol=1e-6)
 
 

@@ -97,12 +97,46 @@ fn coupled_fingers_share_the_force_of_their_servo() {
     assert_eq!(world.joint(0).position, world.joint(1).position, "the second follows the first");
 }
 
+/// One servo turns both knuckles of the linkage: half of its torque bears the moment of a pad's normal force about its knuckle, and of the
+/// friction along the arc on which the pad moves. The arms are those of the fingertip's hinge; that of friction is 0 at an opening of 10.7 mm.
+#[test]
+fn the_pads_of_a_linkage_press_with_the_torque_of_their_servo() {
+    let gripper = asset("robotiq_2f_85").unwrap().read().unwrap();
+    // Width of the block, position of the knuckles, arms of the normal force and of friction, with a coefficient of at most 1.
+    for (width, position, arm, across) in
+        [(0.05_f64, 0.3567_f64, 0.05366_f64, 0.02_f64), (0.02, 0.6262, 0.05696, 0.005), (0.0107, 0.7077, 0.05715, 0.0)]
+    {
+        let block = Geometry::Cuboid(Vector3::new(width / 2.0, 0.02, 0.05));
+        let template = template(gripper.clone(), &block, 100.0, PhysicsConfig::default());
+        let hand = palm_down(0.0, 0.0, 0.13);
+        let mut world = template.spawn(&hand, &at(0.0, 0.0, 0.05), 0.0);
+        let close = closing(world.hand(), 0.0);
+        run(&mut world, &hand, &close, 1.5);
+        assert!((world.load(0) - 20.4).abs() < 1e-9, "{} N m", world.load(0));
+        let found = world.joint(0).position;
+        assert!((found - position).abs() < 0.01, "{found} rad");
+        let bounds = [10.2 / (arm + across), 10.2 / arm];
+        for side in ["left", "right"] {
+            let link = world.hand().links.iter().position(|link| link.name == format!("{side}_finger_tip_link"));
+            let contacts = world.link_contacts();
+            let force: f64 = contacts.iter().filter(|c| Some(c.link) == link).map(|c| c.force).sum();
+            println!("{side} pad on {width} m: {force:.1} N, expected {bounds:.1?} N, at {found:.4} rad");
+            assert!((0.98 * bounds[0]..1.02 * bounds[1]).contains(&force), "{force} N at {found}");
+        }
+    }
+}
+
 /// Joints that follow others under forces are beyond this engine: it says so, and names itself.
 #[test]
 fn a_hand_that_the_engine_cannot_simulate_is_refused() {
     let config = PhysicsConfig { engine: EngineKind::Rapier, ..PhysicsConfig::default() };
     let block = graspbox_sim::ObjectModel::solid(&Geometry::Ball { radius: 0.03 }, 0.1).unwrap();
-    for (name, joint) in [("panda_gripper", "finger_joint2"), ("soft_hand", "thumb_inner_mimic")] {
+    let refused = [
+        ("panda_gripper", "finger_joint2"),
+        ("soft_hand", "thumb_inner_mimic"),
+        ("robotiq_2f_85", "left_finger_tip_joint"),
+    ];
+    for (name, joint) in refused {
         let hand = Arc::new(asset(name).unwrap().read().unwrap());
         let error = Template::new(hand, &block, config).err().unwrap();
         assert!(matches!(error, SimError::BadHand { engine: "rapier", .. }), "{error}");

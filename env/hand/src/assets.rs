@@ -17,7 +17,7 @@ pub struct Asset {
 }
 
 /// The hands that come with the project; the first is the default.
-pub const ASSETS: [Asset; 3] = [
+pub const ASSETS: [Asset; 4] = [
     Asset {
         name: "reflex",
         urdf: include_str!("../assets/reflex/reflex.urdf"),
@@ -32,6 +32,11 @@ pub const ASSETS: [Asset; 3] = [
         name: "soft_hand",
         urdf: include_str!("../assets/soft_hand/soft_hand.urdf"),
         toml: include_str!("../assets/soft_hand/hand.toml"),
+    },
+    Asset {
+        name: "robotiq_2f_85",
+        urdf: include_str!("../assets/robotiq_2f_85/robotiq_2f_85.urdf"),
+        toml: include_str!("../assets/robotiq_2f_85/hand.toml"),
     },
 ];
 

@@ -61,6 +61,42 @@ fn the_gripper_opens_to_80_millimetres() {
     assert!((0.7..0.8).contains(&mass), "{mass} kg");
 }
 
+/// The linkage of the 2F-85: the pads stay parallel, are 85 mm apart in the open hand and meet in the closed one, and the tips advance from
+/// 149.3 to 162.8 mm before the mounting plane.
+#[test]
+fn the_linkage_closes_85_millimetres_with_parallel_pads() {
+    let hand = hand("robotiq_2f_85");
+    assert_eq!((hand.chain_count(), hand.coordinates().count(), hand.actuators.len()), (2, 1, 1));
+    assert_eq!(hand.joints.iter().filter(|joint| joint.mimic.is_some()).count(), 5);
+    let mass: f64 = hand.links.iter().map(|link| link.mass).sum();
+    assert!((mass - 0.9).abs() < 1e-3, "{mass} kg");
+    assert_eq!((hand.open_configuration(0.0), hand.closed_configuration(0.0, 1.0)), (vec![0.0], vec![0.8]));
+    // Opening between the pads, and the height of their ends over the base.
+    let measured = |position: f64| {
+        let shapes = hand.shapes_at(&[position]).unwrap();
+        let pads: Vec<_> = shapes.iter().filter(|s| s.collider.name.ends_with("pad")).collect();
+        let Shape::Cuboid(half) = pads[0].collider.shape else { panic!("pads are boxes") };
+        assert!(pads.iter().all(|pad| pad.hand_from_shape.rotation.angle() < 1e-12), "the pads face each other");
+        let [a, b] = [0, 1].map(|i| pads[i].hand_from_shape.translation.vector);
+        assert!((a - b).yz().norm() < 1e-12 && a.x > 0.0);
+        ((a - b).norm() - 2.0 * half.x, a.z + half.z + hand.base_from_hand.translation.z)
+    };
+    for (position, opening, height) in [(0.0, 0.085, 0.1493), (0.4, 0.0453, 0.1604), (0.8, 0.0002, 0.1628)] {
+        let found = measured(position);
+        assert!((found.0 - opening).abs() < 1e-4 && (found.1 - height).abs() < 1e-4, "{position}: {found:?}");
+    }
+    // The inner knuckles are hinged on the base, as the tree of joints does not say.
+    for position in [0.0, 0.3, 0.8] {
+        let poses = hand.forward_kinematics(&[position]).unwrap();
+        for (side, sign) in [("left", 1.0), ("right", -1.0)] {
+            let link = hand.links.iter().position(|link| link.name == format!("{side}_inner_knuckle_link")).unwrap();
+            let hinge = poses[link] * Point3::new(-0.0371575 * sign, 0.0, -0.0434217);
+            let error = (hinge.coords - Vector3::new(0.0127 * sign, 0.0, 0.06142)).amax();
+            assert!(error < 1e-5, "{side} at {position}: {hinge}");
+        }
+    }
+}
+
 #[test]
 fn the_soft_hand_has_the_parts_of_its_paper() {
     let hand = hand("soft_hand");

@@ -58,6 +58,8 @@ pub(crate) struct ChainModel {
     /// Plane of the chain: origin at its first joint, x along the open chain, y across, z towards the closing side.
     pub hand_from_plane: Isometry3<f64>,
     segments: Vec<Segment>,
+    /// The last segment with a pad, or the last one.
+    tip: usize,
     coordinates: Vec<Coordinate>,
     /// Directions of motion in order of preference, each with one entry per coordinate.
     moves: Vec<Vec<f64>>,
@@ -74,7 +76,7 @@ pub(crate) struct ChainModel {
 pub(crate) struct ClosedChain {
     /// Closing of its first coordinate, rad or m.
     pub root: f64,
-    /// Rotation of its last segment, radians.
+    /// Rotation of its last segment with a pad, radians.
     pub turn: f64,
     /// Points that each segment touches: index, and whether it is on a pad.
     pub touched: Vec<Vec<(u32, bool)>>,
@@ -131,7 +133,8 @@ impl ChainModel {
         self.place(&at, &mut frames);
         let touched = self.touched(&frames, points);
         let root = at.first().copied().unwrap_or(0.0);
-        ClosedChain { root, turn: frames.last().map_or(0.0, |frame| frame.angle), touched, met_table }
+        let turn = frames.get(self.tip).map_or(0.0, |frame| frame.angle);
+        ClosedChain { root, turn, touched, met_table }
     }
 
     /// Steps along `direction` from `at` to `next`, halved until it is free of collisions; false if it never is.
@@ -221,6 +224,7 @@ impl ChainModel {
 mod tests {
     use super::*;
     use graspbox_hand::Hand;
+    use nalgebra::Point3;
 
     fn finger_3() -> ChainModel {
         let mut fingers = ChainModel::all(Hand::reflex().unwrap(), 0.0).unwrap();
@@ -280,6 +284,22 @@ mod tests {
             let held = jaw.close(&[PlanePoint { x: 0.045, z: middle - 0.01, index: 3 }], &NO_TABLE);
             assert!((held.root - 0.03).abs() < 1e-3, "{held:?}");
             assert_eq!(held.touched, vec![vec![(3, true)]]);
+        }
+    }
+
+    /// The tip of a four-bar linkage turns back as its knuckle turns, and stays parallel.
+    #[test]
+    fn the_tip_of_a_linkage_stays_parallel() {
+        let hand = graspbox_hand::assets::asset("robotiq_2f_85").unwrap().read().unwrap();
+        for jaw in ChainModel::all(&hand, 0.0).unwrap() {
+            assert_eq!((jaw.segments.len(), jaw.coordinates.len(), jaw.tip), (3, 1, 1));
+            let free = jaw.close(&[], &NO_TABLE);
+            assert!((free.root - 0.8).abs() < 0.02 && free.turn.abs() < 1e-9, "{free:?}");
+            // A point 20 mm from the middle of the hand, in front of the pads: they are there at an opening of 40 mm, at 0.449 rad.
+            let point = jaw.hand_from_plane.inverse() * Point3::new(0.0, 0.0, 0.053);
+            let held = jaw.close(&[PlanePoint { x: point.x, z: point.z - 0.02, index: 2 }], &NO_TABLE);
+            assert!((held.root - 0.4486).abs() < 0.02 && held.turn.abs() < 1e-9, "{held:?}");
+            assert_eq!(held.touched, vec![vec![], vec![(2, true)], vec![]]);
         }
     }
 

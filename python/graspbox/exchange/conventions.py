@@ -52,8 +52,12 @@ class Convention:
 
 
 #: Hands with another name or frame in other programs, by their name in graspbox. In ACRONYM and GraspGen the
-#: fingers of the Franka Hand close along x, while they move along y of its link ``panda_hand``.
-CONVENTIONS = {"panda_gripper": Convention("panda", prefix="panda_", axes="grasp")}
+#: fingers of the Franka Hand close along x, while they move along y of its link ``panda_hand``. Those of the Robotiq
+#: gripper close along x of its base link; GraspGen writes its grippers as ``robotiq_2f_140``.
+CONVENTIONS = {
+    "panda_gripper": Convention("panda", prefix="panda_", axes="grasp"),
+    "robotiq_2f_85": Convention("robotiq_2f_85", prefix="robotiq_85_"),
+}
 
 
 def convention_of(hand: Hand) -> Convention:

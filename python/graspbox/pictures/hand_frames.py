@@ -25,7 +25,11 @@ _WORLD_FROM_HAND = np.diag([1.0, -1.0, -1.0, 1.0])
 _FORMATS = {"gripper": "ACRONYM, GraspGen", "base": "Isaac Grasp, DexGraspBench"}
 
 
-def save_hand_frames(path: PathLike, hands: Sequence[HandLike] = ("panda_gripper", "reflex", "soft_hand")) -> None:
+#: Hands that are drawn by default.
+_HANDS = ("panda_gripper", "robotiq_2f_85", "reflex", "soft_hand")
+
+
+def save_hand_frames(path: PathLike, hands: Sequence[HandLike] = _HANDS) -> None:
     """Save a panel per hand and frame: the open hand, its grasp frame, and the frame of formats of grasps.
 
     Hands whose frames ``base`` and ``gripper`` are the same have one panel for all formats.
@@ -90,7 +94,7 @@ def _label(panel: Any, size: tuple[int, int], origin: Floats, text: str) -> None
     panel.annotate(
         text,
         xy=(origin[0], origin[1]),
-        xytext=(0.03 * size[0], origin[1] - 0.10 * size[1]),
+        xytext=(0.03 * size[0], max(origin[1] - 0.10 * size[1], 0.09 * size[1])),
         fontsize=9,
         ha="left",
         va="bottom",

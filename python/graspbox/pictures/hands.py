@@ -81,13 +81,16 @@ class PosedHand:
 
     def skeleton(self) -> list[Finger]:
         """Return the joints and the tip of every chain with a collision shape."""
-        frames, halves, _, carriers = self._shapes()
+        frames, halves, pads, carriers = self._shapes()
         joints, chains, revolute = self.hand.joint_frames(np.ascontiguousarray(self.joints, dtype=np.float64))
         fingers = []
         for chain in range(len(self.hand.chains)):
             rows = [row for row in np.flatnonzero(chains == chain) if (carriers == row).any()]
             if not rows:
                 continue
+            # Links without pads after the last one with a pad, as in a linkage, are behind the finger.
+            padded = [number for number, row in enumerate(rows) if (pads & (carriers == row)).any()]
+            rows = rows[: padded[-1] + 1 if padded else len(rows)]
             largest = [int(np.where(carriers == row, halves.prod(axis=1), -1.0).argmax()) for row in rows]
             links = tuple(Box(frames[i, :3, 3], frames[i, :3, :3], halves[i]) for i in largest)
             axes = joints[rows, :3, 0]

@@ -40,6 +40,7 @@ impl ChainModel {
         let (mut segments, mut before): (Vec<Segment>, Vector3<f64>) = (Vec::new(), Vector3::zeros());
         let (mut reach, mut length): (f64, f64) = (0.0, 0.0);
         for (&joint, &(coordinate, ratio)) in joints.iter().zip(&moving) {
+            let ratio = if planar.turns_back(hand, links, joint) { -ratio } else { ratio };
             let plane_from_child = plane_from_hand * links[hand.joints[joint].child];
             // The plane's origin is exactly the first joint, despite rounding.
             let origin = if segments.is_empty() { Vector3::zeros() } else { plane_from_child.translation.vector };
@@ -61,7 +62,9 @@ impl ChainModel {
             before = origin;
         }
         let moves = moves(&coordinates);
-        Self { hand_from_plane, segments, coordinates, moves, half_width, reach, turns: planar.turns }
+        let padded = segments.iter().rposition(|segment| segment.shape.rects.iter().any(|rect| rect.pad));
+        let tip = padded.unwrap_or(segments.len().saturating_sub(1));
+        Self { hand_from_plane, segments, tip, coordinates, moves, half_width, reach, turns: planar.turns }
     }
 }
 
@@ -85,7 +88,10 @@ impl Planar {
         let axis = closing_axis(hand, links, last);
         let in_plane = |joint: &usize| {
             let along = closing_axis(hand, links, *joint).dot(&axis);
+            // A joint that follows the same coordinate may turn against it, as the tip of a parallel linkage does.
+            let follows = hand.joints[*joint].mimic.is_some() && leader(hand, *joint) == leader(hand, last);
             match (hand.joints[last].kind, hand.joints[*joint].kind) {
+                (JointKind::Revolute, JointKind::Revolute) if follows => along.abs() >= IN_PLANE,
                 (a, b) if a == b => along >= IN_PLANE,
                 (JointKind::Revolute, JointKind::Prismatic) => along.abs() <= 1.0 - IN_PLANE,
                 _ => false,
@@ -98,6 +104,17 @@ impl Planar {
         let turns = others.iter().any(turns);
         Some(Self { joints, last, turns })
     }
+
+    /// True for a joint that turns against the closing of the chain as its coordinate closes.
+    fn turns_back(&self, hand: &Hand, links: &[Isometry3<f64>], joint: usize) -> bool {
+        let same = hand.joints[joint].kind == hand.joints[self.last].kind;
+        same && closing_axis(hand, links, joint).dot(&closing_axis(hand, links, self.last)) < 0.0
+    }
+}
+
+/// The independent joint whose position is the coordinate of `joint`.
+fn leader(hand: &Hand, joint: usize) -> usize {
+    hand.joints[joint].mimic.map_or(joint, |mimic| mimic.joint)
 }
 
 /// Axis of a joint in the hand frame, with the sign for which positive motion closes.
