@@ -91,7 +91,7 @@ def test_frames_of_the_robotiq_gripper() -> None:
     hand = graspbox.load_hand("robotiq_2f_85")
     shapes, halves, pads, _ = hand.shapes(np.array([0.0]))
     for frame in ("gripper", "base"):
-        placed = (exchange.frame_from_hand(hand, frame) @ shapes)[pads]  # type: ignore[arg-type]
+        placed = (exchange.frame_from_hand(hand, frame) @ shapes)[pads]
         np.testing.assert_allclose(sorted(placed[:, 0, 3]), [-0.0465, 0.0465], atol=1e-5)
         np.testing.assert_allclose(placed[:, 1, 3], 0.0, atol=1e-12)
         np.testing.assert_allclose(placed[:, 2, 3] + halves[pads][:, 2], 0.1493, atol=1e-4)
