@@ -341,7 +341,7 @@ def test_in_the_closed_loop_the_hand_goes_there() -> None:
 
 
 def test_what_is_no_head_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(errors.ConfigError, match="train a head"):
+    with pytest.raises(errors.ConfigError, match="run graspbox train head"):
         load_head(tmp_path, 3)
     (tmp_path / "head.json").write_text('{"kind": "leg"}')
     with pytest.raises(errors.ConfigError, match="no head 'leg'"):
