@@ -19,7 +19,7 @@ from graspbox.evaluation.conditions import CONDITIONS, settings_of
 from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, labels, policy_table
 from graspbox.perception import DepthView, PlannedFinder, PoseNoise
-from graspbox.perception._surfaces import surface_mesh
+from graspbox.perception._planned_finder import surface_mesh
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import OCCUPIED, solid_occupancy
 

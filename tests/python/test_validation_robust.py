@@ -10,9 +10,10 @@ pytest.importorskip("mujoco", reason="the comparison needs mujoco, from the extr
 
 import graspbox
 from graspbox.errors import ConfigError, FileError
+from graspbox.hands import reach_of
 from graspbox.validation import mujoco as judge
 from graspbox.validation.__main__ import main
-from graspbox.validation.mujoco import robust, sampling
+from graspbox.validation.mujoco import robust
 
 
 def test_copies_stay_within_their_bounds() -> None:
@@ -31,8 +32,8 @@ def test_copies_stay_within_their_bounds() -> None:
 
 def test_reach_is_the_hand_s_own() -> None:
     """The ReFlex's fingers are 105 mm long and bend while they close; the jaw's do not turn, and end where they are."""
-    assert sampling.reach(graspbox.load_hand("reflex"), 0.0) == pytest.approx(0.09, abs=0.005)
-    assert sampling.reach(graspbox.load_hand("panda_gripper"), 0.0) == pytest.approx(0.0463, abs=0.001)
+    assert reach_of(graspbox.load_hand("reflex"), 0.0) == pytest.approx(0.09, abs=0.005)
+    assert reach_of(graspbox.load_hand("panda_gripper"), 0.0) == pytest.approx(0.0463, abs=0.001)
 
 
 @pytest.mark.parametrize("hand", ["reflex", "panda_gripper", "robotiq_2f_85"])

@@ -10,13 +10,15 @@ from graspbox import _core
 from graspbox._common.arguments import floats, natural, to_json
 from graspbox._common.by_value import ByValue
 from graspbox.errors import ConfigError
-from graspbox.hands import HandLike, load_hand
+from graspbox.hands import HandLike, load_hand, symmetries_of
 from graspbox.perception.configs import CropConfig, HandGridConfig, ProposalConfig
 
 __all__ = ["HAND_CHANNELS", "HandGrid", "Proposals"]
 
 #: Names of the channels around a hand, in order.
 HAND_CHANNELS: tuple[str, ...] = tuple(_core.channel_names()[1])
+#: Greatest distance of the middle of the cells from a plane of symmetry, in cells.
+_CENTRED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +79,8 @@ class HandGrid:
         #: The hand.
         self.hand = load_hand(hand)
         self._core = _core.HandGrid(self.hand, to_json(config, HandGridConfig))
+        #: The grid's settings.
+        self.config = config
         self._crop = to_json(crop, CropConfig, "crop")
         #: The crops that it is given.
         self.crop = crop
@@ -111,6 +115,16 @@ class HandGrid:
         255 where a finger is when the hand is open, less where it comes later, 64 where it comes last, 0 elsewhere.
         """
         return self._core.swept
+
+    @property
+    def symmetries(self) -> tuple[tuple[float, float, float], ...]:
+        """Reflections of the hand frame that map hand and cells onto themselves: see `graspbox.hands.symmetries_of`."""
+        middle = self.origin + 0.5 * self.cell * np.array(self.shape)
+        return tuple(
+            signs
+            for signs in symmetries_of(self.hand)
+            if (np.abs(middle[np.array(signs) < 0.0]) < _CENTRED * self.cell).all()
+        )
 
     def nearest(self, preshape: ArrayLike) -> NDArray[np.int64]:
         """Give the index of the preshape nearest to each number (m,)."""

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from graspbox import dataset, evaluation, object_sets
+from graspbox.artifacts.downloads import folder_of
 from graspbox.artifacts.exports import FINALISTS, export_depth_policy, write_completion, write_head
 from graspbox.artifacts.folders import read_depth_policy
 from graspbox.artifacts.graphs import ScorerGraph
@@ -20,6 +21,7 @@ from graspbox.dataset.learned import evaluated_split, of_datasets, of_splits
 from graspbox.errors import ConfigError
 from graspbox.models.calibration import Calibration, calibration_error, fit_logits
 from graspbox.models.completion.network import train_completion
+from graspbox.models.head.configs import HeadConfig
 from graspbox.models.head.training import HeadData, train_head
 from graspbox.models.scene_views import SceneViews
 from graspbox.models.scenes import SceneConfig, SceneSampler
@@ -29,6 +31,7 @@ from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.finder_configs import FinderConfig
+from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import DepthGrasp
 from graspbox.recipes.cards import write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
@@ -66,6 +69,8 @@ def train(settings: DepthSettings, command: str, echo: Callable[[str], None]) ->
     if settings.quick:
         settings = replace(settings, sizes=QUICK, **QUICK_OBJECTS)
     learned = [*of_datasets(settings.data), *of_splits((*settings.objects, *settings.fresh))]
+    if settings.completion is not None:
+        learned += read_depth_policy(folder_of(settings.completion)).learned_from
     for objects in settings.evaluated:
         if not learned_sets.without(object_sets.load(objects, split=evaluated_split(objects)), learned):
             raise ConfigError(f"--evaluated is {objects!r}; name objects from which nothing is learned")
@@ -82,8 +87,10 @@ class _DepthTraining:
     def __init__(self, settings: DepthSettings, run: Run, learned: list[str]) -> None:
         self.settings, self.sizes, self.run, self.learned = settings, settings.sizes, run, learned
         self.seed, self.out = settings.seed, settings.out
-        self.finder, self.scenes = FINDER, SceneConfig()
-        self.grid = HandGrid(settings.load_hand(), crop=self.scenes.crop)
+        self.scenes, hand = SceneConfig(), settings.load_hand()
+        fitted = settings_of(hand, FINDER.proposals)
+        self.finder, self.anchors = replace(FINDER, proposals=fitted.proposals), fitted.anchors
+        self.grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
         self.networks = TrainedNetworks(self.out, self.sizes, self.grid, self.scenes)
         self.data = settings.data or (self.out / "data" / "set",)
@@ -153,6 +160,9 @@ class _DepthTraining:
 
     def complete(self, stage: Run) -> dict[str, Any]:
         """Train the completion and export it: onnxruntime runs it twice as fast."""
+        if self.settings.completion is not None:
+            adopted = self.networks.adopt_completion(folder_of(self.settings.completion))
+            return {"policy": adopted.name, "sha256": adopted.files["completion.onnx"]}
         sizes = self.sizes
         config = TrainConfig(
             batch_size=sizes.completion_batch,
@@ -223,8 +233,9 @@ class _DepthTraining:
             **self.common(stage),
         )
         train, held_out = (GraspTrials.from_datasets(self.data, split) for split in ("train", "validation"))
-        data = HeadData.of(train, held_out, self.grid, scenes=self.scenes, seed=self.seed)
-        trained = train_head(stage.folder, data, config=config, progress=reporter(stage, "share of holds"))
+        data = HeadData.of(train, held_out, self.grid, self.anchors, self.scenes, self.seed)
+        head = HeadConfig(anchors=self.anchors)
+        trained = train_head(stage.folder, data, head, config, progress=reporter(stage, "share of holds"))
         write_head(self.networks.head_net(), stage.folder / "head.onnx", self.scenes.crop)
         return results_of(trained) | {"trials": len(train)}
 
@@ -316,6 +327,7 @@ class _DepthTraining:
             learned_from=[*of_datasets(self.data), *self.learned],
             hand=self.settings.hand,
             crop=self.scenes.crop,
+            grid=self.grid.config,
             finder=self.finder,
             head=self.networks.head_net(),
             licence=package_licence(),
@@ -347,6 +359,7 @@ class _DepthTraining:
                 learned_from=[*of_datasets(self.data), *self.learned],
                 hand=self.settings.hand,
                 crop=self.scenes.crop,
+                grid=self.grid.config,
                 finder=finder,
                 head=nets.head_net() if finder.predicted else None,
             )

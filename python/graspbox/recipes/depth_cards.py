@@ -108,6 +108,8 @@ def _result(name: str, found: Mapping[str, Any]) -> str:
         return ""
     if name == "data":
         return f"{found['train']} trials for training, {found['validation']} for validation"
+    if "policy" in found:
+        return f"that of the policy `{found['policy']}`"
     measure = {"completion": "overlap (IoU)", "head": "first choices that held"}.get(name, "AUC")
     return f"{found['steps']} steps, {measure} {found['best']:.3f}"
 

@@ -17,6 +17,7 @@ from graspbox.models.head.training import HeadData, choose_constant, load_head, 
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import name_and_split
 from graspbox.perception import HandGrid
+from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import HeadGrasp
 from graspbox.recipes.cards import write_card
 from graspbox.recipes.collection import check_hand, load_trials
@@ -76,7 +77,9 @@ def _read(settings: HeadSettings, run: Run) -> HeadData:
         objects = object_sets.load(settings.untried)
         more = untried_scenes(objects, settings.untried_scenes, settings.seed)
         trials = GraspTrials.joined([trials, more])
-    return HeadData.of(trials, validation, HandGrid(settings.load_hand()), seed=settings.seed)
+    hand = settings.load_hand()
+    fitted = settings_of(hand)
+    return HeadData.of(trials, validation, HandGrid(hand, fitted.grid), fitted.anchors, seed=settings.seed)
 
 
 def _train(settings: HeadSettings, run: Run, kind: Kind, data: HeadData) -> dict[str, Any]:
@@ -95,7 +98,7 @@ def _train(settings: HeadSettings, run: Run, kind: Kind, data: HeadData) -> dict
         seed=settings.seed,
         device=settings.device,
     )
-    head = HeadConfig(kind=kind, width=settings.width)
+    head = HeadConfig(kind=kind, width=settings.width, anchors=data.sampler.anchors.config)
     return sizes | asdict(train_head(run.folder / kind, data, head, config, reporter(run, "share of holds", kind)))
 
 

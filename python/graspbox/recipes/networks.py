@@ -3,6 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from graspbox._common.files import write_bytes
+from graspbox.artifacts import weight_files
+from graspbox.artifacts.configs import DepthPolicyConfig
+from graspbox.artifacts.folders import read_depth_policy
 from graspbox.artifacts.runtimes import AnchorHead, Completion, onnx_network
 from graspbox.errors import ConfigError
 from graspbox.models.completion.network import CompletionNet
@@ -16,6 +20,9 @@ from graspbox.recipes.settings import Sizes
 from graspbox.training.trainer import load_weights
 
 __all__ = ["TrainedNetworks"]
+
+#: Weights of a completion that was not trained in the run.
+ADOPTED = "completion.safetensors"
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,10 @@ class TrainedNetworks:
     scenes: SceneConfig
 
     def completion_net(self) -> CompletionNet:
-        """Load the trained completion."""
+        """Load the trained completion, or that of another policy (`adopt_completion`)."""
+        if (weights := self.out / "completion" / ADOPTED).exists():
+            width = len(weight_files.load_weights(weights)["stem.weight"])
+            return weight_files.restored(lambda: CompletionNet(width), weights)
         net = CompletionNet(self.sizes.completion_width)
         load_weights(net, self.out / "completion" / "weights.pt")
         return net
@@ -48,6 +58,23 @@ class TrainedNetworks:
     def completion(self) -> Completion:
         """Load the exported completion."""
         return Completion(onnx_network(self.out / "completion" / "completion.onnx"))
+
+    def adopt_completion(self, policy: Path) -> DepthPolicyConfig:
+        """Copy the completion of a published policy into the run; returns the policy's description.
+
+        Raises
+        ------
+        ConfigError
+            If the folder holds no policy of one depth image, or one with other crops.
+        """
+        config = read_depth_policy(policy)
+        if config.crop != self.scenes.crop:
+            raise ConfigError(
+                f"the completion of {str(policy)!r} takes {config.crop}, this training {self.scenes.crop}"
+            )
+        for name in (ADOPTED, "completion.onnx"):
+            write_bytes(self.out / "completion" / name, (policy / name).read_bytes())
+        return config
 
     def folder(self, member: int, round_: int) -> Path:
         """Return the folder of a member's weights: the first member has weights after each round."""
@@ -71,7 +98,7 @@ class TrainedNetworks:
     def predictor(self) -> AnchorHead:
         """Load the exported head."""
         network = onnx_network(self.out / "head" / "head.onnx")
-        return AnchorHead(network, Anchors(len(self.grid.preshapes)))
+        return AnchorHead(network, Anchors(len(self.grid.preshapes), self.head_net().config.anchors))
 
     def members(self) -> list[ScorerNet]:
         """Load the ensemble."""

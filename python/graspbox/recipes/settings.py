@@ -141,12 +141,14 @@ class DepthSettings(_PublishedHand):
 
         graspbox train depth --out out/depth
         graspbox train depth --out out/depth --data out/data --publish policies/depth
+        graspbox train depth --out out/panda --hand panda_gripper --completion policies/depth
         graspbox train depth --out out/quick --quick
 
     Stages, each with a time limit (--hours.NAME; together at most 12 hours), a log (log.txt) and results (NAME.json):
 
     1. data: a data set of trials (graspbox dataset), unless --data names some.
-    2. completion: the object's occupancy from one camera's view; labels are rendered.
+    2. completion: the object's occupancy from one camera's view; labels are rendered. --completion takes that of
+       another policy, of any hand.
     3. scorer: the first member, on the data set.
     4. head: one network that predicts grasps (graspbox train head), on the data set. Its best grasps are scored
        together with the geometric proposals.
@@ -186,6 +188,9 @@ class DepthSettings(_PublishedHand):
     """Objects of the rounds (split train), and of validation and calibration (split validation)."""
     evaluated: tuple[str, ...] = ("procedural:unseen:0-19", "ycb")
     """Objects of the evaluation; only the split test, except for unseen families."""
+    completion: str | None = None
+    """A policy of one depth image, by folder or name, whose completion is used: it knows no hand. By default one is
+    trained."""
     publish: Path | None = None
     """Folder of the exported policy; by default ``policy`` in the run's folder."""
     name: str = "depth"

@@ -25,7 +25,7 @@ from graspbox.perception.crops import solid_occupancy
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
 
-__all__ = ["HeadBatch", "HeadSampler", "HeadView", "mirrored", "untried_scenes"]
+__all__ = ["HeadBatch", "HeadSampler", "HeadView", "untried_scenes"]
 
 #: Meshes kept ready to render.
 _MESHES = 128
@@ -36,7 +36,7 @@ _SEEN = 2
 _NEAR, _FAR = 1.5, 5.0
 #: Fewest fingers that must meet the object.
 _FINGERS = 2
-#: Reflection in the plane y = 0, of crop and hand alike.
+#: Reflection of a crop in its plane y = 0.
 _MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
@@ -166,8 +166,8 @@ class HeadSampler:
         tried = np.array([len(rows) > 0 for rows in self._rows])
         #: Scenes with trials, and scenes without.
         self.scenes, self.untried = np.flatnonzero(tried), np.flatnonzero(~tried)
-        #: Whether the hand is mirror-symmetric, so that mirrored scenes have mirrored outcomes.
-        self.symmetric = bool((grid.swept == grid.swept[:, :, ::-1]).all())
+        #: Reflections that map the hand onto itself, so that scenes reflected likewise have the same outcomes.
+        self.symmetries = grid.symmetries
 
         @lru_cache(_MESHES)
         def mesh(source: str) -> Mesh:
@@ -202,7 +202,7 @@ class HeadSampler:
     def sample(self, number: int, scenes: NDArray[np.int64], per_scene: int, *, augment: bool = False) -> HeadBatch:
         """Sample up to `per_scene` trials and as many anchors to check in each scene, determined by `number`.
 
-        With `augment`, half of the views are mirrored if the hand is symmetric. Scenes without a visible object are
+        With `augment`, views are reflected at random by a symmetry of the hand. Scenes without a visible object are
         left out.
 
         Raises
@@ -219,12 +219,25 @@ class HeadSampler:
             rows = rng.permutation(self._rows[scene])[:per_scene]
             poses = np.linalg.inv(view.world_from_crop) @ self.trials.world_from_hand[rows]
             volume, solid = view.volume, view.solid
-            if augment and self.symmetric and rng.random() < 0.5:
-                volume, solid, poses = volume[:, :, ::-1], solid[:, ::-1], mirrored(poses)
+            if augment:
+                volume, solid, poses = self._reflected(volume, solid, poses, rng)
             parts.append(_Part(volume, solid, rows, poses, *self._probe(solid, poses, per_scene, rng)))
         if not parts:
             raise ConfigError("no camera found an object in any scene of a batch; widen `fov` or come nearer")
         return self._batch(parts)
+
+    def _reflected(
+        self, volume: NDArray[np.uint8], solid: NDArray[np.uint8], poses: NDArray[np.float64], rng: np.random.Generator
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float64]]:
+        """Reflect a scene by a random symmetry of the hand or not at all: only mirror images change the crop."""
+        choice = int(rng.integers(len(self.symmetries) + 1)) if self.symmetries else 0
+        if not choice:
+            return volume, solid, poses
+        signs = self.symmetries[choice - 1]
+        poses = poses @ np.diag([*signs, 1.0])
+        if np.prod(signs) > 0.0:
+            return volume, solid, poses
+        return volume[:, :, ::-1], solid[:, ::-1], _MIRROR @ poses
 
     def _probe(
         self, solid: NDArray[np.uint8], poses: NDArray[np.float64], count: int, rng: np.random.Generator
@@ -290,8 +303,3 @@ class _Part:
     place: NDArray[np.float64]
     preshape: NDArray[np.int64]
     reached: NDArray[np.bool_]
-
-
-def mirrored(crop_from_hand: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mirror poses (m, 4, 4) of a symmetric hand in the crop's plane y = 0."""
-    return np.asarray(_MIRROR @ crop_from_hand @ _MIRROR)

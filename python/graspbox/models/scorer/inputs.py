@@ -62,3 +62,17 @@ class ScorerInputs:
         """
         cells = self.grid.crops(volumes, crop_of, crop_from_hand)
         return GraspInputs(cells, crop_from_hand.astype(np.float32), self.grid.nearest(preshape))
+
+    def reflected(self, inputs: GraspInputs, rng: np.random.Generator) -> GraspInputs:
+        """Reflect each grasp and its scene by a random symmetry of the hand (`HandGrid.symmetries`), or not at all.
+
+        The cells are those of the reflected scene. Of a reflected pose only what a scorer reads is meant: height, and
+        direction of gravity in the hand frame.
+        """
+        choice = rng.integers(len(self.grid.symmetries) + 1, size=len(inputs.preshape))
+        cells, poses = inputs.cells.copy(), inputs.poses.copy()
+        for number, signs in enumerate(self.grid.symmetries, 1):
+            rows = np.flatnonzero(choice == number)
+            cells[rows] = np.flip(cells[rows], tuple(2 + axis for axis in range(3) if signs[axis] < 0.0))
+            poses[rows, :3, :3] *= np.array(signs, dtype=np.float32)
+        return inputs._replace(cells=cells, poses=poses)

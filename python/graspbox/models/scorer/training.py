@@ -76,8 +76,11 @@ class TrialSampler:
         self.scenes = np.array([scene for scene, rows in enumerate(self._rows) if len(rows)])
         self._views = views
 
-    def sample(self, number: int, scenes: NDArray[np.int64], per_scene: int) -> _Sampled:
-        """Sample up to `per_scene` trials of each scene in one view; leaves out scenes whose object is not visible."""
+    def sample(self, number: int, scenes: NDArray[np.int64], per_scene: int, *, augment: bool = False) -> _Sampled:
+        """Sample up to `per_scene` trials of each scene in one view; leaves out scenes whose object is not visible.
+
+        With `augment`, trials are reflected at random by the symmetries of the hand.
+        """
         rng = np.random.default_rng([self._seed, number])
         volumes: list[NDArray[np.uint8]] = []
         poses, rows, crop_of = [], [], []
@@ -98,6 +101,8 @@ class TrialSampler:
         picked = np.concatenate(rows)
         preshape = self._trials.preshape[picked]
         made = self._inputs.make(np.stack(volumes), np.concatenate(crop_of), np.concatenate(poses), preshape)
+        if augment:
+            made = self._inputs.reflected(made, rng)
         columns = [getattr(self._trials, name)[picked] for name in TARGETS]
         targets = np.stack(columns, axis=1).astype(np.float32)
         return _Sampled(ScorerBatch.of(made, targets), self._trials.scene_of[picked])
@@ -167,7 +172,7 @@ def train_scorer(
         parts = []
         for number, sampler in enumerate(samplers):
             chosen = np.random.default_rng([config.seed, step, number + 1]).choice(sampler.scenes, per_batch)
-            parts.append(sampler.sample(step, chosen, _PER_SCENE).batch)
+            parts.append(sampler.sample(step, chosen, _PER_SCENE, augment=True).batch)
         names = ScorerBatch.__dataclass_fields__
         return ScorerBatch(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
 

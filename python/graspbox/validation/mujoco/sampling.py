@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Literal
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox.configs import TrialConfig
+from graspbox.hands import corners_of, reach_of
 from graspbox.scene_export.description import Array
 
 #: Source of poses: random ones around the object, the planner's best, or a random choice of the planner's.
@@ -17,28 +17,10 @@ Source = Literal["random", "planner", "planner-any"]
 
 #: Poses are sampled in rounds until enough are feasible; after this many rounds the object is left out.
 _MAX_ROUNDS = 20
-#: Steps of closing at which the hand's reach is measured.
-_CLOSING_STEPS = 21
 #: Clearance between table and base, m.
 _BASE_GAP = 0.005
 #: A short trial to find out whether a pose is feasible.
 _CHECK = TrialConfig(close_time=0.1, lift_time=0.1, hold_time=0.5)
-
-
-def _corners(hand: graspbox.Hand, positions: Array, *, palm_only: bool) -> Array:
-    """Return the corners (n, 3) of the collision boxes, grasp frame, metres."""
-    poses, half, _, carriers = hand.shapes(positions)
-    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    wanted = carriers < 0 if palm_only else np.ones(len(poses), dtype=bool)
-    corners = signs[None] * half[wanted, None]
-    turned = corners @ poses[wanted, :3, :3].transpose(0, 2, 1) + poses[wanted, None, :3, 3]
-    return np.asarray(turned.reshape(-1, 3))
-
-
-def reach(hand: graspbox.Hand, preshape: float) -> float:
-    """Return how far the fingers extend from the palm while they close, metres along the grasp frame's z."""
-    shares = np.linspace(0.0, 1.0, _CLOSING_STEPS)
-    return max(float(_corners(hand, hand.closed(preshape, s), palm_only=False)[:, 2].max()) for s in shares)
 
 
 def random_preshape(random: np.random.Generator, hand: graspbox.Hand) -> float:
@@ -81,13 +63,13 @@ def random_pose(random: np.random.Generator, points: Array, center: Array, hand:
     pose = np.eye(4)
     if random.random() < 0.5:
         pose[:3, :3] = np.column_stack([side, np.cross([0.0, 0.0, -1.0], side), [0.0, 0.0, -1.0]])
-        height = max(points[:, 2].max() + gap, random.uniform(0.9, 1.28) * reach(hand, preshape))
+        height = max(points[:, 2].max() + gap, random.uniform(0.9, 1.28) * reach_of(hand, preshape))
         pose[:3, 3] = [*(center[:2] + random.uniform(-0.015, 0.015, 2)), height]
     else:
         x = np.cross([0.0, 0.0, 1.0], side) if random.random() < 0.5 else np.array([0.0, 0.0, 1.0])
         x = x * random.choice([-1.0, 1.0])
         turn = np.column_stack([x, np.cross(side, x), side])
-        below = -float((_corners(hand, hand.open(preshape), palm_only=True) @ turn[2]).min())
+        below = -float((corners_of(hand, hand.open(preshape), "palm") @ turn[2]).min())
         pose[:3, :3] = turn
         pose[:3, 3] = center - side * (float(((center - points) @ side).max()) + gap)
         pose[2, 3] = max(center[2], below + _BASE_GAP) + random.uniform(-0.01, 0.03)

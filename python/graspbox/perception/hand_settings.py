@@ -1,0 +1,73 @@
+"""Settings of perception that follow from a hand's description: its grid, its proposals and its anchors.
+
+The lengths of the default settings suit the ReFlex. For another hand they shrink or grow with how far its fingers
+reach, and a hand whose open fingers already point forward needs all the room between them.
+"""
+
+from dataclasses import dataclass, replace
+
+from graspbox.hands import HandLike, corners_of, load_hand, reach_of
+from graspbox.perception.anchors import AnchorConfig
+from graspbox.perception.configs import HandGridConfig, ProposalConfig
+
+__all__ = ["HandSettings", "settings_of"]
+
+#: Reach of the ReFlex, whose lengths the default settings have, metres.
+_USUAL = 0.0896
+#: Open fingers that extend at least this share of the reach point forward: an object passes between them.
+_FORWARD = 0.5
+#: Grasp point of the anchors, and least height of the hand over the table, as shares of the reach.
+_POINT, _LOWEST = 0.89, 0.39
+
+
+@dataclass(frozen=True)
+class HandSettings:
+    """Settings for one hand.
+
+    Attributes
+    ----------
+    grid : HandGridConfig
+        Its grid of cells.
+    proposals : ProposalConfig
+        How geometry proposes its grasps.
+    anchors : AnchorConfig
+        The anchors of its head.
+    """
+
+    grid: HandGridConfig
+    proposals: ProposalConfig
+    anchors: AnchorConfig
+
+
+def settings_of(
+    hand: HandLike,
+    proposals: ProposalConfig = ProposalConfig(),  # noqa: B008 (frozen)
+) -> HandSettings:
+    """Return settings for a hand.
+
+    Parameters
+    ----------
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    proposals : ProposalConfig
+        Proposals for the ReFlex; their lengths are fitted to the hand.
+
+    Raises
+    ------
+    ConfigError, HandError
+        As `graspbox.load_hand`.
+    """
+    loaded = load_hand(hand)
+    preshapes = sorted(set(loaded.preshapes.values()))
+    reach = max(reach_of(loaded, preshape) for preshape in preshapes)
+    ahead = min(float(corners_of(loaded, loaded.open(preshape))[:, 2].max()) for preshape in preshapes)
+    size = round(reach / _USUAL, 2)
+    point = round(_POINT * reach, 3)
+    anchors = replace(AnchorConfig(), reach=point, lowest=round(max(ahead, _LOWEST * reach) - point, 3))
+    grid = HandGridConfig()
+    if ahead >= _FORWARD * reach:
+        grid = replace(grid, clearance=0.0)
+    standoffs = tuple(round(size * standoff, 4) for standoff in proposals.standoffs)
+    return HandSettings(
+        grid, replace(proposals, standoffs=standoffs, radius=round(size * proposals.radius, 4)), anchors
+    )
