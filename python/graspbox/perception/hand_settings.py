@@ -1,7 +1,8 @@
 """Settings of perception that follow from a hand's description: its grid, its proposals and its anchors.
 
 The lengths of the default settings suit the ReFlex. For another hand they shrink or grow with how far its fingers
-reach, and a hand whose open fingers already point forward needs all the room between them.
+reach, down to the resolution of a crop, and a hand whose open fingers already point forward needs all the room between
+them.
 """
 
 from dataclasses import dataclass, replace
@@ -16,6 +17,8 @@ __all__ = ["HandSettings", "settings_of"]
 _USUAL = 0.0896
 #: Open fingers that extend at least this share of the reach point forward: an object passes between them.
 _FORWARD = 0.5
+#: Least size of cells beside the usual ones: those of a crop are hardly finer.
+_FINEST = 0.6
 #: Grasp point of the anchors, and least height of the hand over the table, as shares of the reach.
 _POINT, _LOWEST = 0.89, 0.39
 
@@ -64,7 +67,8 @@ def settings_of(
     size = round(reach / _USUAL, 2)
     point = round(_POINT * reach, 3)
     anchors = replace(AnchorConfig(), reach=point, lowest=round(max(ahead, _LOWEST * reach) - point, 3))
-    grid = HandGridConfig()
+    usual = HandGridConfig()
+    grid = replace(usual, cell=round(min(1.0, max(_FINEST, size)) * usual.cell, 4))
     if ahead >= _FORWARD * reach:
         grid = replace(grid, clearance=0.0)
     standoffs = tuple(round(size * standoff, 4) for standoff in proposals.standoffs)
