@@ -249,6 +249,9 @@ class Hand:
     @property
     def preshapes(self) -> dict[str, float]:
         """The preshapes that the planner tries, by name."""
+    @property
+    def widest(self) -> float:
+        """Width of the widest object that goes between the open fingers, metres; inf if a preshape states none."""
     def closing_center(self, preshape: float) -> NDArray[np.float64]:
         """Where the hand closes with `preshape`: (3,), hand frame, metres."""
     def open(self, preshape: float) -> NDArray[np.float64]:

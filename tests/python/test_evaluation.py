@@ -13,10 +13,11 @@ import gymnasium
 import numpy as np
 import pytest
 
-from graspbox import evaluation, policies
+from graspbox import evaluation, object_sets, policies
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import evaluate, run_trials, trial_seeds, wilson
+from graspbox.hands import load_hand
 from graspbox.policies import Policy, Task, Zero
 from interrupting import interrupted
 
@@ -157,6 +158,28 @@ def test_counts_add_up() -> None:
     assert [count.name for count in result.objects] == sorted({trial.object for trial in result.trials})
 
 
+def test_trials_tell_whether_the_object_fits_the_hand() -> None:
+    """Boxes of these sizes lie on any of their faces: some of them are wider than the gripper's opening, some not."""
+    found = evaluate("random", "graspbox/GraspPose-v0", "procedural:box:0-19", 24, hand="panda_gripper")
+    widest = load_hand("panda_gripper").widest
+    objects = {spec.name: spec.load() for spec in object_sets.load("procedural:box:0-19")}
+    env = gymnasium.make("graspbox/GraspPose-v0", objects="procedural:box:0-19", hand="panda_gripper")
+    for trial in found.trials[:12]:
+        _, info = env.reset(seed=trial.seed)
+        assert bool(info["fits"]) == trial.fits
+        mesh = objects[trial.object]
+        corners = mesh.vertices @ mesh.resting_poses()[0][info["resting"], :3, :3].T
+        angles = np.linspace(0.0, np.pi, 720, endpoint=False)
+        widths = np.ptp(corners[:, :2] @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
+        if abs(widths.min() - widest) > 1e-3:
+            assert (widths.min() < widest) == trial.fits
+    fitting = found.fitting
+    assert 0 < len(fitting.trials) < 24
+    assert all(trial.fits for trial in fitting.trials)
+    assert found.to_json()["fitting"] == {"trials": len(fitting.trials), "succeeded": 0, "secure": 0}
+    assert len(evaluate("random", "graspbox/GraspPose-v0", "procedural:box:0-19", 4).fitting.trials) == 4
+
+
 def test_the_policy_s_time_is_its_own() -> None:
     """20 ms of every call, shared by the environments that act; the simulation is not counted."""
 
@@ -244,6 +267,7 @@ KEYS = [
     "secure",
     "rate",
     "ci95",
+    "fitting",
     "objects",
     "failures",
     "objects_left_out",

@@ -12,7 +12,7 @@ use graspbox_camera::Model;
 use graspbox_episode::EpisodeError;
 use graspbox_episode::{Body, ObjectSpec, Scene};
 use graspbox_hand::Hand;
-use graspbox_mesh::{RestingOptions, TriMesh, convex_hull, resting_poses};
+use graspbox_mesh::{RestingOptions, TriMesh, convex_hull, least_width, resting_poses};
 use graspbox_sim::PhysicsConfig;
 use graspbox_vision::VisualModels;
 use nalgebra::{Isometry3, Point3};
@@ -63,6 +63,8 @@ pub struct Prepared {
 struct RestingPose {
     world_from_object: Isometry3<f64>,
     probability: f64,
+    /// Least width in plan view, metres.
+    width: f64,
     /// `None` inside if the object does not come to rest.
     scene: OnceLock<Option<Arc<Scene>>>,
 }
@@ -82,6 +84,7 @@ impl Prepared {
         let resting_poses = poses.iter().take(likely.clamp(1, MOST_POSES)).map(|pose| RestingPose {
             world_from_object: pose.world_from_object,
             probability: pose.probability,
+            width: least_width(hull.vertices(), &pose.world_from_object),
             scene: OnceLock::new(),
         });
         let aabb = body.mesh().aabb();
@@ -115,6 +118,11 @@ impl Prepared {
     /// Probabilities of the resting poses, in order.
     pub fn probabilities(&self) -> impl ExactSizeIterator<Item = f64> + Clone {
         self.resting_poses.iter().map(|resting| resting.probability)
+    }
+
+    /// Least width of the object in plan view in a resting pose, by index, metres.
+    pub fn width(&self, resting: usize) -> f64 {
+        self.resting_poses[resting].width
     }
 
     /// Index of the chosen resting pose.

@@ -10,6 +10,13 @@ impl Hand {
         &self.grasp.preshapes
     }
 
+    /// Width of the widest object that goes between the fingers of the open hand, metres: the greatest that a preshape states,
+    /// infinite where one states none.
+    #[must_use]
+    pub fn widest(&self) -> f64 {
+        self.grasp.preshapes.iter().map(|preshape| preshape.face.width[1]).fold(0.0, f64::max)
+    }
+
     /// Least and greatest preshape; equal for a hand without preshapes.
     #[must_use]
     pub fn preshape_limits(&self) -> [f64; 2] {

@@ -62,6 +62,7 @@ pub use distance_grid::DistanceGrid;
 pub use error::MeshError;
 pub use hull::convex_hull;
 pub use io::{LoadOptions, MeshFormat, load, parse, read_bounded, write_atomic, write_obj, write_stl};
+pub use mass::plan_view::least_width;
 pub use mass::resting::{RestingOptions, RestingPose, default_pose, resting_poses};
 pub use mass::{Mass, MassMethod, MassProperties, mass_properties};
 pub use parts::{ConvexParts, PartsParams, PartsReport, convex_parts, measure_parts};

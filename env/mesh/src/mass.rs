@@ -7,6 +7,7 @@
 
 pub(crate) mod face_tree;
 mod moments;
+pub(crate) mod plan_view;
 pub mod resting;
 mod solid;
 

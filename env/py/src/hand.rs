@@ -155,6 +155,12 @@ impl Hand {
         self.0.preshapes().iter().map(|named| (named.name.as_str(), named.value)).collect()
     }
 
+    /// Width of the widest object that goes between the open fingers, as the preshapes state it, metres; infinite where one states none.
+    #[getter]
+    fn widest(&self) -> f64 {
+        self.0.widest()
+    }
+
     /// Closing centre with `preshape`, (3,), metres: above the point of the palm where its chains meet, at the depth of the grasp centre.
     fn closing_center<'py>(&self, py: Python<'py>, preshape: f64) -> PyResult<Array<'py, f64>> {
         let on_palm = closing_center(&self.0, preshape).map_err(CoreError::from)?;

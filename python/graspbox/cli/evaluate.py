@@ -77,6 +77,13 @@ def _print(result: Evaluation) -> None:
         f"success {result.rate:.1%} (95 % interval {result.ci95[0]:.1%} to {result.ci95[1]:.1%}); "
         f"secure {secure:.1%} ({low:.1%} to {high:.1%}); {result.ms_per_decision:.2f} ms per decision"
     )
+    fitting = result.fitting
+    if 0 < len(fitting.trials) < len(result.trials):
+        low, high = fitting.ci95
+        typer.echo(
+            f"objects that fit the hand: {len(fitting.trials)} of {len(result.trials)} trials, success "
+            f"{fitting.rate:.1%} ({low:.1%} to {high:.1%}); secure {fitting.secure / len(fitting.trials):.1%}"
+        )
     if result.objects_left_out:
         typer.echo(
             f"left out: {result.objects_left_out} of {result.objects_given} objects, from which the policy learned "

@@ -217,6 +217,7 @@ Returned by ``reset`` and ``step``; success is defined in `graspbox.simulation`:
 | lift | float | m | rise of the object's centre of mass above its resting height |
 | object | str |  | name of the object |
 | resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose |
+| fits | bool |  | the object's least width in plan view, as the episode begins, is within the width that the hand states; True for a hand that states none |
 | touches | bool |  | the hand touches the object |
 | protective_stop | bool |  | the protective stop held the hand at some time in the last step |
 | reward_terms | dict |  | reward terms of the last step (float) by name; zeros after a reset |

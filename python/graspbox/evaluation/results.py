@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -103,6 +103,9 @@ class TrialResult:
         Actions taken.
     reward : float
         Sum of the rewards.
+    fits : bool
+        Whether the object's least width in plan view, as it rested, is within the width that the hand states
+        (`graspbox.Hand.widest`); True for a hand that states none.
     confidence : float or None
         Probability of success predicted by the policy (`Policy.confidence`). Comparisons ignore it, because its last
         digits depend on the runtime of the policy's networks.
@@ -116,6 +119,7 @@ class TrialResult:
     steps: int
     reward: float
     survives_shake: bool = False
+    fits: bool = True
     confidence: float | None = field(default=None, compare=False)
 
 
@@ -206,6 +210,11 @@ class Evaluation:
         return calibration_error(np.array(stated), np.array([trial.success for trial in self.trials]))
 
     @property
+    def fitting(self) -> "Evaluation":
+        """The trials whose object fits the hand (`TrialResult.fits`)."""
+        return replace(self, trials=tuple(trial for trial in self.trials if trial.fits))
+
+    @property
     def failures(self) -> dict[str, int]:
         """Number of failures by kind, in alphabetical order."""
         kinds = sorted(trial.failure for trial in self.trials if not trial.success)
@@ -232,6 +241,11 @@ class Evaluation:
             "secure": self.secure,
             "rate": self.rate if self.trials else None,
             "ci95": list(self.ci95),
+            "fitting": {
+                "trials": len(self.fitting.trials),
+                "succeeded": self.fitting.succeeded,
+                "secure": self.fitting.secure,
+            },
             "objects": [{"name": o.name, "trials": o.trials, "succeeded": o.succeeded} for o in self.objects],
             "failures": self.failures,
             "objects_left_out": self.objects_left_out,

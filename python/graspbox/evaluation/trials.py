@@ -329,6 +329,8 @@ class TrialRun:
             reward=float(self._rewards[env]),
             # Only in GraspPose-v0.
             survives_shake=bool(info["survives_shake"][row]) if "survives_shake" in info else False,
+            # A server of an earlier version does not send it.
+            fits=bool(info["fits"][row]) if "fits" in info else True,
             confidence=self._policy.confidence(env),
         )
 

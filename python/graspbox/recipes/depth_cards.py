@@ -1,5 +1,6 @@
 """Cards of policies that use one depth image: `DepthGrasp`, `HeadGrasp` and `FeelThenLift`."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import DepthPolicyConfig
 from graspbox.dataset.learned import evaluated_split
+from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig
 from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times
 
@@ -63,7 +65,7 @@ def depth_card(
             split = evaluated_split(objects)
             counts = (found["trials"], found["succeeded"], found["secure"])
             name = f"{objects}/{split}" if split else objects
-            scores.append(ScoreRow(name, _DECISION, *counts, more={"ECE": f"{found['ece']:.3f}"}))
+            scores.append(ScoreRow(name, _DECISION, *counts, more=_more(found)))
     weight, tried = config.calibration.secure_weight, []
     for name, found in stages.items():
         stage, _, count = name.partition("-")
@@ -75,6 +77,12 @@ def depth_card(
         f"with the greatest (success + w secure) / (1 + w), where w = {weight}, after {config.finder.refinements} "
         "refinements. Other settings on held-out scenes:"
     )
+    if (widest := load_hand(config.hand).widest) < math.inf:
+        details = (
+            paragraph(f"An object fits if its least width in plan view, as it rests, is at most {1e3 * widest:.0f} mm.")
+            + "\n\n"
+            + details
+        )
     columns = ("refinements", "w", "scenes", "success", "secure")
     data, fresh = (listed(names) for names in (settings.data or settings.objects, settings.fresh))
     trials = max(found["trials"] for found in stages.values() if "on_policy" in found)
@@ -94,6 +102,16 @@ def depth_card(
         training=f"{code(command)}\n\n{paragraph(learned)}\n\n{stage_table}",
         limits=_limits(scenes),
     )
+
+
+def _more(found: Mapping[str, Any]) -> dict[str, str]:
+    """Format further columns of the scores: calibration, and the rate where some objects do not fit the hand."""
+    more = {"ECE": f"{found['ece']:.3f}"}
+    # Runs of earlier versions have no counts of objects that fit.
+    if (fitting := found.get("fitting", found))["trials"] < found["trials"]:
+        counts = fitting["succeeded"], fitting["trials"]
+        more["objects that fit: trials"], more["objects that fit: success"] = str(counts[1]), rate(*counts)
+    return more
 
 
 def _result(name: str, found: Mapping[str, Any]) -> str:

@@ -93,6 +93,13 @@ pub const INFO: &[InfoRow] = &[
         read: Reader::Index(|view| if view.record.dropped { -1 } else { view.record.resting as i64 }),
     },
     InfoRow {
+        name: "fits",
+        unit: "",
+        meaning: "the object's least width in plan view, as the episode begins, is within the width that the hand states; True for a hand that states none",
+        decision_only: false,
+        read: Reader::Flag(|view| view.record.fits),
+    },
+    InfoRow {
         name: "touches",
         unit: "",
         meaning: "the hand touches the object",

@@ -14,6 +14,7 @@ use crate::rewards::potentials::Potentials;
 use crate::rewards::reward::{Attempt, TermValues, Transition, effort};
 use crate::starts::initial_state::InitialState;
 use graspbox_episode::{Episode, FailureKind, Judge};
+use graspbox_mesh::least_width;
 use graspbox_vision::visual_models::object_color;
 use graspbox_vision::{ScenePose, Viewpoint};
 use nalgebra::{Point3, Vector3};
@@ -40,10 +41,15 @@ impl AgentEpisode {
         if let Some(height) = initial.dropped {
             episode.dropped(height);
         }
+        let width = match initial.dropped {
+            Some(_) => least_width(initial.prepared.body().mesh().vertices(), object),
+            None => initial.prepared.width(initial.resting),
+        };
         let record = Record {
             object: initial.object,
             resting: initial.resting,
             dropped: initial.dropped.is_some(),
+            fits: width <= spec.hand().widest(),
             friction: initial.friction,
             mass: initial.mass,
             first_center,

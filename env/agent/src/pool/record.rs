@@ -17,6 +17,8 @@ pub struct Record {
     pub resting: usize,
     /// The object was dropped from a requested pose instead.
     pub dropped: bool,
+    /// The object is narrow enough for the hand in its first pose.
+    pub fits: bool,
     /// Factor on the object's friction.
     pub friction: f64,
     /// Factor on the object's mass.

@@ -16,7 +16,7 @@ use graspbox_vision::Mount;
 use serde::{Deserialize, Serialize};
 
 /// First bytes of every saved state; the last one changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagenta";
+const MAGIC: &[u8; 8] = b"gbagentb";
 
 /// The content of a saved state.
 #[derive(Serialize, Deserialize)]

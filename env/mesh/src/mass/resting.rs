@@ -9,6 +9,7 @@
 
 use crate::error::{MeshError, require};
 use crate::fast_hash::map_for;
+use crate::mass::plan_view::convex_polygon;
 use crate::trimesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
@@ -249,27 +250,4 @@ fn margin(corners: &[Point3<f64>], com: &Point3<f64>, normal: &Vector3<f64>) -> 
             edge.perp(&-a) / edge.norm()
         })
         .fold(f64::INFINITY, f64::min)
-}
-
-/// Counter-clockwise convex polygon of the points: Andrew's monotone chain.
-fn convex_polygon(points: &mut Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
-    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-    points.dedup();
-    let chain = |points: &mut dyn Iterator<Item = &Vector2<f64>>| {
-        let mut half: Vec<Vector2<f64>> = Vec::new();
-        for p in points {
-            while let [.., a, b] = half[..] {
-                if (b - a).perp(&(p - a)) > 0.0 {
-                    break;
-                }
-                half.pop();
-            }
-            half.push(*p);
-        }
-        half.pop();
-        half
-    };
-    let mut polygon = chain(&mut points.iter());
-    polygon.extend(chain(&mut points.iter().rev()));
-    polygon
 }
