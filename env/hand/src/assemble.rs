@@ -101,18 +101,23 @@ fn pose(xyz: &Number<[f64; 3]>, rpy: &Number<[f64; 3]>, reader: &mut Reader<'_, 
 fn set_pads(hand: &mut Hand, pads: &[Spanned<String>], reader: &mut Reader<'_, '_>) {
     let known: Vec<String> = hand.links.iter().flat_map(|l| &l.colliders).map(|c| c.name.clone()).collect();
     for pad in pads {
-        let mut colliders = hand.links.iter_mut().flat_map(|l| &mut l.colliders);
-        match colliders.find(|c| c.name == *pad.get_ref()) {
-            Some(collider) if collider.material == Material::Pad => {
-                reader.add(pad, ProblemKind::Duplicate { what: "pad", name: pad.get_ref().clone() });
-            }
-            Some(collider) => collider.material = Material::Pad,
-            None => {
-                let name = pad.get_ref().clone();
-                reader.add(pad, ProblemKind::Unknown { what: "collider", name, known: known.clone() });
-            }
+        let name = pad.get_ref();
+        let colliders = hand.links.iter_mut().flat_map(|l| &mut l.colliders);
+        let named: Vec<_> = colliders.filter(|c| is_named(&c.name, name)).collect();
+        if named.is_empty() {
+            let name = name.clone();
+            reader.add(pad, ProblemKind::Unknown { what: "collider", name, known: known.clone() });
+        } else if named.iter().any(|collider| collider.material == Material::Pad) {
+            reader.add(pad, ProblemKind::Duplicate { what: "pad", name: name.clone() });
         }
+        named.into_iter().for_each(|collider| collider.material = Material::Pad);
     }
+}
+
+/// True for a collider of this name, and for one of the shapes that stand for a mesh of this name: `NAME.0`, `NAME.1`, ...
+fn is_named(collider: &str, name: &str) -> bool {
+    let number = collider.strip_prefix(name).and_then(|rest| rest.strip_prefix('.'));
+    collider == name || number.is_some_and(|n| !n.is_empty() && n.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 fn read_sensors(hand: &mut Hand, table: &HandTable, reader: &mut Reader<'_, '_>) {

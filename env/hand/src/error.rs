@@ -288,8 +288,7 @@ pub enum ProblemKind {
     },
     /// A collision mesh.
     #[error(
-        "collider \"{name}\" is the mesh \"{file}\"; replace it by boxes, cylinders and spheres: `graspbox.decompose` finds boxes \
-         (docs/your_hand.md, \"Collision meshes\")"
+        "collider \"{name}\" is the mesh \"{file}\"; replace it by boxes, cylinders and spheres: `graspbox.hands.fitted_urdf` does so"
     )]
     CollisionMesh {
         /// The collider.

@@ -1,0 +1,34 @@
+"""Hands: loaded by name or from their two files, their geometry, and collision meshes as primitives.
+
+| name | purpose |
+|---|---|
+| `load_hand` | a hand by its name, or from a URDF and a ``hand.toml`` |
+| `fitted_urdf` | a URDF with boxes, cylinders and spheres in place of its collision meshes, and how well they fit |
+| `corners_of`, `reach_of`, `symmetries_of` | collision boxes, reach and symmetries of a hand |
+| `cache_folder` | the folder for cached data |
+| `euler_from_rotation` | angles of a URDF |
+"""
+
+from graspbox._common.rotations import euler_from_rotation
+from graspbox._core import Hand
+from graspbox.hands.caching import cache_folder
+from graspbox.hands.geometry import corners_of, reach_of, symmetries_of
+from graspbox.hands.loading import HandLike, load_hand
+from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
+from graspbox.hands.urdf_meshes import FittedUrdf, fitted_urdf
+
+__all__ = [
+    "FittedUrdf",
+    "Hand",
+    "HandLike",
+    "MeshFit",
+    "Primitive",
+    "cache_folder",
+    "corners_of",
+    "euler_from_rotation",
+    "fit_mesh",
+    "fitted_urdf",
+    "load_hand",
+    "reach_of",
+    "symmetries_of",
+]

@@ -1,0 +1,191 @@
+"""Boxes, cylinders and spheres that stand for a mesh, chosen by how far their surface is from that of the mesh.
+
+Decompositions into one box and more are compared; each box may become the cylinder or the sphere inside it. The fewest
+primitives whose surface is near enough are taken.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core
+from graspbox._common.arguments import to_json
+from graspbox._core import Mesh
+from graspbox.configs import DecomposeConfig
+
+__all__ = ["MeshFit", "Primitive", "fit_mesh"]
+
+Array = NDArray[np.float64]
+
+#: Numbers of boxes that are tried.
+_BOXES = (1, 2, 3, 4, 6, 8)
+#: Points on the mesh, and on the primitives, at which distances are measured.
+_SAMPLES, _PRIMITIVE_SAMPLES = 4000, 800
+#: Mean distance that is near enough, metres.
+_NEAR = 1e-3
+#: More primitives must bring the mean distance below this share of that of fewer.
+_WORTH = 0.85
+#: Share of the area below which a cut is worth trying: every cut that helps at all.
+_AREA_GAIN = 0.98
+#: Sides of a box that differ by less than this share are equal.
+_EQUAL = 0.08
+#: Surface this deep inside another primitive is none of the union's, metres.
+_COVERED = 5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """One shape.
+
+    Attributes
+    ----------
+    kind : {"box", "cylinder", "sphere"}
+        Its kind.
+    pose : (4, 4) float64
+        ``mesh_from_shape``, metres; the axis of a cylinder is z.
+    size : tuple of float
+        As in a URDF, metres: the sides of a box; radius and length of a cylinder; the radius of a sphere.
+    """
+
+    kind: Literal["box", "cylinder", "sphere"]
+    pose: Array
+    size: tuple[float, ...]
+
+    def outside(self, points: Array) -> Array:
+        """Return how far points (n, 3) lie outside the shape, metres; negative inside."""
+        local = (points - self.pose[:3, 3]) @ self.pose[:3, :3]
+        if self.kind == "sphere":
+            return np.asarray(np.linalg.norm(local, axis=1) - self.size[0])
+        if self.kind == "cylinder":
+            beyond = np.stack(
+                [np.hypot(local[:, 0], local[:, 1]) - self.size[0], np.abs(local[:, 2]) - self.size[1] / 2]
+            )
+        else:
+            beyond = (np.abs(local) - np.array(self.size) / 2).T
+        return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=0) + np.minimum(beyond.max(axis=0), 0.0))
+
+    def surface(self, count: int, rng: np.random.Generator) -> Array:
+        """Return random points (count, 3) of its surface, uniform by area, metres."""
+        unit = rng.normal(size=(count, 3))
+        if self.kind == "sphere":
+            local = self.size[0] * unit / np.linalg.norm(unit, axis=1)[:, None]
+        elif self.kind == "cylinder":
+            local = self._on_cylinder(count, rng)
+        else:
+            local = self._on_box(count, rng)
+        return np.asarray(local @ self.pose[:3, :3].T + self.pose[:3, 3])
+
+    def _on_cylinder(self, count: int, rng: np.random.Generator) -> Array:
+        radius, length = self.size
+        angle = rng.uniform(0.0, 2.0 * np.pi, count)
+        on_side = rng.random(count) < length / (length + radius)
+        out = np.where(on_side, radius, radius * np.sqrt(rng.random(count)))
+        end = np.where(rng.random(count) < 0.5, -0.5, 0.5)
+        height = length * np.where(on_side, rng.uniform(-0.5, 0.5, count), end)
+        return np.stack([out * np.cos(angle), out * np.sin(angle), height], axis=1)
+
+    def _on_box(self, count: int, rng: np.random.Generator) -> Array:
+        half = np.array(self.size) / 2
+        areas = np.prod(half) / half
+        axis = rng.choice(3, count, p=areas / areas.sum())
+        local = rng.uniform(-1.0, 1.0, (count, 3))
+        local[np.arange(count), axis] = np.where(rng.random(count) < 0.5, -1.0, 1.0)
+        return np.asarray(local * half)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFit:
+    """Primitives for a mesh, and how well they fit.
+
+    Attributes
+    ----------
+    primitives : tuple of Primitive
+        The shapes.
+    mean, most : float
+        Mean and greatest distance between the surfaces of mesh and primitives, measured between random points of each,
+        metres.
+    """
+
+    primitives: tuple[Primitive, ...]
+    mean: float
+    most: float
+
+
+def fit_mesh(mesh: Mesh) -> MeshFit:
+    """Fit primitives to a mesh.
+
+    Raises
+    ------
+    PlanError
+        If the mesh is flat.
+    """
+    points = mesh.sample(_SAMPLES, 0)[0]
+    best = _rounded(_boxes(mesh, 1), points)
+    tried = 1
+    for most in _BOXES[1:]:
+        if best.mean <= _NEAR:
+            break
+        boxes = _boxes(mesh, most)
+        if len(boxes) > tried:
+            tried = len(boxes)
+            found = _rounded(boxes, points)
+            best = found if found.mean < _WORTH * best.mean else best
+    return best
+
+
+def _rounded(boxes: tuple[Primitive, ...], points: Array) -> MeshFit:
+    """Replace each box by the cylinder or sphere inside it where that is nearer to the mesh."""
+    best = _measured(boxes, points)
+    for number, box in enumerate(boxes):
+        for other in _round(box):
+            found = _measured((*best.primitives[:number], other, *best.primitives[number + 1 :]), points)
+            best = found if found.mean < best.mean else best
+    return best
+
+
+def _boxes(mesh: Mesh, most: int) -> tuple[Primitive, ...]:
+    """Decompose a mesh into at most so many boxes."""
+    config = replace(DecomposeConfig(), max_boxes=most, min_volume=1e-9, area_gain=_AREA_GAIN)
+    found = _core.decompose(mesh, to_json(config, DecomposeConfig))
+    leaves = np.flatnonzero(found["children"][:, 0] < 0)
+    boxes = []
+    for leaf in leaves.tolist():
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = found["axes"][leaf], found["center"][leaf]
+        boxes.append(Primitive("box", pose, tuple((2.0 * found["half_extents"][leaf]).tolist())))
+    return tuple(boxes)
+
+
+def _round(box: Primitive) -> Iterator[Primitive]:
+    """Make the cylinders and the sphere in a box whose sides are equal."""
+    sides = np.array(box.size)
+    for axis in range(3):
+        others = np.delete(sides, axis)
+        if np.ptp(others) <= _EQUAL * others.max():
+            pose = box.pose.copy()
+            # A rotation that makes this axis the third, and stays right-handed.
+            pose[:3, :3] = np.roll(box.pose[:3, :3], 2 - axis, axis=1)
+            yield Primitive("cylinder", pose, (float(others.mean()) / 2, float(sides[axis])))
+    if np.ptp(sides) <= _EQUAL * sides.max():
+        yield Primitive("sphere", box.pose, (float(sides.mean()) / 2,))
+
+
+def _measured(primitives: Sequence[Primitive], points: Array) -> MeshFit:
+    """Measure distances both ways: of the mesh's points from the primitives, and of their outer surface from it."""
+    rng = np.random.default_rng(0)
+    signed = np.stack([one.outside(points) for one in primitives])
+    missed = np.abs(signed.min(axis=0))
+    parts = []
+    for number, one in enumerate(primitives):
+        own = one.surface(_PRIMITIVE_SAMPLES, rng)
+        others = [other.outside(own) for index, other in enumerate(primitives) if index != number]
+        parts.append(own[np.min(others, axis=0) > -_COVERED] if others else own)
+    outer = np.concatenate(parts)
+    nearest = np.concatenate(
+        [np.linalg.norm(part[:, None] - points[None], axis=2).min(axis=1) for part in np.array_split(outer, 12)]
+    )
+    mean = 0.5 * (float(missed.mean()) + float(nearest.mean()))
+    return MeshFit(tuple(primitives), mean, max(float(missed.max()), float(nearest.max())))

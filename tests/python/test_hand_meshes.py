@@ -1,0 +1,198 @@
+"""Collision meshes of a hand: primitives fitted to them, in the hand's URDF."""
+
+import json
+import logging
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from graspbox import object_sets
+from graspbox.errors import HandError
+from graspbox.hands import Hand, Primitive, corners_of, fit_mesh, fitted_urdf, load_hand
+from graspbox.meshes import mesh_from_arrays
+
+ROOT = Path(__file__).parents[2]
+ASSETS = ROOT / "env/hand/assets/panda_gripper"
+PAD = '<box size="{}"/>'
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("GRASPBOX_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "hand_meshes"
+
+
+def box_faces() -> NDArray[np.int64]:
+    """Triangles of a box whose corner i has the signs of the bits of i."""
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return np.array([t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))])
+
+
+def box_corners(size: tuple[float, float, float], shift: Any = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+    signs = np.array([[(i >> 2) & 1, (i >> 1) & 1, i & 1] for i in range(8)]) - 0.5
+    return signs * np.array(size) + np.array(shift)
+
+
+def write_obj(path: Path, *boxes: NDArray[np.float64]) -> Path:
+    lines = [f"v {x} {y} {z}" for box in boxes for x, y, z in box.tolist()]
+    for number in range(len(boxes)):
+        lines += [f"f {a} {b} {c}" for a, b, c in (box_faces() + 1 + 8 * number).tolist()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_box_a_cylinder_and_a_ball_are_found() -> None:
+    size = (0.06, 0.02, 0.01)
+    box = fit_mesh(mesh_from_arrays(box_corners(size, (0.1, 0.0, 0.0)), box_faces()))
+    (found,) = box.primitives
+    assert found.kind == "box"
+    np.testing.assert_allclose(sorted(found.size), sorted(size), atol=1e-6)
+    np.testing.assert_allclose(found.pose[:3, 3], (0.1, 0.0, 0.0), atol=1e-6)
+    assert box.mean < 1e-3
+    for name, kind in (("can:2", "cylinder"), ("ball:1", "sphere")):
+        fit = fit_mesh(object_sets.load(f"procedural:{name}")[0].load())
+        assert [one.kind for one in fit.primitives] == [kind]
+        assert fit.mean < 1.5e-3
+
+
+def test_a_bent_part_is_two_boxes() -> None:
+    long, short = box_corners((0.08, 0.02, 0.02)), box_corners((0.02, 0.02, 0.06), (0.03, 0.0, 0.04))
+    faces = np.concatenate([box_faces(), box_faces() + 8])
+    fit = fit_mesh(mesh_from_arrays(np.concatenate([long, short]), faces, clean=None))
+    assert [one.kind for one in fit.primitives] == ["box", "box"]
+    volumes = sorted(float(np.prod(one.size)) for one in fit.primitives)
+    assert volumes == pytest.approx([24e-6, 32e-6], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("shape", "depth", "half_height"),
+    [
+        (Primitive("box", np.eye(4), (0.2, 0.4, 0.6)), 0.1, 0.3),
+        (Primitive("cylinder", np.eye(4), (0.3, 0.8)), 0.3, 0.4),
+        (Primitive("sphere", np.eye(4), (0.5,)), 0.5, 0.5),
+    ],
+)
+def test_distances_are_those_of_closed_forms(shape: Primitive, depth: float, half_height: float) -> None:
+    on_surface = shape.surface(2000, np.random.default_rng(0))
+    np.testing.assert_allclose(shape.outside(on_surface), 0.0, atol=1e-12)
+    middle, above = np.zeros((1, 3)), np.array([[0.0, 0.0, half_height + 0.1]])
+    assert shape.outside(np.concatenate([middle, above])).tolist() == pytest.approx([-depth, 0.1])
+
+
+def with_meshes(folder: Path, filename: str, scale: str = "") -> Path:
+    """Copy the gripper's files; the box of each pad becomes a mesh."""
+    text = (ASSETS / "panda_gripper.urdf").read_text()
+    pads = re.findall(r'<collision name="(\w+_pad)">.*?<box size="([^"]+)"/>', text, flags=re.DOTALL)
+    assert [name for name, _ in pads] == ["leftfinger_pad", "rightfinger_pad"]
+    size = pads[0][1]
+    text = text.replace(f'<box size="{size}"/>', f'<mesh filename="{filename}"{scale}/>')
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "hand.urdf").write_text(text)
+    (folder / "hand.toml").write_text((ASSETS / "hand.toml").read_text())
+    return folder
+
+
+def pad_size() -> tuple[float, float, float]:
+    text = (ASSETS / "panda_gripper.urdf").read_text()
+    found = re.search(r'<collision name="leftfinger_pad">.*?<box size="([^"]+)"/>', text, flags=re.DOTALL)
+    assert found is not None
+    x, y, z = map(float, found[1].split())
+    return x, y, z
+
+
+def boxes_of(hand: Hand) -> NDArray[np.float64]:
+    corners = corners_of(hand, hand.open(0.0))
+    return corners[np.lexsort(np.round(corners, 5).T)]
+
+
+@pytest.mark.parametrize("where", ["beside", "scaled", "package", "file"])
+def test_meshes_stand_for_the_boxes_they_show(tmp_path: Path, where: str, caplog: pytest.LogCaptureFixture) -> None:
+    folder, scale, factor = tmp_path / "robot" / "urdf", "", 1.0
+    name = {
+        "beside": "../meshes/pad.obj",
+        "scaled": "../meshes/pad.obj",
+        "package": "package://robot/meshes/pad.obj",
+    }.get(where)
+    if where == "scaled":
+        scale, factor = ' scale="0.001 0.001 0.001"', 1000.0
+    file = write_obj(tmp_path / "robot" / "meshes" / "pad.obj", factor * box_corners(pad_size()))
+    with_meshes(folder, name or f"file://{file}", scale)
+    with caplog.at_level(logging.INFO, logger="graspbox"):
+        hand = load_hand((folder / "hand.urdf", folder / "hand.toml"))
+    assert "leftfinger_pad is 1 primitives" in caplog.text
+    np.testing.assert_allclose(boxes_of(hand), boxes_of(load_hand("panda_gripper")), atol=1e-5)
+    assert hand.shapes(hand.open(0.0))[2].sum() == 2
+    assert "<mesh" not in hand.files[0]
+
+
+def test_a_pad_of_several_shapes_is_a_pad_as_a_whole(tmp_path: Path) -> None:
+    x, y, z = pad_size()
+    write_obj(tmp_path / "pad.obj", box_corners((x, y, z)), box_corners((x, y, z / 3), (0.0, 1.5 * y, z / 3)))
+    folder = with_meshes(tmp_path, "pad.obj")
+    fits = fitted_urdf(folder / "hand.urdf").fits
+    assert [len(fit.primitives) for fit in fits.values()] == [2, 2]
+    hand = load_hand((folder / "hand.urdf", folder / "hand.toml"))
+    assert hand.shapes(hand.open(0.0))[2].sum() == 4
+    assert 'name="leftfinger_pad.1"' in hand.files[0]
+
+
+def test_fits_are_cached_and_a_damaged_cache_is_made_again(tmp_path: Path, cache: Path) -> None:
+    write_obj(tmp_path / "pad.obj", box_corners(pad_size()))
+    folder = with_meshes(tmp_path, "pad.obj")
+    first = fitted_urdf(folder / "hand.urdf").text
+    (stored,) = cache.glob("*.json")
+    shapes = json.loads(stored.read_text())
+    shapes["primitives"][0]["size"] = [0.5, 0.5, 0.5]
+    stored.write_text(json.dumps(shapes))
+    assert 'size="0.5 0.5 0.5"' in fitted_urdf(folder / "hand.urdf").text
+    stored.write_text("{")
+    assert fitted_urdf(folder / "hand.urdf").text == first
+
+
+def test_a_urdf_without_meshes_stays_as_it_is() -> None:
+    fitted = fitted_urdf(ASSETS / "panda_gripper.urdf")
+    assert fitted.text == (ASSETS / "panda_gripper.urdf").read_text()
+    assert fitted.fits == {}
+
+
+@pytest.mark.parametrize(
+    ("filename", "scale", "message"),
+    [
+        ("none.obj", "", r"collider 'leftfinger_pad': mesh 'none.obj' is missing; name it"),
+        ("pad.obj", ' scale="1 1"', r"has scale '1 1'; give three numbers"),
+        ("pad.obj", ' scale="0 1 1"', r"has scale '0 1 1'; give three numbers"),
+        ("pad.obj", ' scale="a b c"', r"'a b c' is not a list of numbers"),
+        ("empty.obj", "", r"mesh 'empty.obj': "),
+        ("flat.obj", "", r"mesh 'flat.obj': "),
+        ("pad.dae", "", r"mesh 'pad.dae': "),
+    ],
+)
+def test_meshes_that_cannot_be_used_are_named(tmp_path: Path, filename: str, scale: str, message: str) -> None:
+    write_obj(tmp_path / "pad.obj", box_corners(pad_size()))
+    write_obj(tmp_path / "flat.obj", box_corners((0.01, 0.01, 0.0)))
+    (tmp_path / "empty.obj").write_text("")
+    (tmp_path / "pad.dae").write_text("<COLLADA/>")
+    folder = with_meshes(tmp_path, filename, scale)
+    with pytest.raises(HandError, match=message):
+        load_hand((folder / "hand.urdf", folder / "hand.toml"))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("<robot", "<!DOCTYPE a [<!ENTITY b 'c'>]><robot"), "remove <!DOCTYPE"),
+        (("</robot>", ""), "hand.urdf: no element found"),
+    ],
+)
+def test_files_that_are_no_urdf_are_refused(tmp_path: Path, change: tuple[str, str], message: str) -> None:
+    write_obj(tmp_path / "pad.obj", box_corners(pad_size()))
+    folder = with_meshes(tmp_path, "pad.obj")
+    text = (folder / "hand.urdf").read_text()
+    (folder / "hand.urdf").write_text(text.replace(*change))
+    with pytest.raises(HandError, match=message):
+        load_hand((folder / "hand.urdf", folder / "hand.toml"))
