@@ -175,7 +175,7 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     *((kind, put(kind, wrong), f"{kind} is .*give an object") for kind in KINDS for wrong in _NO_OBJECTS),
     ("depth", without("hand"), "hand is missing"),
     ("depth", put("hand", ""), "hand is '' .*give a text of at least 1 character"),
-    ("depth", put("hand", "claw"), "there is no hand 'claw'"),
+    ("depth", put("hand", "claw"), "hand is 'claw', which is none of"),
     ("depth", put("name", 3), r"name is 3 \(int\); give a valid string"),
     ("depth", put("nane", "x"), "there is no field nane; did you mean 'name'"),
     ("depth", put("learned_from", [3]), r"learned_from\.0 is 3 \(int\); give a valid string"),

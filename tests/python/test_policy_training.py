@@ -57,7 +57,7 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert results["round-3"]["on_policy"] > results["round-1"]["on_policy"] > 0
     best = {count: max(map(sum, results[f"calibrate-{count}"]["rates"].values())) for count in (0, 2)}
     assert read_depth_policy(trained / "policy").finder.refinements == (2 if best[2] > best[0] else 0)
-    assert results["evaluate"]["procedural:bottle:30-33"]["trials"] == 6
+    assert results["evaluate"]["procedural:bottle:2000-2003"]["trials"] == 6
     for name, members in (("scorer", 1), ("rounds", 1), ("ensemble", 3)):
         ablation = read_depth_policy(trained / "ablations" / name)
         assert (ablation.name, ablation.members, ablation.finder.refinements) == (name, members, 0)
@@ -76,7 +76,7 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     made = object_sets.load(QUICK_OBJECTS["objects"], split="train")
     assert not learned_sets.without(made, learned)
     card = (trained / "policy" / "README.md").read_text()
-    assert "| `procedural:bottle:30-33` | 6 |" in card
+    assert "| `procedural:bottle:2000-2003` | 6 |" in card
     assert "--quick" in card
     assert (trained / "policy" / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
     again = subprocess.run([*command(trained), "--json"], capture_output=True, text=True, check=True)
@@ -106,7 +106,7 @@ def test_the_policy_decides_the_same_with_onnxruntime_and_torch(trained: Path) -
     runs = {}
     for backend in ("onnx", "torch"):
         policy = DepthGrasp(folder, backend=backend)
-        result = evaluation.evaluate(policy, objects="procedural:bottle:30-33", trials=3, seed=1, num_envs=3)
+        result = evaluation.evaluate(policy, objects="procedural:bottle:2000-2003", trials=3, seed=1, num_envs=3)
         runs[backend] = (policy.found, result.trials)
     assert runs["onnx"][1] == runs["torch"][1]
     for one, other in zip(runs["onnx"][0], runs["torch"][0], strict=True):

@@ -40,11 +40,11 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     results = {name: json.loads((trained / f"{name}.json").read_text()) for name in STAGES}
     assert results["record-train"]["trials"] > 20
     assert results["member-0"]["steps"] == 20
-    first = results["evaluate"]["procedural:bottle:30-33"]["first"]
+    first = results["evaluate"]["procedural:bottle:2000-2003"]["first"]
     assert first["trials"] == 4
     assert first["opened"] == 0
     card = (trained / "policy" / "README.md").read_text()
-    assert "| `procedural:bottle:30-33`, paired trials | 4 |" in card
+    assert "| `procedural:bottle:2000-2003`, paired trials | 4 |" in card
     assert "--quick" in card
     assert (trained / "policy" / "feel.png").stat().st_size > 10_000
     assert (trained / "log.txt").read_text().count("member-0: begins") == 1

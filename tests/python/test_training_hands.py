@@ -1,13 +1,21 @@
 """Training for another hand: its grasps are collected and validated in its own simulation."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from graspbox import object_sets
+from graspbox.artifacts.folders import read_depth_policy
+from graspbox.evaluation import evaluate
+from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.models.trials import GraspTrials
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.finder_configs import FinderConfig
+from graspbox.perception.hand_settings import settings_of
 from graspbox.recipes.collection import CollectConfig, collect
 from graspbox.simulation import Scene
 
@@ -59,3 +67,30 @@ def test_heads_are_validated_with_the_hand_of_the_grid(trials: GraspTrials) -> N
             found.append(Scene(mesh, hand=hand, world_from_object=pose).simulate(given, np.zeros(1))[0].success)
     assert data.validation(net)["success"] == np.mean(expected[HAND])
     assert expected[HAND] != expected["reflex"]
+
+
+@pytest.mark.train
+def test_a_policy_is_trained_for_a_hand_of_the_user_s(tmp_path: Path) -> None:
+    """Its folder holds the hand, and takes the completion of another policy; it acts without more words."""
+    pytest.importorskip("torch")
+    urdf, toml = load_hand(HAND).files
+    (tmp_path / "own.urdf").write_text(urdf)
+    (tmp_path / "own.toml").write_text(toml.replace(f'name = "{HAND}"', 'name = "own"'))
+    out, completion = tmp_path / "run", Path(__file__).parents[2] / "policies/depth"
+    command = ["train", "depth", "--quick", "--out", str(out), "--completion", str(completion)]
+    command += ["--hand", f"{tmp_path / 'own.urdf'},{tmp_path / 'own.toml'}", "--name", "own"]
+    done = subprocess.run([sys.executable, "-m", "graspbox", *command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    config = read_depth_policy(out / "policy")
+    assert (config.hand, config.grid) == ("own", settings_of(HAND).grid)
+    assert config.head is not None
+    assert config.head.anchors == settings_of(HAND).anchors
+    assert {"hand.urdf", "hand.toml"} <= set(config.files)
+    assert "completion.onnx" not in config.files
+    assert "procedural:box:0-199/train" in config.learned_from
+    card = (out / "policy" / "README.md").read_text()
+    assert "that of the policy `depth`" in card
+    assert "An object fits if its least width in plan view, as it rests, is at most 78 mm." in card
+    found = evaluate(str(out / "policy"), objects="procedural:box:900-903", trials=2)
+    assert found.settings is not None
+    assert found.settings["hand"] == [str(out / "policy" / name) for name in ("hand.urdf", "hand.toml")]

@@ -7,6 +7,7 @@ object named after the kind. All of them are required in the file.
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, ClassVar
 
 import gymnasium
@@ -17,7 +18,7 @@ from graspbox._common.arguments import check_range
 from graspbox.envs import IDS
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, complete
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.hands import load_hand
+from graspbox.hands import Hand
 from graspbox.models.calibration import Calibration, check_line
 from graspbox.models.head.configs import HeadConfig, check_anchor
 from graspbox.models.stability.inputs import check_times
@@ -28,7 +29,9 @@ from graspbox.perception.hand_grids import HandGrid
 
 __all__ = [
     "ACTING",
+    "COMPLETION",
     "GOAL_NAME",
+    "HAND_FILES",
     "SETTINGS",
     "DepthPolicyConfig",
     "Environment",
@@ -40,6 +43,10 @@ __all__ = [
     "Use",
 ]
 
+#: Files of a hand that is not shipped, in the folder of its policy.
+HAND_FILES = ("hand.urdf", "hand.toml")
+#: Role of the policy whose completion another one uses, and the name of its files.
+COMPLETION = "completion"
 #: Name of the observation that comes from another policy, `graspbox.policies.goals`.
 GOAL_NAME = "goal"
 #: Settings of an environment that determine the effect of an action; a published network lists all that its
@@ -120,7 +127,7 @@ class PolicyConfig:
     version : str
         Version of graspbox that exported it.
     hand : str
-        Name of the hand that it was trained with.
+        Name of the hand that it was trained with. Its folder holds the files of a hand that is not shipped.
     environment : Environment or None
         The environments in which it acts; None if the kind of policy determines them.
     learned_from : tuple of str
@@ -129,10 +136,12 @@ class PolicyConfig:
     uses : mapping of str to Use
         Other policies that it needs, by their role.
     files : mapping of str to str
-        SHA-256 of each file of its networks and weights.
+        SHA-256 of each file of its networks and weights, and of the hand's own files (`HAND_FILES`).
     """
 
     kind: ClassVar[str]
+    #: Whether its folder may hold the files of its hand.
+    carries_hand: ClassVar[bool] = False
 
     name: str
     version: str = _core.__version__
@@ -159,20 +168,28 @@ class PolicyConfig:
         """Names of its files: networks, then weights."""
         raise NotImplementedError
 
-    def check(self) -> None:
+    def check(self, hand: Hand) -> None:
         """Check values that need the hand or the core; the constructor checks fields individually.
+
+        Parameters
+        ----------
+        hand : Hand
+            Its hand: shipped, or from its folder.
 
         Raises
         ------
-        ConfigError, HandError
+        ConfigError
             For an invalid field.
         """
-        load_hand(self.hand)
+        if hand.name != self.hand:
+            raise ConfigError(f"hand is {self.hand!r}, but its files describe {hand.name!r}; export the policy again")
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthPolicyConfig(PolicyConfig):
     """Configuration of a policy that grasps from one depth image: completion, proposals, scorer, and optionally a head.
+
+    With the role ``completion`` the completion is that of another policy, which need not know the same hand.
 
     Attributes
     ----------
@@ -191,6 +208,7 @@ class DepthPolicyConfig(PolicyConfig):
     """
 
     kind: ClassVar[str] = "depth"
+    carries_hand: ClassVar[bool] = True
 
     environment: None = None
     calibration: Calibration
@@ -217,15 +235,22 @@ class DepthPolicyConfig(PolicyConfig):
         return tuple(f"scorer-{i}.safetensors" for i in range(self.members))
 
     @property
+    def roles(self) -> tuple[str, ...]:
+        """Roles of the policies that it uses."""
+        return (COMPLETION,) if COMPLETION in self.uses else ()
+
+    @property
     def holds(self) -> tuple[str, ...]:
         """Names of its files: networks, then weights."""
-        parts = ("completion", "scorer", *(() if self.head is None else ("head",)))
-        weights = ("completion.safetensors", *self.member_weights)
-        return (*(f"{part}.onnx" for part in parts), *weights, *(() if self.head is None else ("head.safetensors",)))
+        own = () if COMPLETION in self.uses else (COMPLETION,)
+        last = () if self.head is None else ("head",)
+        networks = (f"{part}.onnx" for part in (*own, "scorer", *last))
+        weights = (f"{part}.safetensors" for part in own), self.member_weights, (f"{part}.safetensors" for part in last)
+        return (*networks, *chain.from_iterable(weights))
 
-    def check(self) -> None:
+    def check(self, hand: Hand) -> None:
         """Check the settings of perception too; raises as `PolicyConfig.check`."""
-        super().check()
+        super().check(hand)
         _check_settings(self.crop, self.grid, self.finder.proposals)
         if self.head is not None:
             self.head.anchors.check(self.crop)
@@ -246,6 +271,7 @@ class HeadPolicyConfig(PolicyConfig):
     """
 
     kind: ClassVar[str] = "head"
+    carries_hand: ClassVar[bool] = True
 
     environment: None = None
     preshapes: int
@@ -263,9 +289,9 @@ class HeadPolicyConfig(PolicyConfig):
         """Names of its files: network, then weights."""
         return "head.onnx", "head.safetensors"
 
-    def check(self) -> None:
+    def check(self, hand: Hand) -> None:
         """Check the settings of perception too; raises as `PolicyConfig.check`."""
-        super().check()
+        super().check(hand)
         _check_settings(self.crop, HandGridConfig(), ProposalConfig())
         self.head.anchors.check(self.crop)
 
@@ -287,6 +313,7 @@ class FeelPolicyConfig(PolicyConfig):
     """
 
     kind: ClassVar[str] = "feel"
+    carries_hand: ClassVar[bool] = True
 
     environment: None = None
     times: tuple[float, ...]
@@ -387,9 +414,9 @@ class NetworkPolicyConfig(PolicyConfig):
         """Keywords of the environments besides ``obs``, with the hand."""
         return {**self.environment.settings, "hand": self.hand}
 
-    def check(self) -> None:
+    def check(self, hand: Hand) -> None:
         """Check the settings of its environment too, by making one; raises as `PolicyConfig.check`."""
-        super().check()
+        super().check(hand)
         # The observation `goal` comes from a policy; `Grasp-v0` shows `proprio` in any case.
         obs = tuple(name for name in self.environment.names if name != GOAL_NAME) or ("proprio",)
         try:

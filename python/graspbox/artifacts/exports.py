@@ -15,13 +15,22 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from graspbox.artifacts.configs import DepthPolicyConfig, FeelPolicyConfig, HeadPolicyConfig, PolicyConfig
+from graspbox._common.files import write_text
+from graspbox.artifacts.configs import (
+    COMPLETION,
+    HAND_FILES,
+    DepthPolicyConfig,
+    FeelPolicyConfig,
+    HeadPolicyConfig,
+    PolicyConfig,
+)
 from graspbox.artifacts.folders import file_hash, read_depth_policy, save, use_of
 from graspbox.artifacts.graphs import CompletionGraph, ScorerGraph
 from graspbox.artifacts.onnx_files import PARITY, write_onnx
 from graspbox.artifacts.runtimes import onnx_network, torch_network
 from graspbox.artifacts.weight_files import check_size, fold_norms, round_weights, save_weights
 from graspbox.errors import ConfigError
+from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.models.calibration import Calibration
 from graspbox.models.completion.network import CompletionNet
 from graspbox.models.head.graph import BEST, HeadGraph
@@ -94,6 +103,7 @@ def export(
     networks: Mapping[str, Traced],
     weights: Mapping[str, nn.Module],
     licence: Path | None = None,
+    hand: Hand | None = None,
 ) -> Config:
     """Write a policy's folder.
 
@@ -109,6 +119,8 @@ def export(
         Modules by the name of the file for their weights.
     licence : Path, optional
         A file to copy as ``LICENSE``.
+    hand : Hand, optional
+        The hand; the folder gets its files if it is not a shipped one.
 
     Returns
     -------
@@ -130,18 +142,22 @@ def export(
         save_weights(net, folder / name)
     if licence is not None:
         shutil.copyfile(licence, folder / "LICENSE")
-    return save(folder, replace(config, files={name: file_hash(folder / name) for name in (*networks, *weights)}))
+    own = () if hand is None or hand.name in Hand.names() else HAND_FILES
+    for name, text in zip(own, () if hand is None else hand.files, strict=False):
+        write_text(folder / name, text)
+    names = (*networks, *weights, *own)
+    return save(folder, replace(config, files={name: file_hash(folder / name) for name in names}))
 
 
 def export_depth_policy(
     folder: Path,
     name: str,
-    completion: CompletionNet,
+    completion: CompletionNet | Path,
     members: Sequence[ScorerNet],
     calibration: Calibration,
     *,
     learned_from: Iterable[str],
-    hand: str = "reflex",
+    hand: HandLike = "reflex",
     crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
     grid: HandGridConfig = HandGridConfig(),  # noqa: B008 (frozen)
     finder: FinderConfig = FinderConfig(),  # noqa: B008 (frozen)
@@ -156,14 +172,16 @@ def export_depth_policy(
         The folder, which is created.
     name : str
         Name of the policy in results.
-    completion, members
-        Trained networks; their weights are rounded to half precision.
+    completion : CompletionNet or Path
+        A trained network, or the folder of a published policy with it, which the new one then uses.
+    members : sequence of ScorerNet
+        Trained networks. The weights of all networks are rounded to half precision.
     calibration : Calibration
         Maps the scorer's logits to probabilities.
     learned_from : iterable of str
         Object sets that it was trained on.
-    hand : str
-        Name of the hand.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
     crop, grid, finder
         Settings.
     head : AnchorNet, optional
@@ -176,33 +194,45 @@ def export_depth_policy(
     ConfigError
         As `export`.
     """
-    for net in (completion, *members):
+    own = () if isinstance(completion, Path) else (completion,)
+    for net in (*own, *members):
         _prepare(net)
+    loaded = load_hand(hand)
     config = DepthPolicyConfig(
         name=name,
-        hand=hand,
+        hand=loaded.name,
+        uses={COMPLETION: use_of(Path(folder), completion)} if isinstance(completion, Path) else {},
         learned_from=tuple(learned_from),
         calibration=calibration,
         members=len(members),
         width=members[0].stem.out_channels,
         finalists=FINALISTS,
-        completion_width=completion.stem.out_channels,
+        completion_width=_width_of(completion),
         crop=crop,
         grid=grid,
         finder=finder,
         head=None if head is None else head.config,
     )
-    networks = {
-        "completion.onnx": _traced_completion(completion, crop),
-        "scorer.onnx": _traced_scorer(members, calibration, HandGrid(hand, grid, crop=crop)),
-    }
-    weights: dict[str, nn.Module] = {"completion.safetensors": completion}
+    networks, weights = dict[str, Traced](), dict[str, nn.Module]()
+    if not isinstance(completion, Path):
+        networks["completion.onnx"], weights["completion.safetensors"] = (
+            _traced_completion(completion, crop),
+            completion,
+        )
+    networks["scorer.onnx"] = _traced_scorer(members, calibration, HandGrid(loaded, grid, crop=crop))
     weights |= dict(zip(config.member_weights, members, strict=True))
     if head is not None:
         _prepare(head)
         networks["head.onnx"] = _traced_head(head, crop, LOOKED_AT * finder.predicted)
         weights["head.safetensors"] = head
-    return export(folder, config, networks, weights, licence)
+    return export(folder, config, networks, weights, licence, loaded)
+
+
+def _width_of(completion: CompletionNet | Path) -> int:
+    """Return the channels of the first layer of a completion."""
+    if isinstance(completion, Path):
+        return read_depth_policy(completion).completion_width
+    return int(completion.stem.out_channels)
 
 
 def export_head(
@@ -211,7 +241,7 @@ def export_head(
     net: HeadNet,
     *,
     learned_from: Iterable[str],
-    hand: str = "reflex",
+    hand: HandLike = "reflex",
     crop: CropConfig = CropConfig(),  # noqa: B008 (frozen)
     filtered: bool = True,
     licence: Path | None = None,
@@ -228,16 +258,18 @@ def export_head(
     if not isinstance(net, AnchorNet):
         raise ConfigError(f"a {type(net).__name__} cannot be exported; give a head of the kind 'anchor'")
     _prepare(net)
+    loaded = load_hand(hand)
     config = HeadPolicyConfig(
         name=name,
-        hand=hand,
+        hand=loaded.name,
         learned_from=tuple(learned_from),
         preshapes=net.anchors.shape[0],
         filtered=filtered,
         head=net.config,
         crop=crop,
     )
-    return export(folder, config, {"head.onnx": _traced_head(net, crop)}, {"head.safetensors": net}, licence)
+    networks = {"head.onnx": _traced_head(net, crop)}
+    return export(folder, config, networks, {"head.safetensors": net}, licence, loaded)
 
 
 def export_feel_policy(

@@ -12,17 +12,20 @@ from typing import Any, TypeVar, overload
 
 from graspbox._common.files import dumps, read_bounded, write_text
 from graspbox.artifacts import installed
-from graspbox.artifacts.configs import DepthPolicyConfig, PolicyConfig, Use
+from graspbox.artifacts.configs import COMPLETION, HAND_FILES, DepthPolicyConfig, PolicyConfig, Use
 from graspbox.artifacts.downloads import CONFIG, LARGEST_CONFIG, folder_of, is_name, root_of
 from graspbox.artifacts.onnx_weights import check_weights
 from graspbox.artifacts.registry import kind_of
 from graspbox.artifacts.schema import content_of, parse
 from graspbox.errors import ConfigError, FileError
+from graspbox.hands import Hand, load_hand
 from graspbox.object_sets.learned_sets import by_family
 
 __all__ = [
     "CONFIG",
+    "completion_folder",
     "file_hash",
+    "hand_of",
     "load",
     "policy_of",
     "read_depth_policy",
@@ -72,10 +75,6 @@ def load(folder: str | os.PathLike[str], kind: type[PolicyConfig] = PolicyConfig
     config = _read(path)
     if not isinstance(config, kind):
         raise ConfigError(f"{path}: kind is {config.kind!r}; expected {kind.kind!r}")
-    try:
-        config.check()
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
     _check_names(config, str(path))
     for name, expected in config.files.items():
         content = _bytes_of(path.parent / name, _LARGEST_FILE)
@@ -83,7 +82,33 @@ def load(folder: str | os.PathLike[str], kind: type[PolicyConfig] = PolicyConfig
             raise ConfigError(f"{path.parent / name} is not the file that {path} names; export the policy again")
         if name.endswith(".onnx"):
             check_weights(content, str(path.parent / name))
+    _check(config, path)
     return config
+
+
+def hand_of(folder: str | os.PathLike[str], config: PolicyConfig) -> str | tuple[str, str]:
+    """Return the hand of a policy as environments take it: the name of a shipped one, or the paths of its two files.
+
+    A policy without these files has the hand of a policy that it uses.
+
+    Raises
+    ------
+    ConfigError
+        As `used_folder`.
+    """
+    if config.hand in Hand.names():
+        return config.hand
+    if set(HAND_FILES) <= set(config.files):
+        urdf, toml = (os.path.normpath(Path(folder) / name) for name in HAND_FILES)
+        return urdf, toml
+    for role in set(config.uses) - {COMPLETION}:
+        used = used_folder(folder, config, role)
+        return hand_of(used, _read(used / CONFIG))
+    known = ", ".join(Hand.names())
+    raise ConfigError(
+        f"{Path(folder) / CONFIG}: hand is {config.hand!r}, which is none of {known}, and the folder lacks its files "
+        f"{' and '.join(HAND_FILES)}; export the policy again"
+    )
 
 
 def save(folder: Path, config: Config) -> Config:
@@ -106,7 +131,7 @@ def save(folder: Path, config: Config) -> Config:
     config = replace(config, learned_from=tuple(learned))
     text = dumps(content_of(config)) + "\n"
     _check_names(config, str(path))
-    parse(text.encode(), str(path)).check()
+    _check(parse(text.encode(), str(path)), path)
     write_text(path, text)
     return config
 
@@ -167,12 +192,32 @@ def used_folder(folder: str | os.PathLike[str], config: PolicyConfig, role: str)
             f"{Path(folder) / CONFIG}: uses.{role}.policy is {use.policy!r}, but {str(found)!r} is missing, or differs "
             f"from the policy that {config.name!r} was published with; restore it, or install its package"
         )
-    if (known := _read(place / CONFIG).hand) != config.hand:
+    if role != COMPLETION and (known := _read(place / CONFIG).hand) != config.hand:
         raise ConfigError(
             f"{Path(folder) / CONFIG}: hand is {config.hand!r}, but the policy of uses.{role}, {use.policy!r}, knows "
             f"the hand {known!r}; name the hand that both were trained with"
         )
     return place
+
+
+def completion_folder(folder: str | os.PathLike[str], config: DepthPolicyConfig) -> Path:
+    """Find the folder with the completion of a policy: its own, or that of the policy that it uses.
+
+    Raises
+    ------
+    ConfigError
+        As `used_folder`, or if that policy has other crops, or no completion of its own.
+    """
+    if COMPLETION not in config.uses:
+        return Path(folder)
+    found = used_folder(folder, config, COMPLETION)
+    used = read_depth_policy(found)
+    if COMPLETION in used.uses or (used.crop, used.completion_width) != (config.crop, config.completion_width):
+        raise ConfigError(
+            f"{Path(folder) / CONFIG}: uses.{COMPLETION} names {str(found)!r}, whose completion takes other crops, or "
+            "is of yet another policy; name the policy with which this one was trained"
+        )
+    return found
 
 
 def file_hash(path: Path) -> str:
@@ -202,9 +247,20 @@ def _bytes_of(path: Path, largest: int) -> bytes:
         raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
 
 
+def _check(config: PolicyConfig, path: Path) -> None:
+    """Check values that need the hand or the core."""
+    try:
+        config.check(load_hand(hand_of(path.parent, config)))
+    except ValueError as error:
+        text = str(error)
+        raise ConfigError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
 def _check_names(config: PolicyConfig, called: str) -> None:
-    """Check that the files are those of the kind of policy."""
+    """Check that the files are those of the kind of policy, and of its hand."""
     listed, wanted = set(config.files), set(config.holds)
+    if config.carries_hand and config.hand not in Hand.names() and listed & set(HAND_FILES):
+        wanted |= set(HAND_FILES)
     if listed != wanted:
         wrong = [f"lacks {name!r}" for name in sorted(wanted - listed)]
         wrong += [f"has {name!a}" for name in sorted(listed - wanted)]

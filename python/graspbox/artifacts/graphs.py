@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.folders import completion_folder, hand_of, read_depth_policy
 from graspbox.artifacts.weight_files import restored
 from graspbox.models.calibration import CAUTION, OTHERS, Calibration
 from graspbox.models.completion.network import CompletionNet
@@ -91,9 +91,10 @@ def load_graphs(folder: Path) -> tuple[CompletionGraph | ScorerGraph | HeadGraph
         As `graspbox.artifacts.load`, or if weights belong to another network.
     """
     config = read_depth_policy(Path(folder))
-    grid = HandGrid(config.hand, config.grid, crop=config.crop)
     folder = Path(folder)
-    completion = restored(lambda: CompletionNet(config.completion_width), folder / "completion.safetensors")
+    grid = HandGrid(hand_of(folder, config), config.grid, crop=config.crop)
+    weights = completion_folder(folder, config) / "completion.safetensors"
+    completion = restored(lambda: CompletionNet(config.completion_width), weights)
     members = [restored(lambda: ScorerNet(grid, config.width), folder / name) for name in config.member_weights]
     parts = CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
     if (settings := config.head) is None:

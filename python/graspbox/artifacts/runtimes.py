@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from graspbox._common.extras import imported
 from graspbox.artifacts.configs import DepthPolicyConfig
+from graspbox.artifacts.folders import completion_folder
 from graspbox.errors import ConfigError, FileError
 from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs
 from graspbox.models.stability.inputs import STORED_NAME
@@ -313,11 +314,12 @@ def load_parts(
     num_threads : int, optional
         Threads of onnxruntime; by default one per core. torch has its own setting.
     """
-    names = ["completion", "scorer", *(["head"] if config.head else [])]
+    files = [completion_folder(folder, config) / "completion.onnx", folder / "scorer.onnx"]
+    files += [folder / "head.onnx"] if config.head else []
     if backend == "torch":
         networks = [torch_network(graph) for graph in import_module("graspbox.artifacts.graphs").load_graphs(folder)]
     else:
-        networks = [onnx_network(folder / f"{name}.onnx", num_threads) for name in names]
+        networks = [onnx_network(file, num_threads) for file in files]
     head = AnchorHead(networks[2], Anchors(len(grid.preshapes), config.head.anchors)) if config.head else None
     scorer = Scorer(networks[1], ScorerInputs(grid), config.finalists, config.members)
     return Parts(Completion(networks[0]), scorer, head)

@@ -10,7 +10,7 @@ import numpy as np
 from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
 from graspbox.artifacts.configs import DepthPolicyConfig
-from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.artifacts.runtimes import Backend, load_parts
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import DepthNoise
@@ -189,6 +189,7 @@ class DepthGrasp(DepthPolicy):
         load = partial(load_finder, Path(folder), published, config=settings, backend=backend, num_threads=num_threads)
         super().__init__(partial(Observer, noise=noise), MadeOnce(load))
         self.name, self.learned_from = published.name, published.learned_from
+        self.settings = {**self.settings, "hand": hand_of(folder, published)}
 
 
 def load_finder(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.artifacts.configs import FeelPolicyConfig
-from graspbox.artifacts.folders import load, used_folder
+from graspbox.artifacts.folders import hand_of, load, used_folder
 from graspbox.artifacts.runtimes import Backend, load_stability
 from graspbox.errors import ConfigError
 from graspbox.models.stability.inputs import StabilityInputs, StabilityReading
@@ -105,8 +105,9 @@ class FeelThenLift(Policy):
         self.name, self.learned_from = self._feel.name, (*self.base.learned_from, *self._feel.learned_from)
         self.threshold = self._feel.threshold if threshold is None else float(threshold)
         # A hand without tactile sensors has joints and loads alone.
-        inputs = StabilityInputs(load_hand(self._feel.hand), self._feel.times)
+        inputs = StabilityInputs(load_hand(hand_of(folder, self._feel)), self._feel.times)
         self.obs = ("depth", *inputs.obs)
+        self.settings = {**self.settings, "hand": self.base.settings["hand"]}
         self.attempts: list[list[Attempt]] = []
 
     @property

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.artifacts.configs import DepthPolicyConfig
 from graspbox.artifacts.downloads import folder_of
-from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.artifacts.runtimes import Backend
 from graspbox.errors import ConfigError
 from graspbox.perception.crops import Crops
@@ -129,7 +129,7 @@ class ImageGrasper:
     ) -> None:
         folder = folder_of(policy)
         self.config = read_depth_policy(folder)
-        hand = load_hand(self.config.hand)
+        hand = load_hand(hand_of(folder, self.config))
         self._finder = load_finder(folder, self.config, hand, backend=backend, num_threads=num_threads)
 
     def find(

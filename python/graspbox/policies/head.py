@@ -6,7 +6,7 @@ from pathlib import Path
 from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
 from graspbox.artifacts.configs import HeadPolicyConfig
-from graspbox.artifacts.folders import load
+from graspbox.artifacts.folders import hand_of, load
 from graspbox.artifacts.runtimes import AnchorHead, onnx_network
 from graspbox.errors import ConfigError
 from graspbox.perception import HeadFinder
@@ -63,6 +63,7 @@ class HeadGrasp(DepthPolicy):
         chosen = published.filtered if filtered is None else filtered
         super().__init__(observer, MadeOnce(partial(_published, folder, published, chosen, num_threads)))
         self.name, self.learned_from = published.name, published.learned_from
+        self.settings = {**self.settings, "hand": hand_of(folder, published)}
 
 
 def _trained(folder: Path, filtered: bool, num_threads: int | None, hand: Hand) -> HeadFinder:

@@ -20,7 +20,7 @@ from graspbox.artifacts.runtimes import Parts, Scorer, load_parts, torch_network
 from graspbox.dataset.learned import evaluated_split, of_datasets, of_splits
 from graspbox.errors import ConfigError
 from graspbox.models.calibration import Calibration, calibration_error, fit_logits
-from graspbox.models.completion.network import train_completion
+from graspbox.models.completion.network import CompletionNet, train_completion
 from graspbox.models.head.configs import HeadConfig
 from graspbox.models.head.training import HeadData, train_head
 from graspbox.models.scene_views import SceneViews
@@ -311,6 +311,12 @@ class _DepthTraining:
             stop=stage.late,
         )
 
+    def completion_of_export(self) -> CompletionNet | Path:
+        """Return the trained completion, or the folder of the policy that it is from."""
+        return (
+            self.networks.completion_net() if self.settings.completion is None else folder_of(self.settings.completion)
+        )
+
     def policy_folder(self) -> Path:
         """Name the folder of the policy."""
         return self.settings.publish or self.out / "policy"
@@ -320,12 +326,12 @@ class _DepthTraining:
         config = export_depth_policy(
             self.policy_folder(),
             self.settings.name,
-            self.networks.completion_net(),
+            self.completion_of_export(),
             self.networks.members(),
             calibration,
             # The completion is trained on `settings.objects`, even with `data`.
             learned_from=[*of_datasets(self.data), *self.learned],
-            hand=self.settings.hand,
+            hand=self.grid.hand,
             crop=self.scenes.crop,
             grid=self.grid.config,
             finder=self.finder,
@@ -353,11 +359,11 @@ class _DepthTraining:
             export_depth_policy(
                 folder / name,
                 name,
-                nets.completion_net(),
+                self.completion_of_export(),
                 members,
                 calibration,
                 learned_from=[*of_datasets(self.data), *self.learned],
-                hand=self.settings.hand,
+                hand=self.grid.hand,
                 crop=self.scenes.crop,
                 grid=self.grid.config,
                 finder=finder,
@@ -374,7 +380,7 @@ class _DepthTraining:
         for objects in self.settings.evaluated:
             split = evaluated_split(objects)
             count = self.sizes.trials
-            hand = self.settings.hand
+            hand = self.settings.named_hand
             progress = stage.counter(count, f"trials ({objects})")
             result = evaluation.evaluate(
                 policy, objects=objects, split=split, trials=count, progress=progress, hand=hand

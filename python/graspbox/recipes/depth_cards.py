@@ -7,6 +7,7 @@ from typing import Any
 
 from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import DepthPolicyConfig
+from graspbox.artifacts.folders import hand_of
 from graspbox.dataset.learned import evaluated_split
 from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig
@@ -77,7 +78,7 @@ def depth_card(
         f"with the greatest (success + w secure) / (1 + w), where w = {weight}, after {config.finder.refinements} "
         "refinements. Other settings on held-out scenes:"
     )
-    if (widest := load_hand(config.hand).widest) < math.inf:
+    if (widest := load_hand(hand_of(folder, config)).widest) < math.inf:
         details = (
             paragraph(f"An object fits if its least width in plan view, as it rests, is at most {1e3 * widest:.0f} mm.")
             + "\n\n"

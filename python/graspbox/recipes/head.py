@@ -112,7 +112,7 @@ def _measure(settings: HeadSettings, run: Run, kind: Kind, objects: str, filtere
         split=split,
         trials=settings.trials,
         seed=settings.seed,
-        hand=settings.hand,
+        hand=settings.named_hand,
         progress=run.counter(settings.trials, f"trials of {kind} ({objects})"),
     )
     seconds = [one.seconds["head"] for one in policy.found if one is not None]
@@ -149,10 +149,11 @@ def _publish(settings: HeadSettings, folder: Path, rows: Rows, command: str) -> 
     trained = next((row for row in rows if row.get("trained") == "anchor"), None)
     if trained is None:
         raise ConfigError("the head 'anchor' is published, but was not trained; add it to --heads")
-    net = load_head(settings.out / "anchor", len(HandGrid(settings.hand).preshapes))
+    net = load_head(settings.out / "anchor", len(HandGrid(settings.named_hand).preshapes))
     chosen = () if settings.on_policy is None else _rounds_of(settings.on_policy)[1]
     learned = [*of_datasets(settings.data), *settings.untried, *chosen]
-    config = export_head(folder, folder.name, net, learned_from=learned, hand=settings.hand, licence=package_licence())
+    made: dict[str, Any] = {"learned_from": learned, "hand": settings.named_hand, "licence": package_licence()}
+    config = export_head(folder, folder.name, net, **made)
     scores = [row for row in rows if row.get("head") == "anchor"]
     data = ", ".join(f"`{path}`" for path in settings.data)
     if settings.on_policy is not None:

@@ -14,7 +14,6 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from graspbox.artifacts.folders import load
 from graspbox.errors import ConfigError
 from graspbox.evaluation import TrialResult, trial_seeds
 from graspbox.evaluation.trials import TrialRun
@@ -114,7 +113,7 @@ def _run(
 ) -> tuple[list[TrialResult], NDArray[np.float64]]:
     """Run the trials with one threshold: results, and predictions for the first grasps."""
     policy = FeelThenLift(folder, threshold=threshold)
-    settings = {**policy.settings, "objects": objects, "split": split, "obs": policy.obs, "hand": load(folder).hand}
+    settings = {**policy.settings, "objects": objects, "split": split, "obs": policy.obs}
     envs = gymnasium.make_vec(
         "graspbox/Grasp-v0", min(num_envs, trials), autoreset_mode=AutoresetMode.DISABLED, **settings
     )

@@ -131,12 +131,12 @@ QUICK = Sizes(
 QUICK_OBJECTS: dict[str, Any] = {
     "objects": ("procedural:can:0-9",),
     "fresh": ("procedural:can:10-29",),
-    "evaluated": ("procedural:bottle:30-33",),
+    "evaluated": ("procedural:bottle:2000-2003",),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthSettings(_PublishedHand):
+class DepthSettings(HandOption):
     """Train a policy that grasps from one depth image, from nothing to a folder that `graspbox evaluate` runs.
 
         graspbox train depth --out out/depth
@@ -237,7 +237,7 @@ FEEL_QUICK: dict[str, Any] = {
     ),
     "objects": "procedural:can:10-19",
     "held_out": "procedural:can:20-23",
-    "evaluated": ("procedural:bottle:30-33",),
+    "evaluated": ("procedural:bottle:2000-2003",),
 }
 
 
@@ -293,7 +293,7 @@ class FeelSettings(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeadSettings(_PublishedHand):
+class HeadSettings(HandOption):
     r"""Train heads on grasp trials, one network from one depth image to a grasp, and evaluate each.
 
         graspbox dataset --objects procedural:seen:0-199 --poses 112 --out out/data

@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.envs.coding import Codec
 from graspbox.envs.scripted import ScriptedGrasp
 from graspbox.evaluation import trial_seeds
@@ -79,7 +79,7 @@ class Recorder:
         self._seed, self._per_scene = seed, per_scene
         arguments: dict[str, Any] = {
             "objects": objects,
-            "hand": read_depth_policy(policy).hand,
+            "hand": hand_of(policy, read_depth_policy(policy)),
             "autoreset_mode": AutoresetMode.DISABLED,
             "max_episode_steps": 400,
         }

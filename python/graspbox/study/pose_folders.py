@@ -16,7 +16,7 @@ from graspbox.artifacts.configs import PolicyConfig
 from graspbox.artifacts.folders import load
 from graspbox.artifacts.runtimes import Network, onnx_network, output
 from graspbox.errors import ConfigError
-from graspbox.hands import load_hand
+from graspbox.hands import Hand
 from graspbox.study.model_configs import ModelConfig
 
 __all__ = ["PosePolicyConfig", "PublishedPoses"]
@@ -42,10 +42,10 @@ class PosePolicyConfig(PolicyConfig):
         """Names of its files: network, then weights."""
         return "pose.onnx", "pose.safetensors"
 
-    def check(self) -> None:
+    def check(self, hand: Hand) -> None:
         """Check the preshape too; raises as `PolicyConfig.check`."""
-        super().check()
-        low, high = load_hand(self.hand).preshape_limits
+        super().check(hand)
+        low, high = hand.preshape_limits
         if not low <= self.model.preshape <= high:
             raise ConfigError(
                 f"study.model.preshape is {self.model.preshape:g}; the hand {self.hand!r} has {low:g} to {high:g}"
