@@ -15,6 +15,7 @@ from graspbox.hands.caching import cache_folder
 from graspbox.hands.geometry import corners_of, reach_of, symmetries_of
 from graspbox.hands.loading import HandLike, load_hand
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
+from graspbox.hands.mjcf import urdf_of_mjcf
 from graspbox.hands.urdf_meshes import FittedUrdf, fitted_urdf
 
 __all__ = [
@@ -31,4 +32,5 @@ __all__ = [
     "load_hand",
     "reach_of",
     "symmetries_of",
+    "urdf_of_mjcf",
 ]

@@ -24,7 +24,7 @@ from graspbox.errors import FileError, GraspboxError, HandError
 from graspbox.hands.caching import cache_folder
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
 
-__all__ = ["FittedUrdf", "fitted_urdf"]
+__all__ = ["FittedUrdf", "element_of", "fitted_urdf"]
 
 _LOG = logging.getLogger(__name__)
 #: Largest URDF, bytes; the core has the same limit.
@@ -172,10 +172,10 @@ def _replace(link: ElementTree.Element, collision: ElementTree.Element, fit: Mes
     link.remove(collision)
     for number, primitive in enumerate(fit.primitives):
         called = name if len(fit.primitives) == 1 else f"{name}.{number}"
-        link.insert(at + number, _element(called, pose @ primitive.pose, primitive))
+        link.insert(at + number, element_of(called, pose @ primitive.pose, primitive))
 
 
-def _element(name: str, pose: np.ndarray, primitive: Primitive) -> ElementTree.Element:
+def element_of(name: str, pose: np.ndarray, primitive: Primitive) -> ElementTree.Element:
     """Describe a shape as an element of a URDF."""
     made = ElementTree.Element("collision", name=name)
     (angles,) = euler_from_rotation(pose[None, :3, :3])
