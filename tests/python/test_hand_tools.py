@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 
 import graspbox
 from graspbox import cli, errors
+from graspbox._common.rotations import rotation_from_euler
 from graspbox.hand_tools import Finding, check_hand, guess_hand
 from graspbox.hand_tools.boxes import gaps
 from graspbox.hand_tools.closing import Fingers, guess_closing
@@ -367,6 +368,18 @@ def test_directions_of_closing() -> None:
     assert opened["panda_gripper"] == {"finger_joint1": 0.04}
     assert opened["robotiq_2f_85"] == {"left_knuckle_joint": 0.0}
     assert set(opened["reflex"].values()) == set(opened["soft_hand"].values()) == {0.0}
+
+
+def test_grasp_frames_that_are_guessed() -> None:
+    """The approach is the shipped one for every hand, also if open fingers lie beside the palm or curl over it."""
+    for name in NAMES:
+        table = tomllib.loads(guess_hand(ASSETS / name / f"{name}.urdf").text)["grasp"]
+        shipped = tomllib.loads(graspbox.load_hand(name).files[1])["grasp"]
+        found, expected = (rotation_from_euler(np.array([grasp["rpy"]["value"]]))[0] for grasp in (table, shipped))
+        np.testing.assert_allclose(np.abs(found.T @ expected), np.eye(3), atol=1e-5)
+        assert found[:, 2] @ expected[:, 2] > 0.99
+        assert found[:, 2] @ (np.array(table["xyz"]["value"]) - shipped["xyz"]["value"]) == pytest.approx(0, abs=1e-6)
+        assert ("width" in table["preshapes"][0]) == (name != "soft_hand")
 
 
 def test_new_keeps_files(tmp_path: Path) -> None:

@@ -27,6 +27,11 @@ _LIMIT, _MOST = 1 << 20, 32
 _PAD_WORDS = ("pad", "rubber", "fingertip")
 #: Directions within this angle of an axis of the base are along it, radians.
 _SNAP = np.radians(20.0)
+#: A palm is flat if it is thinner than this share of its middle side. Fingers curl over it if they move along its
+#: normal by the second share of their way, and close along x if they move along it by the third.
+_FLAT, _CURLS, _ACROSS = 0.85, 0.3, 0.5
+#: Shapes of the palm within this distance of the nearest are below the grasp centre too, metres.
+_BESIDE = 5e-3
 #: Room between an object and the open fingers, on both sides together, metres; smaller openings are not stated.
 _ROOM, _LEAST_WIDTH = 2e-3, 5e-3
 #: Least distance of the grasp centre from the palm, metres.
@@ -164,15 +169,34 @@ def _snapped(direction: Floats) -> Floats:
     return axis
 
 
+def _approach(fingers: Fingers, closing: Closing) -> Floats:
+    """Guess the direction out of the palm, base frame (3,).
+
+    It points from the palm to the fingertips of the half-closed hand; those of the open hand may lie beside the palm.
+    Where fingers curl over one face of a flat palm, as those of a human hand do, it is the normal of this face.
+    """
+    opened, half = fingers.tip_centers(closing.opened), fingers.tip_centers((closing.opened + closing.closed) / 2)
+    palm = fingers.corners(fingers.neutral, -1)
+    if len(palm):
+        net, moved = (half - opened).mean(axis=0), float(np.linalg.norm(half - opened, axis=1).mean())
+        sides = np.ptp(palm, axis=0)
+        thin = int(sides.argmin())
+        along = abs(float(net[thin]))
+        flat = sides[thin] < _FLAT * float(np.sort(sides)[1])
+        if flat and along > _CURLS * moved and along > float(np.linalg.norm(net)) / 2:
+            normal = np.zeros(3)
+            normal[thin] = np.sign(net[thin])
+            return normal
+    out = half.mean(axis=0) - fingers.palm_center
+    return _snapped(out) if float(np.linalg.norm(out)) > 1e-6 else np.array([0.0, 0.0, 1.0])
+
+
 def _axes(fingers: Fingers, closing: Closing) -> Floats:
     """Guess the axes of the grasp frame in the base: columns (3, 3)."""
-    tips = fingers.tip_centers(closing.opened)
-    out = tips.mean(axis=0) - fingers.palm_center
-    z = _snapped(out) if float(np.linalg.norm(out)) > 1e-6 else np.array([0.0, 0.0, 1.0])
-    ways = fingers.tip_centers(closing.meets) - tips
+    z = _approach(fingers, closing)
+    ways = fingers.tip_centers(closing.meets) - fingers.tip_centers(closing.opened)
     ways = ways - np.outer(ways @ z, z)
-    x = np.linalg.eigh(ways.T @ ways)[1][:, -1]
-    x = _snapped(x - (x @ z) * z)
+    x = _snapped(np.linalg.eigh(ways.T @ ways)[1][:, -1])
     x = x - (x @ z) * z
     if float(np.linalg.norm(x)) < 1e-3:
         x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
@@ -182,28 +206,48 @@ def _axes(fingers: Fingers, closing: Closing) -> Floats:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
+def _palm_height(fingers: Fingers, axes: Floats, meeting: Floats) -> float | None:
+    """Return how high the palm is along z below a point: the top of its nearest shapes; None without any."""
+    poses, halves = fingers.shapes(fingers.neutral)
+    tops, aways = [], []
+    for index in np.flatnonzero(fingers.bodies == -1):
+        reach = np.abs(axes.T @ poses[index, :3, :3]) @ halves[index]
+        middle = axes.T @ poses[index, :3, 3]
+        tops.append(float(middle[2] + reach[2]))
+        outside = np.maximum(np.abs(axes.T @ meeting - middle)[:2] - reach[:2], 0.0)
+        aways.append(float(np.linalg.norm(outside)))
+    near = [top for top, away in zip(tops, aways, strict=True) if away <= min(aways) + _BESIDE]
+    return max(near) if near else None
+
+
+def _width(fingers: Fingers, closing: Closing, pads: dict[str, int], x: Floats) -> float | None:
+    """Return the distance along x between the pads of fingers that close along it from both sides, less some room."""
+    ways = fingers.tip_centers(closing.meets) - fingers.tip_centers(closing.opened)
+    facing = ways @ x / np.maximum(np.linalg.norm(ways, axis=1), 1e-9)
+    spans = [c @ x for c in _pad_corners(fingers, pads, closing.opened).values()]
+    left = [float(span.max()) for span, way in zip(spans, facing, strict=True) if way > _ACROSS]
+    right = [float(span.min()) for span, way in zip(spans, facing, strict=True) if way < -_ACROSS]
+    if not left or not right or len(left) + len(right) < len(spans):
+        return None
+    width = min(right) - max(left) - _ROOM
+    return width if width > _LEAST_WIDTH else None
+
+
 def _frame(fingers: Fingers, closing: Closing, pads: dict[str, int]) -> Frame:
     axes = _axes(fingers, closing)
     x, y, z = axes.T
     middles = [(c.min(axis=0) + c.max(axis=0)) / 2 for c in _pad_corners(fingers, pads, closing.meets).values()]
     meeting = np.mean(middles, axis=0)
-    palm = fingers.corners(fingers.neutral, -1)
+    palm = _palm_height(fingers, axes, meeting)
     roots = fingers.hand.joint_frames(closing.opened)[0][:, :3, 3]
-    height = float((palm @ z).max()) if len(palm) else float((roots @ z).min())
-    height = min(height, float(meeting @ z) - _LEAST_DEPTH)
-    origin = x * float(meeting @ x) + y * float(meeting @ y) + z * height
+    height = min(float((roots @ z).min()) if palm is None else palm, float(meeting @ z) - _LEAST_DEPTH)
     (rpy,) = euler_from_rotation(axes[None])
-    spans = [(float((c @ x).min()), float((c @ x).max())) for c in _pad_corners(fingers, pads, closing.opened).values()]
-    middle = float(meeting @ x)
-    left = [high for low, high in spans if (low + high) / 2 < middle]
-    right = [low for low, high in spans if (low + high) / 2 >= middle]
-    width = min(right) - max(left) - _ROOM if left and right else 0.0
     return Frame(
-        xyz=origin,
+        xyz=x * float(meeting @ x) + y * float(meeting @ y) + z * height,
         rpy=rpy,
         center=np.array([0.0, 0.0, float(meeting @ z) - height]),
-        width=width if width > _LEAST_WIDTH else None,
-        on_palm=len(palm) > 0,
+        width=_width(fingers, closing, pads, x),
+        on_palm=palm is not None,
     )
 
 

@@ -202,7 +202,7 @@ def _grasp(drives: Sequence[Drive], frame: Frame) -> list[str]:
         "# The grasp frame in the frame of the base link: z out of the palm, x along the closing fingers.",
         "[grasp]",
         f"xyz = {_quantity(frame.xyz, 'm', f'guess: {surface}')}",
-        f"rpy = {_quantity(frame.rpy, 'rad', 'guess: z from the base to the open fingertips, x along their motion')}",
+        f"rpy = {_quantity(frame.rpy, 'rad', 'guess: z to the half-closed fingertips, x along their motion')}",
         f"center = {_quantity(frame.center, 'm', 'guess: where the fingertips meet')}",
         f"closing = [{closing}]",
         "",
