@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from graspbox.configs import PhysicsConfig
-from graspbox.hand_tools.findings import CheckedHand, Finding
+from graspbox.hand_tools.findings import CheckedHand, Finding, value_of
 
 __all__ = ["sensors", "stability", "travels"]
 
@@ -27,7 +27,7 @@ def travels(checked: CheckedHand) -> Iterator[Finding]:
         if "spool" in actuator:
             yield from _spool(checked, actuator, high - low)
         for name, driven in _driven(actuator).items():
-            ratio, offset = float(driven["ratio"]["value"]), float(checked.value(driven, "offset", 0.0))
+            ratio, offset = float(driven["ratio"]["value"]), value_of(driven, "offset", 0.0)
             joint = joints[name]
             led = sorted((ratio * low + offset, ratio * high + offset))
             span = joint.limits[1] - joint.limits[0]
@@ -123,9 +123,9 @@ def _servo(checked: CheckedHand, actuator: dict[str, Any]) -> Iterator[Finding]:
     own = float(actuator["servo"]["damping"]["value"])
     for name in _driven(actuator):
         group = _group(checked, name)
-        damping = own + float(checked.value(group, "damping", 0.0))
+        damping = own + value_of(group, "damping", 0.0)
         inertia = checked.tree.inertia_of(checked.hand.joints.index(name), checked.start)
-        inertia += float(checked.value(group, "armature", 0.0))
+        inertia += value_of(group, "armature", 0.0)
         critical = 2 * float(np.sqrt(stiffness * inertia))
         unit = "N s/m" if checked.tree.independent[checked.hand.joints.index(name)].kind == "prismatic" else "N m s/rad"
         subject, value = f"actuator {actuator['name']}, joint {name}", f"damping {own:.3g} {unit}"

@@ -1,4 +1,4 @@
-"""What a check finds, and the hand that it looks at."""
+"""A finding, and the hand that checks look at."""
 
 import tomllib
 from dataclasses import asdict, dataclass
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from graspbox.hand_tools.urdf import Tree, read_tree
 from graspbox.hands import Hand
 
-__all__ = ["SEVERITIES", "CheckedHand", "Finding", "Severity"]
+__all__ = ["SEVERITIES", "CheckedHand", "Finding", "Severity", "value_of"]
 
 Floats = NDArray[np.float64]
 Severity = Literal["error", "warning", "note"]
@@ -115,6 +115,7 @@ class CheckedHand:
         """Names of the actuators that close the hand."""
         return tuple(self.table["grasp"]["closing"])
 
-    def value(self, owner: dict[str, Any], key: str, default: Any = None) -> Any:
-        """Return the value of a quantity in a table of ``hand.toml``."""
-        return owner[key]["value"] if key in owner else default
+
+def value_of(owner: dict[str, Any], key: str, default: float) -> float:
+    """Return the value of an optional quantity in a table of ``hand.toml``."""
+    return float(owner[key]["value"]) if key in owner else default
