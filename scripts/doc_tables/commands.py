@@ -47,16 +47,26 @@ def option_row(option: Any, kind: Any, info: Any) -> tuple[str, ...]:
     return ", ".join(names), option_values(kind, info), default, option.help or ""
 
 
+def options_table(command: Any) -> str:
+    """Write the arguments and options of a command."""
+    hints = get_type_hints(inspect.unwrap(command.callback), include_extras=True)
+    options = [option for option in command.params if option.name in hints]
+    rows = [option_row(option, *get_args(hints[option.name])[:2]) for option in options]
+    return markdown("name values default meaning", rows)
+
+
 def command_sections() -> str:
-    """Write a section for each command, with its arguments and options, or with its own commands."""
+    """Write a section for each command, with its arguments and options, or with its own commands and their sections."""
     found = []
     for name, command in typer.main.get_command(cli.typer_app).commands.items():  # type: ignore[attr-defined]
+        below = {} if name == "train" else getattr(command, "commands", {})
         if inner := getattr(command, "commands", None):
-            table = markdown("command meaning", [(f"`{one}`", inner[one].help or "") for one in inner])
+            first = {one: inspect.cleandoc(inner[one].help or "").partition("\n\n")[0] for one in inner}
+            table = markdown("command meaning", [(f"`{one}`", " ".join(first[one].split())) for one in inner])
         else:
-            hints = get_type_hints(inspect.unwrap(command.callback), include_extras=True)
-            options = [option for option in command.params if option.name in hints]
-            rows = [option_row(option, *get_args(hints[option.name])[:2]) for option in options]
-            table = markdown("name values default meaning", rows)
+            table = options_table(command)
         found.append(f"## graspbox {name}\n\n{inspect.cleandoc(command.help or '')}\n\n{table}")
+        for one, each in below.items():
+            text = inspect.cleandoc(each.help or "")
+            found.append(f"### graspbox {name} {one}\n\n{text}\n\n{options_table(each)}")
     return "\n\n".join(found)

@@ -136,8 +136,13 @@ def check_graspbox(words: list[str]) -> None:
         if "--out" in words:
             cli.train.parse(words[2], words[3:])
         return
-    with commands[words[1]].make_context(words[1], list(words[2:])):
-        pass
+    command, rest = commands[words[1]], words[2:]
+    while inner := getattr(command, "commands", None):
+        assert rest[0] in inner, words
+        command, rest = inner[rest[0]], rest[1:]
+    if rest:
+        with command.make_context(words[1], list(rest)):
+            pass
 
 
 def defines_option(source: str, name: str) -> bool:

@@ -17,7 +17,18 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from graspbox import pictures
-from graspbox.pictures import GraspExample, Trial, View, episodes, files, hand_frames, plans, sweeps, trials
+from graspbox.pictures import (
+    GraspExample,
+    Trial,
+    View,
+    episodes,
+    files,
+    hand_frames,
+    hand_motion,
+    plans,
+    sweeps,
+    trials,
+)
 from graspbox.pictures.solids import FAILURE, NOT_SIMULATED, SUCCESS
 from program_files import imported
 from test_pictures import check_picture
@@ -35,7 +46,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
         kept.append(figure)
         write(figure, path, **settings)
 
-    for module in (episodes, hand_frames, plans, sweeps, trials):
+    for module in (episodes, hand_frames, hand_motion, plans, sweeps, trials):
         monkeypatch.setattr(module, "write", kept_and_written)
     return kept
 
@@ -354,3 +365,22 @@ def test_frames_of_hands_are_drawn_where_they_are(
     np.testing.assert_allclose(base[4], base[0], atol=1e-9)
     np.testing.assert_allclose(reflex[3:], reflex[:3], atol=1e-9)
     np.testing.assert_allclose(drawn[0][3, 0] - drawn[0][0, 0], [0.0, 0.0, 0.066], atol=1e-9)
+
+
+def test_a_closing_hand_has_a_row_per_preshape(
+    figures: list[Figure], lines: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    """The edges of both pads, the grasp centre and the axes; the pads come together."""
+    pictures.save_hand_motion(tmp_path / "motion.png", "robotiq_2f_85")
+    check_picture(tmp_path / "motion.png")
+    (figure,) = figures
+    stages = ("open", "half closed", "closed")
+    titles = [f"preshape {preshape}, {stage}" for preshape in ("open", "half") for stage in stages]
+    assert [axes.get_title() for axes in figure.axes] == titles
+    apart = []
+    for axes in figure.axes:
+        drawn = [np.asarray(line["segments"]) for line in lines if line["axes"] is axes]
+        assert [len(segments) for segments in drawn] == [12, 12, 3, 1, 1, 1]
+        apart.append(abs(float(drawn[0][..., 0].mean() - drawn[1][..., 0].mean())))
+    assert apart[0] > apart[1] > apart[2]
+    assert apart[0] > apart[3] > apart[5]

@@ -33,6 +33,7 @@ WRITERS = {
     "rates": lambda path: pictures.save_rates(path, "title", NOTHING),
     "reliability": lambda path: pictures.save_reliability(path, "title", NOTHING),
     "hand_frames": lambda path: pictures.save_hand_frames(path, NOTHING),
+    "hand_motion": lambda path: pictures.save_hand_motion(path, NOTHING),
     "comparison": lambda path: comparison.save_comparison(path, NOTHING),
 }
 

@@ -50,6 +50,11 @@ def test_code_and_commands_run(hand: tuple[str, str], capsys: pytest.CaptureFixt
     Path("boxes.urdf").write_text(urdf)
     graspbox.load_hand(("boxes.urdf", "pincher.toml"))
     assert Path("pincher.png").read_bytes()[:4] == b"\x89PNG"
+    for check in re.findall(r"^```\n(graspbox hand .*)\n```$", PAGE, flags=re.MULTILINE):
+        result = CliRunner().invoke(cli.typer_app, shlex.split(check)[1:])
+        assert result.exit_code == 0, result.output
+    assert Path("pincher_motion.png").read_bytes()[:4] == b"\x89PNG"
+    assert graspbox.load_hand(("pincher.urdf", "first.toml")).widest > 0.08
     # Commands alone stand in blocks without a language: one line here, tried on one object of the set.
     (command,) = re.findall(r"^```\n(graspbox grasp .*)\n```$", PAGE, flags=re.MULTILINE)
     words = [word.replace("procedural:box", "procedural:box:0") for word in shlex.split(command)[1:]]

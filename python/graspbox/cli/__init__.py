@@ -16,6 +16,7 @@ from graspbox.cli import (
     evaluate,
     grasp,
     grasp_image,
+    hand,
     objects,
     plan,
     record,
@@ -37,6 +38,7 @@ typer_app.command("view")(view.view)
 typer_app.command("voxelize")(voxelize.voxelize)
 typer_app.command("grasp")(grasp.grasp)
 typer_app.command("grasp-image")(grasp_image.grasp_image_command)
+typer_app.add_typer(hand.hand_app, name="hand")
 typer_app.command("export-scene")(export_scene)
 typer_app.command("dataset")(dataset.dataset)
 typer_app.command("record")(record.record)

@@ -9,6 +9,7 @@
 | `save_stages`   | stages of grasps: open, closed, lifting, held |
 | `save_grasp_image` | a depth image with the grasps that a policy found in it, and the best one in 3D |
 | `save_hand_frames` | hands with their grasp frame and the frames of formats of grasps |
+| `save_hand_motion` | a hand open, half closed and closed, with its pads and grasp frame |
 | `save_episode`  | an episode of ``graspbox/Grasp-v0`` solved by the scripted expert, with images observed in it |
 | `save_rates`    | success and secure holds of policies, with confidence intervals |
 | `save_reliability` | observed success rate over the probability that a policy predicted |
@@ -53,6 +54,7 @@ from graspbox.pictures.evaluations import save_rates, save_reliability  # noqa: 
 from graspbox.pictures.files import SUFFIXES, check_path  # noqa: E402
 from graspbox.pictures.grasp_images import save_grasp_image  # noqa: E402
 from graspbox.pictures.hand_frames import save_hand_frames  # noqa: E402
+from graspbox.pictures.hand_motion import save_hand_motion  # noqa: E402
 from graspbox.pictures.hands import PosedHand  # noqa: E402
 from graspbox.pictures.plans import GraspExample, save_gallery, save_plan  # noqa: E402
 from graspbox.pictures.solids import Solid  # noqa: E402
@@ -76,6 +78,7 @@ __all__ = [
     "save_gallery",
     "save_grasp_image",
     "save_hand_frames",
+    "save_hand_motion",
     "save_kindness",
     "save_plan",
     "save_rates",

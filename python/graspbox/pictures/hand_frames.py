@@ -17,7 +17,7 @@ from graspbox.pictures.view import Camera, View
 from graspbox.simulation import Hand
 
 #: Colours of the axes x, y and z, which colour-blind readers can distinguish.
-_AXES = {"x": "#d55e00", "y": "#009e73", "z": "#0072b2"}
+AXES = {"x": "#d55e00", "y": "#009e73", "z": "#0072b2"}
 #: Length of the drawn axes, metres.
 _LENGTH = 0.042
 #: The palm faces down, as over a table.
@@ -62,7 +62,7 @@ def save_hand_frames(path: PathLike, hands: Sequence[HandLike] = _HANDS) -> None
         _plot(panel, hand, frame_pose, name)
         panel.set_title(f"{hand.name}: {formats}", fontsize=10, pad=4)
     figure.text(0.012, 0.93, "Frames of hands", fontsize=12, weight="bold", ha="left")
-    for index, (letter, color) in enumerate(_AXES.items()):
+    for index, (letter, color) in enumerate(AXES.items()):
         figure.text(0.988 - 0.018 * (2 - index), 0.93, letter, color=color, fontsize=12, weight="bold", ha="right")
     write(figure, target, palette=False)
 
@@ -72,21 +72,26 @@ def _plot(panel: Any, hand: Hand, pose: Floats, name: str) -> None:
     low, _ = hand.preshape_limits
     posed = PosedHand.open(hand, _WORLD_FROM_HAND, low)
     frames = {"grasp frame": _WORLD_FROM_HAND, name: _WORLD_FROM_HAND @ np.linalg.inv(pose)}
-    lines = {text: _axes(frame) for text, frame in frames.items()}
+    lines = {text: frame_axes(frame) for text, frame in frames.items()}
     shown = np.concatenate([posed.corners(), *(ends.reshape(-1, 3) for ends in lines.values())])
     view = View([], Camera(-35.0, 20.0), shown=shown, size=pixels(panel), hand=posed)
     view.show(panel)
     for text, ends in lines.items():
-        for end, (letter, color) in zip(ends, _AXES.items(), strict=True):
-            view.lines(panel, end[None], color, width=2.6, hidden=0.55, halo=0.9)
-            tip = view.lens.project(end[1] + 0.13 * (end[1] - end[0]))
-            letter_text = panel.text(
-                tip[0], tip[1], letter, color=color, fontsize=9, weight="bold", ha="center", va="center"
-            )
-            letter_text.set_path_effects([withStroke(linewidth=2.2, foreground="white")])
-        origin = view.lens.project(ends[0, 0])
-        panel.plot(origin[0], origin[1], "o", color="black", markersize=4)
-        _label(panel, view.lens.size, origin, text)
+        _label(panel, view.lens.size, plot_axes(panel, view, ends), text)
+
+
+def plot_axes(panel: Any, view: View, ends: Floats) -> Floats:
+    """Plot the axes (3, 2, 3) of a frame with their letters; return the origin (3,) as column, row and depth."""
+    for end, (letter, color) in zip(ends, AXES.items(), strict=True):
+        view.lines(panel, end[None], color, width=2.6, hidden=0.55, halo=0.9)
+        tip = view.lens.project(end[1] + 0.13 * (end[1] - end[0]))
+        letter_text = panel.text(
+            tip[0], tip[1], letter, color=color, fontsize=9, weight="bold", ha="center", va="center"
+        )
+        letter_text.set_path_effects([withStroke(linewidth=2.2, foreground="white")])
+    origin = view.lens.project(ends[0, 0])
+    panel.plot(origin[0], origin[1], "o", color="black", markersize=4)
+    return origin
 
 
 def _label(panel: Any, size: tuple[int, int], origin: Floats, text: str) -> None:
@@ -103,6 +108,6 @@ def _label(panel: Any, size: tuple[int, int], origin: Floats, text: str) -> None
     )
 
 
-def _axes(frame: Floats) -> Floats:
+def frame_axes(frame: Floats) -> Floats:
     """Return the axes of a frame as segments (3, 2, 3)."""
     return np.stack([np.stack([frame[:3, 3], frame[:3, 3] + _LENGTH * frame[:3, i]]) for i in range(3)])

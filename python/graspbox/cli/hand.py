@@ -1,0 +1,124 @@
+"""``graspbox hand``: check the files of a hand, and begin a ``hand.toml`` for a URDF."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from graspbox._common.files import check_output, write_text
+from graspbox.cli.common import Json, Seed, console, find_hand, print_json
+from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
+from graspbox.hand_tools import Finding, HandReport, check_hand, guess_hand
+from graspbox.hand_tools.checking import unit_findings
+from graspbox.hands import Hand, load_hand
+
+__all__ = ["hand_app"]
+
+hand_app = typer.Typer(no_args_is_help=True, help="Check the files of your hand, or begin a hand.toml for its URDF.")
+
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+
+def _refuse(error: GraspboxError, hints: Sequence[Finding] = ()) -> NoReturn:
+    """Say why files describe no hand, and end with the status of a wrong call."""
+    console.print(f"graspbox: {error}", soft_wrap=True)
+    for hint in hints:
+        console.print(f"{hint.subject}: {hint.value}: {hint.message}; {hint.remedy}", soft_wrap=True)
+    raise typer.Exit(2)
+
+
+def _load(words: list[str]) -> Hand:
+    """Load the hand that the arguments name: a name, one word with both files, or both files."""
+    if len(words) > 2:
+        raise ConfigError(f"{len(words)} arguments; give the name of a hand, or its URDF and its hand.toml")
+    urdf = words[0].partition(",")[0]
+    try:
+        return load_hand((words[0], words[1])) if len(words) == 2 else find_hand(words[0])
+    except HandError as error:
+        _refuse(error, unit_findings(urdf))
+    except FileError as error:
+        _refuse(error)
+
+
+def _print_report(report: HandReport) -> None:
+    table = Table(title=f"{report.name}: findings", title_justify="left")
+    for column in ("", "thing", "value", "finding"):
+        table.add_column(column, overflow="fold")
+    for found in report.findings:
+        text = f"{found.message}; {found.remedy}" if found.remedy else found.message
+        table.add_row(found.severity, found.subject, found.value, text, style=_STYLES[found.severity])
+    Console(file=sys.stdout, markup=False, highlight=False, emoji=False).print(table)
+    counts: dict[str, int] = report.table()["counts"]  # type: ignore[assignment]
+    typer.echo(", ".join(f"{count} {severity}{'' if count == 1 else 's'}" for severity, count in counts.items()))
+
+
+@hand_app.command("check")
+def check(
+    hand: Annotated[
+        list[str], typer.Argument(metavar="HAND", help="The URDF and the hand.toml of a hand, or the name of one.")
+    ],
+    trials: Annotated[
+        bool, typer.Option("--trials/--no-trials", help="Plan and simulate a few grasps too, which takes seconds.")
+    ] = True,
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a picture of the hand open, half closed and closed into this file.")
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Check a hand: units, limits, inertias, actuators, its closing motion, reach, sensors, and trials.
+
+    An error makes the hand useless, a warning is probably a mistake, a note is worth knowing. The exit status is 1 if
+    there are errors, and 2 if the files are no hand: then every wrong line is listed.
+    """
+    if picture is not None:
+        from graspbox import pictures
+
+        if not picture.is_dir():
+            check_output(picture)
+        picture = pictures.check_path(picture)
+    loaded = _load(hand)
+    with console.status("checking"):
+        report = check_hand(loaded, trials=trials, seed=seed)
+    if as_json:
+        print_json(report.table())
+    else:
+        _print_report(report)
+    if picture is not None:
+        pictures.save_hand_motion(picture, loaded)
+        console.print(f"wrote {picture}")
+    if report.has_errors:
+        raise typer.Exit(1)
+
+
+@hand_app.command("new")
+def new(
+    urdf: Annotated[Path, typer.Argument(help="The URDF.")],
+    out: Annotated[Path, typer.Option("--out", help="Write this file.")] = Path("hand.toml"),
+    name: Annotated[str | None, typer.Option(help="Name of the hand; that of the URDF's file by default.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Begin a hand.toml for a URDF: a servo for each joint, pads and grasp frame are guessed, and the file loads.
+
+    The file begins with a list of guesses to review. Nothing is random here, so there is no --seed.
+    """
+    if out.exists() and not force:
+        raise ConfigError(f"{str(out)!r} exists; give --force to replace it, or another --out")
+    check_output(out)
+    try:
+        guessed = guess_hand(urdf, name)
+    except (HandError, FileError) as error:
+        _refuse(error, unit_findings(urdf))
+    write_text(out, guessed.text)
+    if as_json:
+        print_json({"hand": guessed.name, "out": str(out), "review": list(guessed.review)})
+        return
+    console.print(f"wrote {out}")
+    typer.echo("Review these guesses:")
+    for item in guessed.review:
+        typer.echo(f"- {item}")

@@ -1,0 +1,222 @@
+"""How a hand probably closes, from its URDF alone: fingertips, and which end of each joint is the closed one."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.hand_tools.boxes import gaps
+from graspbox.hand_tools.urdf import Tree
+from graspbox.hands import Hand
+
+__all__ = ["Closing", "Fingers", "guess_closing"]
+
+Floats = NDArray[np.float64]
+
+#: Weight of the distance to the palm relative to that between fingertips: it decides for one finger and parallel ones.
+_PALM = 0.5
+#: A joint closes the hand if it brings fingertips together by this share of the way that it moves them.
+_CLOSES = 0.15
+#: Joints bend a finger together if the cosine of their axes is above the first; fingers face below the second.
+_ALONG, _FACING = 0.9, 0.5
+#: Shares of the closing motion at which closeness is measured.
+_LOOKS = (0.5, 1.0)
+#: Shares at which fingers are followed until they meet.
+_SHARES = np.linspace(0.0, 1.0, 41)
+#: Distance of fingertips that meet, metres.
+_TOUCH = 1e-3
+#: Most rounds in which directions are reconsidered.
+_ROUNDS = 8
+
+
+class Fingers:
+    """Fingertips of a hand whose grasp frame is that of its base.
+
+    Parameters
+    ----------
+    hand : Hand
+        The hand.
+    tree : Tree
+        Its links and joints.
+
+    Attributes
+    ----------
+    tips : dict of int to int
+        The rigid body at the tip of each chain with collision shapes, by its row in `Tree.moving`: the one that gets
+        farthest from the root of the chain.
+    """
+
+    def __init__(self, hand: Hand, tree: Tree) -> None:
+        self.hand, self.tree = hand, tree
+        self.limits = np.asarray(hand.joint_limits, dtype=np.float64).reshape(-1, 2)
+        self.neutral = np.clip(np.zeros(len(self.limits)), self.limits[:, 0], self.limits[:, 1])
+        _, self.chain_of, _ = hand.joint_frames(self.neutral)
+        self.bodies = np.asarray(hand.shapes(self.neutral)[3])
+        self.tips = self._find_tips()
+
+    def _find_tips(self) -> dict[int, int]:
+        found: dict[int, int] = {}
+        farthest: dict[int, float] = {}
+        ends = [self.neutral, *self.limits.T, self.limits.mean(axis=1)]
+        for positions in ends:
+            roots = self.hand.joint_frames(np.ascontiguousarray(positions))[0]
+            for row in sorted({int(body) for body in self.bodies if body >= 0}):
+                chain = int(self.chain_of[row])
+                root = roots[int(np.flatnonzero(self.chain_of == chain)[0]), :3, 3]
+                away = float(np.linalg.norm(self.corners(positions, row) - root, axis=1).max())
+                if away > farthest.get(chain, -1.0) + 1e-6:
+                    found[chain], farthest[chain] = row, away
+        return dict(sorted(found.items()))
+
+    def shapes(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Return poses (n, 4, 4) and half sides (n, 3) of the boxes around all collision shapes, base frame."""
+        poses, halves, _, _ = self.hand.shapes(np.ascontiguousarray(positions))
+        return poses, halves
+
+    def corners(self, positions: Floats, row: int) -> Floats:
+        """Return the corners (n, 3) of the shapes of a rigid body, -1 for the palm, base frame."""
+        poses, halves = self.shapes(positions)
+        own = np.flatnonzero(self.bodies == row)
+        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+        turned = np.einsum("nij,nkj->nki", poses[own, :3, :3], signs[None] * halves[own, None])
+        return np.asarray((turned + poses[own, None, :3, 3]).reshape(-1, 3))
+
+    def tip_centers(self, positions: Floats) -> Floats:
+        """Return the centres (k, 3) of the fingertips, base frame."""
+        found = [self.corners(positions, row) for row in self.tips.values()]
+        return np.array([(c.min(axis=0) + c.max(axis=0)) / 2 for c in found]).reshape(-1, 3)
+
+    @property
+    def palm_center(self) -> Floats:
+        """Centre (3,) of the palm's shapes, else the base's origin."""
+        corners = self.corners(self.neutral, -1)
+        return (corners.min(axis=0) + corners.max(axis=0)) / 2 if len(corners) else np.zeros(3)
+
+    def tip_gap(self, positions: Floats, facing: Floats) -> float:
+        """Return the least distance between fingertips, metres; infinity for a single finger.
+
+        Parameters
+        ----------
+        positions : (c,) float64
+            Positions of the independent joints, rad or m.
+        facing : (k, 3) float64
+            How the fingertips move as the hand closes; those that move side by side are not compared, if others are.
+        """
+        poses, halves = self.shapes(positions)
+        own = [np.flatnonzero(self.bodies == row) for row in self.tips.values()]
+        ways = facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
+        every = list(combinations(range(len(own)), 2))
+        opposed = [(a, b) for a, b in every if float(ways[a] @ ways[b]) < _FACING] or every
+        pairs = [(i, j) for a, b in opposed for i in own[a] for j in own[b]]
+        if not pairs:
+            return float("inf")
+        first, second = np.array(pairs).T
+        return float(gaps(poses[first], halves[first], poses[second], halves[second]).min())
+
+
+@dataclass(frozen=True)
+class Closing:
+    """A guess of how a hand closes; positions of the independent joints (c,), rad or m.
+
+    Attributes
+    ----------
+    opened, closed : (c,) float64
+        The open hand, and the hand closed as far as it goes; joints that do not close stay.
+    closes : (c,) bool
+        Which joints close the hand; the others spread fingers or turn them.
+    meets : (c,) float64
+        Where fingertips meet first, or are closest.
+    """
+
+    opened: Floats
+    closed: Floats
+    closes: NDArray[np.bool_]
+    meets: Floats
+
+
+def guess_closing(fingers: Fingers) -> Closing:
+    """Guess the closed end of every joint: that at which all fingertips are closest to each other and to the palm.
+
+    Directions are changed one at a time while this brings fingertips closer, from two first guesses: every joint closes
+    away from 0, and the opposite.
+    """
+    count = len(fingers.limits)
+    away = np.abs(fingers.limits[:, 1]) >= np.abs(fingers.limits[:, 0])
+    best = min((_descend(fingers, start) for start in (away, ~away)), key=lambda found: found[1])[0]
+    closes = np.array([_gain(fingers, best, joint) > _CLOSES for joint in range(count)], dtype=bool)
+    if not closes.any():
+        closes[:] = True
+    _bend_along(fingers, best, closes)
+    opened, closed = _ends(fingers, best)
+    opened, closed = np.where(closes, opened, fingers.neutral), np.where(closes, closed, fingers.neutral)
+    path = [opened + share * (closed - opened) for share in _SHARES]
+    ways = fingers.tip_centers(closed) - fingers.tip_centers(opened)
+    spans = np.array([fingers.tip_gap(positions, ways) for positions in path])
+    if not np.isfinite(spans).all():
+        return Closing(opened, closed, closes, path[len(path) // 2])
+    touching = np.flatnonzero(spans < _TOUCH)
+    touching = touching[touching > 0]
+    return Closing(opened, closed, closes, path[int(touching[0]) if len(touching) else int(spans.argmin())])
+
+
+def _bend_along(fingers: Fingers, upper: NDArray[np.bool_], closes: NDArray[np.bool_]) -> None:
+    """Add the joints that bend a finger about the axis of one that closes it, in the same direction."""
+    frames, chains, revolute = fingers.hand.joint_frames(fingers.neutral)
+    rows = [fingers.tree.moving.index(joint) for joint in fingers.tree.independent]
+    for joint, row in enumerate(rows):
+        for other in np.flatnonzero(closes) if not closes[joint] and revolute[row] else ():
+            cosine = float(frames[row, :3, 0] @ frames[rows[other], :3, 0])
+            if revolute[rows[other]] and chains[row] == chains[rows[other]] and abs(cosine) > _ALONG:
+                upper[joint] = upper[other] == (cosine > 0)
+                closes[joint] = True
+                break
+
+
+def _ends(fingers: Fingers, upper: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    low, high = fingers.limits.T
+    return np.where(upper, low, high), np.where(upper, high, low)
+
+
+def _spread(fingers: Fingers, positions: Floats) -> float:
+    """Measure how far fingertips are from each other and from the palm, metres."""
+    tips = fingers.tip_centers(positions)
+    if not len(tips):
+        return 0.0
+    apart = [float(np.linalg.norm(a - b)) for a, b in combinations(tips, 2)]
+    lift = np.linalg.norm(tips - fingers.palm_center, axis=1)
+    return (float(np.mean(apart)) if apart else 0.0) + _PALM * float(lift.mean())
+
+
+def _closeness(fingers: Fingers, upper: NDArray[np.bool_]) -> float:
+    opened, closed = _ends(fingers, upper)
+    return sum(_spread(fingers, opened + share * (closed - opened)) for share in _LOOKS)
+
+
+def _descend(fingers: Fingers, start: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], float]:
+    upper, value = start.copy(), _closeness(fingers, start)
+    for _ in range(_ROUNDS):
+        before = value
+        for joint in range(len(upper)):
+            upper[joint] = ~upper[joint]
+            found = _closeness(fingers, upper)
+            if found < value - 1e-9:
+                value = found
+            else:
+                upper[joint] = ~upper[joint]
+        if value == before:
+            break
+    return upper, value
+
+
+def _gain(fingers: Fingers, upper: NDArray[np.bool_], joint: int) -> float:
+    """Return the share of a joint's motion that brings fingertips together, with the other joints half closed."""
+    opened, closed = _ends(fingers, upper)
+    middle = (opened + closed) / 2
+    first, last = middle.copy(), middle.copy()
+    first[joint], last[joint] = opened[joint], closed[joint]
+    ways = np.linalg.norm(fingers.tip_centers(last) - fingers.tip_centers(first), axis=1)
+    moved = float(ways.sum())
+    if moved < 1e-6:
+        return 0.0
+    return len(ways) * (_spread(fingers, first) - _spread(fingers, last)) / moved

@@ -1,0 +1,81 @@
+"""A hand open, half closed and closed, with its pads and its grasp frame."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from graspbox.hands import HandLike, load_hand
+from graspbox.pictures.files import PathLike, check_path, pixels, write
+from graspbox.pictures.hand_frames import AXES, frame_axes, plot_axes
+from graspbox.pictures.hands import PosedHand
+from graspbox.pictures.solids import Floats, box_edges
+from graspbox.pictures.view import Camera, View
+from graspbox.planning import Box
+from graspbox.simulation import Hand
+
+#: Names of the panels, and the shares by which the hand is closed in them.
+_STAGES = {"open": 0.0, "half closed": 0.5, "closed": 1.0}
+#: Greatest number of preshapes, one row each.
+_ROWS = 4
+_PAD, _CENTER = "#cc79a7", "#444444"
+#: Where the words of the legend begin, shares of the width.
+_PLACES = (0.60, 0.66, 0.785, 0.90, 0.92, 0.94)
+#: Half a size of the cross at the grasp centre, metres.
+_CROSS = 0.006
+#: The approach points up, and the camera looks across the motion of the fingers.
+_CAMERA = Camera(-66.0, 18.0)
+
+
+def save_hand_motion(path: PathLike, hand: HandLike) -> None:
+    """Save a row of panels per preshape: the hand open, half closed and closed, its pads, grasp frame and grasp centre.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        As of `graspbox.pictures.save_grasp_image`.
+    hand : str, Hand or pair of paths
+        The hand.
+
+    Raises
+    ------
+    ConfigError, FileError
+        As `graspbox.pictures.save_grasp_image`.
+    """
+    target, found = check_path(path), load_hand(hand)
+    preshapes = sorted(found.preshapes.items(), key=lambda item: item[1])[:_ROWS]
+    figure = Figure(figsize=(9.6, 0.75 + 3.1 * len(preshapes)), dpi=130)
+    panels = figure.subplots(len(preshapes), len(_STAGES), squeeze=False)
+    height = figure.get_figheight()
+    figure.subplots_adjust(left=0.005, right=0.995, bottom=0.01, top=1 - 0.8 / height, wspace=0.02, hspace=0.12)
+    for row, (name, preshape) in zip(panels, preshapes, strict=True):
+        for panel, (stage, share) in zip(row, _STAGES.items(), strict=True):
+            _plot(panel, found, preshape, share)
+            panel.set_title(f"preshape {name}, {stage}" if len(preshapes) > 1 else stage, fontsize=10, pad=4)
+    figure.text(0.012, 1 - 0.36 / height, found.name, fontsize=12, weight="bold", ha="left")
+    legend = [("pads", _PAD), ("grasp centre", _CENTER), ("grasp frame:", "black"), *AXES.items()]
+    for place, (text, ink) in zip(_PLACES, legend, strict=True):
+        figure.text(place, 1 - 0.36 / height, text, color=ink, fontsize=9.5, ha="left", weight="bold")
+    write(figure, target, palette=False)
+
+
+def _plot(panel: Any, hand: Hand, preshape: float, share: float) -> None:
+    joints = hand.closed(preshape, share)
+    posed = PosedHand(hand, np.eye(4), joints)
+    ends = frame_axes(np.eye(4))
+    reach = np.concatenate(
+        [PosedHand(hand, np.eye(4), hand.closed(preshape, each)).corners() for each in _STAGES.values()]
+    )
+    shown = np.concatenate([reach, ends.reshape(-1, 3)])
+    view = View([], _CAMERA, shown=shown, size=pixels(panel), hand=posed)
+    view.show(panel)
+    shapes, halves, pads, _ = hand.shapes(joints)
+    for pose, half in zip(shapes[pads], halves[pads], strict=True):
+        view.lines(panel, box_edges(Box(pose[:3, 3], pose[:3, :3], half)), _PAD, width=1.4, hidden=0.35)
+    view.lines(panel, _cross(hand.closing_center(preshape)), _CENTER, width=1.8, hidden=0.6)
+    plot_axes(panel, view, ends)
+
+
+def _cross(center: Floats) -> Floats:
+    """Return three short lines (3, 2, 3) through a point."""
+    return np.stack([np.stack([center - way, center + way]) for way in _CROSS * np.eye(3)])
