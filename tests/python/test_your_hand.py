@@ -36,21 +36,12 @@ def test_code_and_commands_run(hand: tuple[str, str], capsys: pytest.CaptureFixt
     names: dict[str, object] = {}
     code = blocks("python")
     assert len(code) == 4
-    write_finger(Path("finger.obj"))
     for block in code:
         exec(compile(block, "hand.md", "exec"), names)
     output = capsys.readouterr().out
     assert "pincher ['left_knuckle', 'right_knuckle'] ['motor']" in output
-    # The boxes of the mesh make a hand.
-    boxes = "\n".join(re.findall(r"^ *</?(?:collision|origin|geometry).*$", output, flags=re.MULTILINE))
-    assert boxes.count("<collision") >= 1
-    urdf = re.sub(
-        r'<collision name="left_bone">.*?</collision>', boxes, Path("pincher.urdf").read_text(), flags=re.DOTALL
-    )
-    Path("boxes.urdf").write_text(urdf)
-    graspbox.load_hand(("boxes.urdf", "pincher.toml"))
     assert Path("pincher.png").read_bytes()[:4] == b"\x89PNG"
-    for check in re.findall(r"^```\n(graspbox hand .*)\n```$", PAGE, flags=re.MULTILINE):
+    for check in re.findall(r"^```\n(graspbox hand .*pincher\.urdf.*)\n```$", PAGE, flags=re.MULTILINE):
         result = CliRunner().invoke(cli.typer_app, shlex.split(check)[1:])
         assert result.exit_code == 0, result.output
     assert Path("pincher_motion.png").read_bytes()[:4] == b"\x89PNG"
@@ -78,16 +69,16 @@ def write_finger(path: Path) -> None:
     path.write_text("\n".join(lines))
 
 
-def test_collision_meshes_are_refused_with_what_to_do(hand: tuple[str, str]) -> None:
+def test_collision_meshes_become_shapes(hand: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+    """The page's code says how well they fit."""
+    write_finger(Path("finger.obj"))
     text = Path("pincher.urdf").read_text()
-    text = text.replace('<box size="0.008 0.024 0.09"/>', '<mesh filename="package://pincher/finger.stl"/>', 1)
+    text = text.replace('<box size="0.008 0.024 0.09"/>', '<mesh filename="finger.obj"/>', 1)
     Path("pincher.urdf").write_text(text)
-    line = next(n for n, content in enumerate(text.splitlines(), 1) if 'name="left_bone"' in content)
-    mesh = r'"left_bone" is the mesh "package://pincher/finger\.stl"'
-    said = rf"pincher\.urdf:{line}: .*{mesh}; .*graspbox\.decompose.*docs/your_hand\.md"
-    with pytest.raises(errors.HandError, match=said):
-        graspbox.load_hand(hand)
-    assert "## Collision meshes" in PAGE
+    assert "left_bone.0" in graspbox.load_hand(hand).files[0]
+    (code,) = (block for block in blocks("python") if "fitted_urdf" in block)
+    exec(compile(code, "hand.md", "exec"), {"graspbox": graspbox})
+    assert re.fullmatch(r"left_bone: \['box', 'box'\], \d\.\d mm off on average\n", capsys.readouterr().out)
 
 
 def test_the_error_that_the_page_quotes_is_what_is_said(hand: tuple[str, str]) -> None:

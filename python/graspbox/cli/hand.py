@@ -1,9 +1,9 @@
-"""``graspbox hand``: check the files of a hand, and begin a ``hand.toml`` for a URDF."""
+"""``graspbox hand``: check the files of a hand, and make them from a URDF or MJCF file."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -12,13 +12,15 @@ from rich.table import Table
 from graspbox._common.files import check_output, write_text
 from graspbox.cli.common import Json, Seed, console, find_hand, print_json
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
-from graspbox.hand_tools import Finding, HandReport, check_hand, guess_hand
+from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand, guess_hand
 from graspbox.hand_tools.checking import unit_findings
-from graspbox.hands import Hand, load_hand
+from graspbox.hands import Hand, MeshFit, fitted_urdf, load_hand, urdf_of_mjcf
 
 __all__ = ["hand_app"]
 
-hand_app = typer.Typer(no_args_is_help=True, help="Check the files of your hand, or begin a hand.toml for its URDF.")
+hand_app = typer.Typer(
+    no_args_is_help=True, help="Check the files of your hand, or make them from a URDF or MJCF file."
+)
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
@@ -44,6 +46,23 @@ def _load(words: list[str]) -> Hand:
         _refuse(error)
 
 
+def _print_fits(fits: Mapping[str, MeshFit]) -> None:
+    """Say which shapes stand for each collision mesh, and how far they are from it."""
+    for name, fit in fits.items():
+        kinds = [shape.kind for shape in fit.primitives]
+        counts = (f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+        typer.echo(
+            f"{name}: its mesh became {', '.join(counts)}; {1e3 * fit.mean:.1f} mm from it on average, "
+            f"{1e3 * fit.most:.1f} mm at most"
+        )
+
+
+def _fits_of(words: list[str]) -> Mapping[str, MeshFit]:
+    """Give the fits of the collision meshes of the URDF that the arguments name, if they name one."""
+    urdf = Path(words[0].partition(",")[0])
+    return fitted_urdf(urdf).fits if urdf.is_file() else {}
+
+
 def _print_report(report: HandReport) -> None:
     table = Table(title=f"{report.name}: findings", title_justify="left")
     for column in ("", "thing", "value", "finding"):
@@ -54,6 +73,11 @@ def _print_report(report: HandReport) -> None:
     Console(file=sys.stdout, markup=False, highlight=False, emoji=False).print(table)
     counts: dict[str, int] = report.table()["counts"]  # type: ignore[assignment]
     typer.echo(", ".join(f"{count} {severity}{'' if count == 1 else 's'}" for severity, count in counts.items()))
+
+
+def _fit_table(fit: MeshFit) -> dict[str, Any]:
+    """Give the JSON of a fit."""
+    return {"shapes": [shape.kind for shape in fit.primitives], "mean": fit.mean, "most": fit.most}
 
 
 @hand_app.command("check")
@@ -84,9 +108,11 @@ def check(
     loaded = _load(hand)
     with console.status("checking"):
         report = check_hand(loaded, trials=trials, seed=seed)
+    fits = _fits_of(hand)
     if as_json:
-        print_json(report.table())
+        print_json({**report.table(), "meshes": {name: _fit_table(fit) for name, fit in fits.items()}})
     else:
+        _print_fits(fits)
         _print_report(report)
     if picture is not None:
         pictures.save_hand_motion(picture, loaded)
@@ -107,18 +133,59 @@ def new(
 
     The file begins with a list of guesses to review. Nothing is random here, so there is no --seed.
     """
-    if out.exists() and not force:
-        raise ConfigError(f"{str(out)!r} exists; give --force to replace it, or another --out")
-    check_output(out)
+    _check_new(out, force)
     try:
-        guessed = guess_hand(urdf, name)
+        with console.status("guessing"):
+            fits, guessed = fitted_urdf(urdf).fits, guess_hand(urdf, name)
     except (HandError, FileError) as error:
         _refuse(error, unit_findings(urdf))
     write_text(out, guessed.text)
+    _print_guessed(guessed, fits, [out], as_json)
+
+
+@hand_app.command("convert")
+def convert(
+    mjcf: Annotated[Path, typer.Argument(help="The MJCF file, with one tree of bodies.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the new hand.urdf and hand.toml.")] = Path("hand"),
+    name: Annotated[str | None, typer.Option(help="Name of the hand; that of the file by default.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Make the two files of a hand from an MJCF file, which MuJoCo's compiler reads (extra mjcf).
+
+    Collision meshes become boxes, cylinders and spheres. The hand.toml is that of ``graspbox hand new``, with a list of
+    guesses to review. Nothing is random here, so there is no --seed.
+    """
+    urdf, toml = out / "hand.urdf", out / "hand.toml"
+    for path in (urdf, toml):
+        _check_new(path, force)
+    try:
+        with console.status("converting"):
+            converted = urdf_of_mjcf(mjcf)
+            out.mkdir(parents=True, exist_ok=True)
+            write_text(urdf, converted.text)
+            guessed = guess_hand(urdf, name or mjcf.stem)
+    except (HandError, FileError) as error:
+        _refuse(error)
+    write_text(toml, guessed.text)
+    _print_guessed(guessed, converted.fits, [urdf, toml], as_json)
+
+
+def _check_new(path: Path, force: bool) -> None:
+    """Refuse to replace a file, and a place where none can be written."""
+    if path.exists() and not force:
+        raise ConfigError(f"{str(path)!r} exists; give --force to replace it, or another --out")
+    check_output(path)
+
+
+def _print_guessed(guessed: GuessedHand, fits: Mapping[str, MeshFit], files: Sequence[Path], as_json: bool) -> None:
+    """Name the new files, the fits of meshes, and the guesses to review."""
     if as_json:
-        print_json({"hand": guessed.name, "out": str(out), "review": list(guessed.review)})
+        meshes = {name: _fit_table(fit) for name, fit in fits.items()}
+        print_json({"hand": guessed.name, "out": str(files[-1]), "review": list(guessed.review), "meshes": meshes})
         return
-    console.print(f"wrote {out}")
+    console.print(f"wrote {' and '.join(map(str, files))}")
+    _print_fits(fits)
     typer.echo("Review these guesses:")
     for item in guessed.review:
         typer.echo(f"- {item}")

@@ -15,7 +15,7 @@ from graspbox.hand_tools import tables
 from graspbox.hand_tools.closing import Closing, Fingers, guess_closing
 from graspbox.hand_tools.tables import Drive, Frame
 from graspbox.hand_tools.urdf import read_tree
-from graspbox.hands import Hand
+from graspbox.hands import Hand, fitted_urdf, load_hand
 
 __all__ = ["GuessedHand", "guess_hand"]
 
@@ -86,9 +86,10 @@ def guess_hand(urdf: str | os.PathLike[str], name: str | None = None) -> Guessed
     path = Path(urdf)
     content = read_bounded(path, _LIMIT)
     try:
-        tree = read_tree(content.decode())
+        content.decode()
     except UnicodeDecodeError:
         raise HandError(f"{path} is not UTF-8 text") from None
+    tree = read_tree(fitted_urdf(path).text)
     joints = tree.independent
     if not joints:
         raise HandError(f"{path} has no joint that moves by itself; a hand needs revolute or prismatic joints")
@@ -122,7 +123,7 @@ def _load(urdf: Path, text: str) -> Hand:
         toml = Path(folder) / "hand.toml"
         toml.write_text(text)
         try:
-            return Hand.load(urdf, toml)
+            return load_hand((urdf, toml))
         except HandError as error:
             lines = [line for line in str(error).splitlines() if str(toml) not in line]
             raise HandError("\n".join(lines if len(lines) > 1 else str(error).splitlines())) from None

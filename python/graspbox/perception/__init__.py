@@ -14,7 +14,7 @@ A decision goes one way: a `DepthView` is leveled, its object is cropped (`Crops
 
 | module | purpose |
 |---|---|
-| `configs`, `finder_configs` | settings |
+| `configs`, `finder_configs`, `hand_settings` | settings; those that follow from a hand |
 | `depth_images` | depth images from files: their units, the camera's lens and pose, the table |
 | `depth_views`, `leveling` | one image with its camera, whose height and tilt the visible table corrects |
 | `crops` | noise of a depth camera; the crop around the object, and its voxels |
@@ -39,6 +39,7 @@ from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid, Proposals
+from graspbox.perception.hand_settings import HandSettings, settings_of
 from graspbox.perception.perturbations import PoseNoise
 
 __all__ = [
@@ -54,6 +55,7 @@ __all__ = [
     "GraspFinder",
     "HandGrid",
     "HandGridConfig",
+    "HandSettings",
     "HeadFinder",
     "PlannedFinder",
     "PoseNoise",
@@ -61,5 +63,6 @@ __all__ = [
     "Proposals",
     "add_depth_noise",
     "crop",
+    "settings_of",
     "solid_occupancy",
 ]
