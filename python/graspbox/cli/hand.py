@@ -50,7 +50,7 @@ def _print_fits(fits: Mapping[str, MeshFit]) -> None:
     """Say which shapes stand for each collision mesh, and how far they are from it."""
     for name, fit in fits.items():
         kinds = [shape.kind for shape in fit.primitives]
-        counts = (f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+        counts = (f"{kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds))
         typer.echo(
             f"{name}: its mesh became {', '.join(counts)}; {1e3 * fit.mean:.1f} mm from it on average, "
             f"{1e3 * fit.most:.1f} mm at most"
