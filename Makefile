@@ -200,7 +200,7 @@ sdist: $(STAMPS)/venv tree
 	maturin sdist --manifest-path out/release/env/py/Cargo.toml --out out/dist
 
 check-wheels: $(STAMPS)/wheels
-	python scripts/check_wheels.py install out/dist
+	for machine in $(ARCHES); do python scripts/check_wheels.py install out/dist --machine $$machine; done
 
 check-source: $(STAMPS)/wheels
 	python scripts/check_wheels.py source out/dist
