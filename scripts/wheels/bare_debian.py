@@ -14,6 +14,8 @@ from wheels.files import ROOT, CheckError, debian_architecture, run, version, wh
 
 #: Seconds that the evaluation of one trial may take, and how often that with an emulated processor.
 LONGEST, EMULATED = 20.0, 30
+#: What the kernel starts for programs that this machine cannot run.
+BINFMT = Path("/proc/sys/fs/binfmt_misc")
 _EVALUATE = ("graspbox", "evaluate", "depth", "--trials", "1", "--json")
 
 
@@ -27,6 +29,12 @@ class BareDebian:
         self.folder, self.emulated = folder, machine != platform.machine()
         if os.geteuid() != 0:
             raise CheckError("only root can make and enter a Debian root; run it as root, or in a container")
+        if self.emulated and not (BINFMT / f"qemu-{machine}").exists():
+            settings, register = f"/usr/lib/binfmt.d/qemu-{machine}.conf", BINFMT / "register"
+            raise CheckError(
+                f"the kernel does not run programs of {machine}; install qemu-user-static, and where systemd "
+                f"does not run, write the line of {settings} to {register}"
+            )
         if not (folder / "usr/bin/pip3").exists():
             packages = "python3,python3-pip,ca-certificates"
             options = ["--variant=minbase", f"--arch={debian_architecture(machine)}", f"--include={packages}"]

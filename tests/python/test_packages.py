@@ -253,6 +253,20 @@ def test_the_unpacked_compiler_starts_with_its_own_libraries(tmp_path: Path) -> 
     assert done.stdout.splitlines() == ["--library-path", libraries, program, "--sysroot", sysroot, "--print", "a b"]
 
 
+def test_an_emulated_debian_needs_the_help_of_the_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bare = imported(ROOT / "scripts/check_wheels.py").bare_debian
+    monkeypatch.setattr(bare.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(bare.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(bare, "BINFMT", tmp_path)
+    (tmp_path / "usr/bin").mkdir(parents=True)
+    (tmp_path / "usr/bin/pip3").touch()
+    assert not bare.BareDebian(tmp_path, "bookworm", "", "x86_64").emulated
+    with pytest.raises(bare.CheckError, match="does not run programs of aarch64; install qemu-user-static"):
+        bare.BareDebian(tmp_path, "bookworm", "", "aarch64")
+    (tmp_path / "qemu-aarch64").touch()
+    assert bare.BareDebian(tmp_path, "bookworm", "", "aarch64").emulated
+
+
 def test_the_bare_debian_runs_the_first_example() -> None:
     example = imported(ROOT / "scripts/check_wheels.py").bare_debian.first_example()
     assert example in (ROOT / "README.md").read_text()
