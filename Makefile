@@ -173,15 +173,23 @@ REPOSITORY ?=
 tree: $(STAMPS)/venv
 	python scripts/release_tree.py out/release $(if $(REPOSITORY),--url "$(REPOSITORY)")
 
-# Architectures of the wheels for Linux, such as 'x86_64 aarch64'; a target of Rust that is missing is added by rustup.
+# Architectures of the wheels for Linux, such as 'x86_64 aarch64'. A target of Rust that is missing is added by rustup, or,
+# with TARGETS_FROM=debian, comes with a compiler of Debian's (see scripts/debian_rust.py).
 ARCHES ?= $(shell uname -m)
+TARGETS_FROM ?= rustup
 TREE_TARGET := $${CARGO_TARGET_DIR:-$(CURDIR)/target}
 
 wheels: $(STAMPS)/wheels tree
 	rm -f out/dist/*.whl
 	for target in $(ARCHES:%=%-unknown-linux-gnu); do \
-		[ -d "$$(rustc --print target-libdir --target $$target)" ] || rustup target add $$target; \
-		CARGO_TARGET_DIR=$(TREE_TARGET) maturin build --manifest-path out/release/env/py/Cargo.toml --profile dist \
+		rustc=rustc; \
+		if [ ! -d "$$(rustc --print target-libdir --target $$target)" ]; then \
+			case $(TARGETS_FROM) in \
+				debian) rustc=$$(python scripts/debian_rust.py $$target | tail -n 1) ;; \
+				*) rustup target add $$target ;; \
+			esac; \
+		fi; \
+		RUSTC=$$rustc CARGO_TARGET_DIR=$(TREE_TARGET) maturin build --manifest-path out/release/env/py/Cargo.toml --profile dist \
 			--zig --compatibility manylinux_2_28 --target $$target --out out/dist; \
 	done
 	cd out/release/packages/policies && python -m hatchling build -t wheel -d $(CURDIR)/out/dist
@@ -192,7 +200,7 @@ sdist: $(STAMPS)/venv tree
 	maturin sdist --manifest-path out/release/env/py/Cargo.toml --out out/dist
 
 check-wheels: $(STAMPS)/wheels
-	python scripts/check_wheels.py install out/dist
+	for machine in $(ARCHES); do python scripts/check_wheels.py install out/dist --machine $$machine; done
 
 check-source: $(STAMPS)/wheels
 	python scripts/check_wheels.py source out/dist

@@ -8,7 +8,8 @@
 
 ``install`` makes a bare Debian with Python and pip alone, installs both wheels there, runs the first example of
 README.md and evaluates a published policy by its name. It needs root, Debian's package ``debootstrap``, a Debian mirror
-and a package index: packages are downloaded outside the bare Debian, and installed there from a folder.
+and a package index: packages are downloaded outside the bare Debian, and installed there from a folder. With
+``--machine`` the Debian is of another architecture, and Debian's package ``qemu-user-static`` runs its programs.
 
 ``source`` builds a wheel from the source distribution, in another folder. It needs Rust and a package index.
 
@@ -16,6 +17,7 @@ Each check prints its findings, and ends with status 1 at the first error.
 """
 
 import argparse
+import platform
 import sys
 import tarfile
 import tempfile
@@ -45,18 +47,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("check", choices=("files", "install", "source"))
     parser.add_argument("dist", type=Path, help="folder of the wheels and of the source distribution")
-    parser.add_argument(
-        "--root", type=Path, default=files.ROOT / "out/debian", help="folder of the bare Debian (%(default)s)"
-    )
+    parser.add_argument("--machine", default=platform.machine(), help="architecture of the bare Debian (%(default)s)")
+    parser.add_argument("--root", type=Path, help="its folder (out/debian or, for another machine, out/debian-MACHINE)")
     parser.add_argument("--suite", default="bookworm", help="its release (%(default)s)")
-    parser.add_argument("--mirror", default="http://deb.debian.org/debian", help="mirror (%(default)s)")
+    parser.add_argument("--mirror", default=files.DEBIAN_MIRROR, help="mirror (%(default)s)")
     args = parser.parse_args()
-    dist = args.dist.resolve()
+    dist, own = args.dist.resolve(), args.machine == platform.machine()
+    root = args.root or files.ROOT / ("out/debian" if own else f"out/debian-{args.machine}")
     try:
         if args.check == "files":
             files.check_files(dist)
         elif args.check == "install":
-            bare_debian.check_install(dist, bare_debian.BareDebian(args.root.resolve(), args.suite, args.mirror))
+            debian = bare_debian.BareDebian(root.resolve(), args.suite, args.mirror, args.machine)
+            bare_debian.check_install(dist, debian)
         else:
             check_source(dist)
     except files.CheckError as error:

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import sys
 import tomllib
 import zipfile
 from collections.abc import Sequence
@@ -14,6 +15,10 @@ ROOT = Path(__file__).parents[2]
 LARGEST_WHEEL, LARGEST_POLICIES = 8_000_000, 30_000_000
 #: The newest glibc that a wheel for Linux may need.
 GLIBC = (2, 28)
+#: The mirror that Debian itself names.
+DEBIAN_MIRROR = "http://deb.debian.org/debian"
+#: Debian's names of the architectures that wheels are built for.
+_DEBIAN_ARCHITECTURES = {"x86_64": "amd64", "aarch64": "arm64"}
 
 
 class CheckError(Exception):
@@ -31,10 +36,23 @@ def run(command: Sequence[str], cwd: Path | None = None) -> str:
     try:
         done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
     except FileNotFoundError:
-        raise CheckError(f"there is no program {command[0]}; see check_wheels.py --help") from None
+        raise CheckError(f"there is no program {command[0]}; see {Path(sys.argv[0]).name} --help") from None
     if done.returncode != 0:
         raise CheckError(f"{' '.join(command)} failed:\n{done.stdout[-4000:]}{done.stderr[-4000:]}")
     return done.stdout
+
+
+def debian_architecture(machine: str) -> str:
+    """Return Debian's name of an architecture, such as arm64 for aarch64.
+
+    Raises
+    ------
+    CheckError
+        If wheels are not built for it.
+    """
+    if machine not in _DEBIAN_ARCHITECTURES:
+        raise CheckError(f"{machine} is not one of the architectures {', '.join(_DEBIAN_ARCHITECTURES)}")
+    return _DEBIAN_ARCHITECTURES[machine]
 
 
 def version() -> str:

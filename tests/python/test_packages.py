@@ -204,6 +204,69 @@ def test_the_report_of_auditwheel_is_read() -> None:
         check.glibc_of('consistent with the following platform tag: "linux_x86_64"')
 
 
+def test_architectures_have_the_names_of_debian() -> None:
+    check = imported(ROOT / "scripts/check_wheels.py").files
+    assert [check.debian_architecture(machine) for machine in ("x86_64", "aarch64")] == ["amd64", "arm64"]
+    with pytest.raises(check.CheckError, match="armv7l is not one of the architectures x86_64, aarch64"):
+        check.debian_architecture("armv7l")
+
+
+def test_packages_of_debian_come_with_settings_of_their_own(tmp_path: Path) -> None:
+    rust = imported(ROOT / "scripts/debian_rust.py")
+    lines = rust.sources("http://mirror.example/debian", "trixie-backports", ("amd64", "arm64")).splitlines()
+    assert [line.split()[-2:] for line in lines] == [["trixie", "main"], ["trixie-backports", "main"]]
+    assert all("signed-by=" in line and "arch=amd64,arm64] http://mirror.example/debian " in line for line in lines)
+    assert len(rust.sources("http://mirror.example/debian", "sid", ("amd64", "arm64")).splitlines()) == 1
+    settings = rust.settings(tmp_path, "trixie-backports", ("amd64", "arm64"))
+    named = dict(re.findall(r'^(\S+) "(.*)";$', settings, flags=re.MULTILINE))
+    # Neither the state nor the sources of this machine's apt.
+    assert all(
+        named[key].startswith(str(tmp_path)) for key in ("Dir::State", "Dir::State::status", "Dir::Cache", "Dir::Etc")
+    )
+    assert (named["APT::Architecture"], named["APT::Default-Release"]) == ("amd64", "trixie-backports")
+
+
+def test_compiler_and_standard_libraries_have_one_version() -> None:
+    rust = imported(ROOT / "scripts/debian_rust.py")
+    names = [
+        "libc6_2.41-12_amd64",
+        "libstd-rust-dev_1.96.1-2_amd64",
+        "libstd-rust-dev_1.96.1-2_arm64",
+        "rustc_1.96.1-2_amd64",
+    ]
+    assert rust.check_versions(names) == "1.96.1-2"
+    with pytest.raises(rust.CheckError, match=r"unlike versions, .*libstd-rust-dev_1\.95\.0-1_arm64"):
+        rust.check_versions([name.replace("1.96.1-2_arm64", "1.95.0-1_arm64") for name in names])
+
+
+def test_the_unpacked_compiler_starts_with_its_own_libraries(tmp_path: Path) -> None:
+    """A folder with a space, and a loader that prints what it is told."""
+    rust = imported(ROOT / "scripts/debian_rust.py")
+    root = tmp_path / "a root"
+    loader = root / "usr/lib/x86_64-linux-gnu/ld-linux-x86-64.so.2"
+    loader.parent.mkdir(parents=True)
+    loader.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')
+    loader.chmod(0o755)
+    (tmp_path / "rustc").write_text(rust.starter(root, loader))
+    done = subprocess.run(["sh", tmp_path / "rustc", "--print", "a b"], capture_output=True, text=True, check=True)
+    libraries, program, sysroot = str(loader.parent), str(root / "usr/bin/rustc"), str(root / "usr")
+    assert done.stdout.splitlines() == ["--library-path", libraries, program, "--sysroot", sysroot, "--print", "a b"]
+
+
+def test_an_emulated_debian_needs_the_help_of_the_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bare = imported(ROOT / "scripts/check_wheels.py").bare_debian
+    monkeypatch.setattr(bare.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(bare.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(bare, "BINFMT", tmp_path)
+    (tmp_path / "usr/bin").mkdir(parents=True)
+    (tmp_path / "usr/bin/pip3").touch()
+    assert not bare.BareDebian(tmp_path, "bookworm", "", "x86_64").emulated
+    with pytest.raises(bare.CheckError, match="does not run programs of aarch64; install qemu-user-static"):
+        bare.BareDebian(tmp_path, "bookworm", "", "aarch64")
+    (tmp_path / "qemu-aarch64").touch()
+    assert bare.BareDebian(tmp_path, "bookworm", "", "aarch64").emulated
+
+
 def test_the_bare_debian_runs_the_first_example() -> None:
     example = imported(ROOT / "scripts/check_wheels.py").bare_debian.first_example()
     assert example in (ROOT / "README.md").read_text()
