@@ -36,7 +36,7 @@ def pose_at(position: tuple[float, float, float], downward: bool = True) -> NDAr
     return pose
 
 
-@pytest.mark.parametrize("hand", ["reflex", "panda_gripper", "soft_hand", "robotiq_2f_85"])
+@pytest.mark.parametrize("hand", graspbox.Hand.names())
 def test_a_grid_holds_what_the_fingers_sweep(hand: str) -> None:
     grid = HandGrid(hand)
     loaded = graspbox.load_hand(hand)
@@ -203,7 +203,7 @@ def test_hand_grids_do_not_depend_on_threads() -> None:
         np.testing.assert_array_equal(one, three)
 
 
-@pytest.mark.parametrize("hand", ["panda_gripper", "soft_hand", "robotiq_2f_85"])
+@pytest.mark.parametrize("hand", ["panda_gripper", "soft_hand", "robotiq_2f_85", "leap"])
 def test_other_hands_propose_too(hand: str) -> None:
     grid = HandGrid(hand)
     found = grid.propose(box((0.05, 0.05, 0.08)))

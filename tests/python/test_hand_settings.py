@@ -18,6 +18,7 @@ SYMMETRIES = {
     "panda_gripper": (MIRROR_Y, MIRROR_X, HALF_TURN),
     "robotiq_2f_85": (MIRROR_Y, MIRROR_X, HALF_TURN),
     "soft_hand": (),
+    "leap": (),
 }
 
 

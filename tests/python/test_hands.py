@@ -21,10 +21,10 @@ OTHERS = [name for name in NAMES if name != "reflex"]
 
 
 def test_names() -> None:
-    assert NAMES == ["reflex", "panda_gripper", "soft_hand", "robotiq_2f_85"]
+    assert NAMES == ["reflex", "panda_gripper", "soft_hand", "robotiq_2f_85", "leap"]
     for name in NAMES:
         assert graspbox.load_hand(name).name == name
-    with pytest.raises(errors.ConfigError, match="choose from 'reflex', 'panda_gripper', 'soft_hand', 'robotiq_2f_85'"):
+    with pytest.raises(errors.ConfigError, match=f"choose from {', '.join(map(repr, NAMES))}"):
         graspbox.load_hand("claw")
 
 

@@ -28,7 +28,7 @@ from graspbox.envs.remote_config import RemoteConfig
 from graspbox.remote import EnvironmentServer, ServerSettings
 
 GRASP, POSE = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
-IDS, HANDS, MODES = (GRASP, POSE), ("reflex", "panda_gripper", "soft_hand", "robotiq_2f_85"), tuple(AutoresetMode)
+IDS, HANDS, MODES = (GRASP, POSE), tuple(graspbox.Hand.names()), tuple(AutoresetMode)
 #: Every vector and image, and several at once; `tactile` is of the reflex hand alone.
 OBSERVATIONS: tuple[Any, ...] = (
     "tactile",

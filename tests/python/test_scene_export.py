@@ -24,7 +24,7 @@ from graspbox.scene_export.mesh_files import hull_faces, obj
 from graspbox.validation.__main__ import main
 from graspbox.validation.mujoco.exported import load_export, replay_export
 
-HANDS = ("reflex", "panda_gripper", "soft_hand", "robotiq_2f_85")
+HANDS = graspbox.Hand.names()
 
 
 def make_scene(hand: str = "reflex", name: str = "procedural:mug:2") -> graspbox.Scene:

@@ -22,7 +22,7 @@ from graspbox.scene_export.description import HandDescription, read_hand
 from graspbox.scene_export.mjcf import colliding_shapes
 from graspbox.scene_export.usd_hand import identifiers
 
-HANDS = ("reflex", "panda_gripper", "soft_hand", "robotiq_2f_85")
+HANDS = graspbox.Hand.names()
 PHYSICS = PhysicsConfig(gravity=3.71, friction=FrictionConfig(table=0.45, object=0.8))
 
 

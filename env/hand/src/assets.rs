@@ -17,7 +17,7 @@ pub struct Asset {
 }
 
 /// The hands that come with the project; the first is the default.
-pub const ASSETS: [Asset; 4] = [
+pub const ASSETS: [Asset; 5] = [
     Asset {
         name: "reflex",
         urdf: include_str!("../assets/reflex/reflex.urdf"),
@@ -37,6 +37,11 @@ pub const ASSETS: [Asset; 4] = [
         name: "robotiq_2f_85",
         urdf: include_str!("../assets/robotiq_2f_85/robotiq_2f_85.urdf"),
         toml: include_str!("../assets/robotiq_2f_85/hand.toml"),
+    },
+    Asset {
+        name: "leap",
+        urdf: include_str!("../assets/leap/leap.urdf"),
+        toml: include_str!("../assets/leap/hand.toml"),
     },
 ];
 

@@ -152,3 +152,72 @@ fn fingertips_of_the_soft_hand_go_where_the_published_model_has_them() {
         }
     }
 }
+
+/// Sixteen servos, one per joint. Fingertips (48 and 60 mm along the last links) are where MuJoCo Menagerie's model has them, palm frame, mm.
+#[test]
+fn fingertips_of_the_leap_hand_go_where_the_published_model_has_them() {
+    let hand = hand("leap");
+    assert_eq!((hand.chain_count(), hand.coordinates().count(), hand.actuators.len()), (4, 16, 16));
+    assert!(hand.joints.iter().all(|joint| joint.kind == JointKind::Revolute && joint.mimic.is_none()));
+    let mass: f64 = hand.links.iter().map(|link| link.mass).sum();
+    assert!((mass - 0.746).abs() < 1e-9, "{mass} kg");
+    let bent = [
+        ("th_cmc", 1.2),
+        ("th_axl", 0.4),
+        ("th_mcp", 0.3),
+        ("th_ipl", 0.5),
+        ("mcp", 0.5),
+        ("rot", 0.2),
+        ("pip", 0.6),
+        ("dip", 0.7),
+    ];
+    let closed = [
+        ("th_cmc", 1.8),
+        ("th_axl", 1.0),
+        ("th_mcp", -0.5),
+        ("th_ipl", 1.0),
+        ("mcp", 1.0),
+        ("rot", -0.3),
+        ("pip", 1.0),
+        ("dip", 0.5),
+    ];
+    let figures: [(&Positions, [[f64; 3]; 4]); 3] = [
+        (&[], [[130.2, 7.6, -19.5], [130.1, -37.8, -19.5], [130.1, -83.2, -19.5], [-82.3, 136.7, -21.9]]),
+        (&bent, [[43.5, -3.8, -123.1], [43.4, -49.2, -123.1], [43.4, -94.6, -123.1], [-30.1, 20.5, -139.3]]),
+        (&closed, [[-33.2, 18.8, -124.2], [-33.3, -26.6, -124.2], [-33.3, -72.0, -124.2], [-79.1, -35.0, -141.9]]),
+    ];
+    for (positions, expected) in figures {
+        let poses = hand.forward_kinematics(&configuration(&hand, positions)).unwrap();
+        for (finger, expected) in ["if", "mf", "rf", "th"].into_iter().zip(expected) {
+            let link = hand.links.iter().position(|link| link.name == format!("{finger}_ds")).unwrap();
+            let [along, across] = if finger == "th" { [0.06, -0.015] } else { [0.048, 0.015] };
+            let tip = (poses[link] * Point3::new(0.0, -along, across)).coords * 1e3;
+            let error = (tip - Vector3::from(expected)).amax();
+            assert!(error < 0.1, "{finger}: {tip} is {error} mm from {expected:?}");
+        }
+    }
+}
+
+/// Thumb and fingers face each other along hand x in every preshape, with the pads apart as the preshape's width says.
+#[test]
+fn the_thumb_of_the_leap_hand_opposes_the_fingers() {
+    let hand = hand("leap");
+    for preshape in hand.preshapes() {
+        let shapes = hand.shapes_at(&hand.open_configuration(preshape.value)).unwrap();
+        let pad = |name: &str| shapes.iter().find(|shape| shape.collider.name == format!("{name}_ds_pad")).unwrap();
+        // Middle of the face of a pad, and its outward normal: -x of the link.
+        let face = |name: &str| {
+            let pad = pad(name);
+            let Shape::Cuboid(half) = pad.collider.shape else { panic!("pads are boxes") };
+            let out = pad.hand_from_shape.rotation * -Vector3::x();
+            (pad.hand_from_shape.translation.vector + out * half.x, out)
+        };
+        let (thumb, out) = face("th");
+        for finger in ["if", "mf", "rf"] {
+            let (at, inward) = face(finger);
+            assert!(out.x > 0.7 && inward.x < -0.6, "{}: {out} {inward}", preshape.name);
+            let [_, widest] = preshape.face.width;
+            assert!(at.x - thumb.x > widest && (at.z - thumb.z).abs() < 0.04, "{}: {thumb} {at}", preshape.name);
+        }
+    }
+}

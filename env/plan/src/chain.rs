@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `model` | the chain of a hand as rectangles in the plane in which it closes |
 //! | `plane` | rectangles and frames, and their collisions with points and the table |
-//! | `spatial` | chains in space, for hands with a chain whose plane rotates as it closes |
+//! | `spatial` | chains in space, for hands with a chain whose plane rotates as it closes, or whose joints have motors of their own |
 //!
 //! The chain moves in the plane normal to the axis of its last closing joint. Joints about other axes keep their positions in the open hand. One
 //! tendon pulls all joints: it shortens by `sum of r_i dq_i`, and the chain makes any collision-free motion for which that is positive. First the
@@ -69,6 +69,8 @@ pub(crate) struct ChainModel {
     pub reach: f64,
     /// Its plane rotates as it closes, since a joint about another axis closes too.
     pub turns: bool,
+    /// Several motors close it at the same time: no tendon shares their motion, and no joint waits for another.
+    pub together: bool,
 }
 
 /// A chain after closing.
@@ -313,5 +315,20 @@ mod tests {
         // A free finger closes to 90 degrees at each of its three joints.
         let free = chains[2].close(&[], &NO_TABLE);
         assert!((free.turn - 3.0 * std::f64::consts::FRAC_PI_2).abs() < 0.1, "{free:?}");
+    }
+
+    /// A finger with a motor per joint closes them all at once; a tendon's joints wait for each other, and a jaw has one.
+    #[test]
+    fn joints_with_motors_of_their_own_close_together() {
+        let together = |name: &str| {
+            let hand = graspbox_hand::assets::asset(name).unwrap().read().unwrap();
+            ChainModel::all(&hand, 0.0).unwrap().iter().map(|chain| chain.together).collect::<Vec<_>>()
+        };
+        assert_eq!(together("leap"), vec![true; 4]);
+        assert!(
+            ["reflex", "panda_gripper", "robotiq_2f_85", "soft_hand"]
+                .iter()
+                .all(|name| !together(name).contains(&true))
+        );
     }
 }

@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 
 /// Half the size of a palm, metres: parts of a box beyond it do not constrain a rotated hand.
 const PALM: f64 = 0.04;
+/// Depth of the grasp centre of a hand for which `standoffs` are given, metres: that of the ReFlex.
+const USUAL_DEPTH: f64 = 0.06;
 /// Most random variations per face and orientation.
 const MOST_VARIATIONS: usize = 10_000;
 /// Most extra distances.
@@ -39,7 +41,7 @@ pub struct PoseParams {
     /// Distance of the palm from the box, metres (reference study: 5 mm).
     pub offset: f64,
     /// Extra distances, added to `offset`, metres; at most 1,000. Fingers need space to close above the table: a flat object is grasped with
-    /// the palm up to a finger's length above it.
+    /// the palm up to a finger's length above it. For a hand whose grasp centre is deeper than 60 mm they grow in proportion.
     pub standoffs: Vec<f64>,
     /// The kind of variation.
     pub variation: Variation,
@@ -260,7 +262,9 @@ fn variations(params: &PoseParams, grasp: &Grasp, rng: &mut ChaCha8Rng) -> Vec<V
             shifts.into_iter().flat_map(at).collect()
         }
         Variation::Random => {
-            let standoffs: Vec<f64> = std::iter::once(0.0).chain(params.standoffs.iter().copied()).collect();
+            let scale = (grasp.center.z / USUAL_DEPTH).max(1.0);
+            let extra = params.standoffs.iter().map(|standoff| scale * standoff);
+            let standoffs: Vec<f64> = std::iter::once(0.0).chain(extra).collect();
             let mut all: Vec<Variant> =
                 standoffs.iter().map(|&standoff| Variant { standoff, ..Variant::default() }).collect();
             all.extend((0..params.variations * (1 + given)).map(|_| {

@@ -4,6 +4,7 @@
 mod common;
 
 use common::{cuboids, hammer, lathe, random_motion, rng, surface_points};
+use graspbox_hand::assets::asset;
 use graspbox_hand::{Hand, Shape};
 use graspbox_mesh::{Mass, OutOfRange, TriMesh, default_pose, mass_properties};
 use graspbox_plan::{
@@ -148,6 +149,27 @@ fn base_poses_stand_5_mm_outside_their_box_with_y_along_the_long_side() {
     assert!(from_top.iter().any(|c| (c.grasp.object_from_hand * Vector3::y()).x < 0.0));
     let faces: std::collections::BTreeSet<_> = plan.candidates.iter().map(|c| c.face).collect();
     assert_eq!(faces.len(), 6, "every face has poses");
+}
+
+/// The palm is up to 65 mm above a plate, and 105 mm where the grasp centre is 100 mm instead of 60 mm in front of it.
+#[test]
+fn a_hand_with_longer_fingers_grasps_from_farther_away() {
+    let mesh = cuboids(&[([0.0, 0.0, 0.005], [0.05, 0.02, 0.005])]);
+    let obstacle = Arc::new(Obstacle::new(&mesh, &[]).unwrap());
+    let object = PlanObject {
+        mesh: &mesh,
+        obstacle: &obstacle,
+        center_of_mass: Point3::origin(),
+        world_from_object: Isometry3::identity(),
+    };
+    let params = PlanParams { poses: PoseParams { pairs: 0, ..PoseParams::default() }, ..PlanParams::default() };
+    for (name, highest) in [("reflex", 0.075), ("panda_gripper", 0.075), ("leap", 0.115)] {
+        let plan = plan(&object, &asset(name).unwrap().read().unwrap(), &params).unwrap();
+        let from_above = plan.candidates.iter().map(|candidate| candidate.grasp.object_from_hand);
+        let heights = from_above.filter(|pose| (pose * Vector3::z()).z < -0.9999).map(|pose| pose.translation.z);
+        let found = heights.fold(0.0, f64::max);
+        assert!((found - highest).abs() < 1e-6, "{name}: {found}");
+    }
 }
 
 #[test]

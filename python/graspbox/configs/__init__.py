@@ -114,7 +114,8 @@ class PoseConfig:
     offset : float
         Distance between the palm and the box, metres.
     standoffs : tuple of float
-        Additional distances to try, added to `offset`, metres; at most 1,000.
+        Additional distances to try, added to `offset`, metres; at most 1,000. For a hand whose grasp centre is deeper
+        than 60 mm they grow in proportion.
     variation : {"random", "grid"}
         Random variations along and about the long axis, or the reference study's grid.
     variations : int

@@ -64,7 +64,9 @@ impl ChainModel {
         let moves = moves(&coordinates);
         let padded = segments.iter().rposition(|segment| segment.shape.rects.iter().any(|rect| rect.pad));
         let tip = padded.unwrap_or(segments.len().saturating_sub(1));
-        Self { hand_from_plane, segments, tip, coordinates, moves, half_width, reach, turns: planar.turns }
+        let together = coordinates.len() > 1 && coordinates.iter().all(|coordinate| coordinate.arm == 0.0);
+        let turns = planar.turns;
+        Self { hand_from_plane, segments, tip, coordinates, moves, half_width, reach, turns, together }
     }
 }
 

@@ -1,4 +1,5 @@
-//! Closing of chains in space, for hands with a finger that swings around as it closes, such as an opposable thumb.
+//! Closing of chains in space, for hands with a finger that swings around as it closes, such as an opposable thumb, or whose joints close at the
+//! same time, each with a motor of its own.
 //!
 //! All joints close together along the path of the free hand: a sprung joint is where its spring balances the common tension, and a directly
 //! driven joint moves uniformly. Where a link meets the object or the table, the joints before it stop and those after it continue.
@@ -339,5 +340,19 @@ mod tests {
         assert!(high.met_table && low.met_table && !free.met_table);
         assert!(high.root < low.root && low.root < free.root, "{high:?} {low:?} {free:?}");
         assert!(0.2 < high.turn && high.turn < low.turn && low.turn < free.turn, "{high:?} {low:?} {free:?}");
+    }
+
+    /// All three flexions of a finger close at once: halfway, each has come half its way.
+    #[test]
+    fn driven_joints_close_at_the_same_time() {
+        let hand = asset("leap").unwrap().read().unwrap();
+        let middle = &SpatialChain::all(&hand, 0.0).unwrap()[1];
+        let turns: Vec<f64> = middle.turns.iter().map(|turns| turns[STEPS]).collect();
+        assert_eq!(turns.iter().filter(|turn| **turn > 1.0).count(), 3, "{turns:?}");
+        for turns in &middle.turns {
+            assert!((turns[STEPS / 2] - turns[STEPS] / 2.0).abs() < 1e-9);
+        }
+        let free = middle.close(&[], &NO_TABLE);
+        assert!((free.turn - turns.iter().sum::<f64>()).abs() < 1e-9, "{free:?}");
     }
 }

@@ -82,7 +82,7 @@ pub(crate) struct ClosingHand {
 pub(crate) enum Fingers {
     /// Each closes in its plane.
     Planar(Vec<ChainModel>),
-    /// They close in space, since the plane of one of them rotates.
+    /// They close in space, since the plane of one of them rotates, or its joints close at the same time.
     Spatial(Vec<SpatialChain>),
 }
 
@@ -255,7 +255,7 @@ fn describe_contacts(
 /// The chains of the hand at a preshape, prepared for closing.
 pub(crate) fn closing_hand(hand: &Hand, preshape: f64) -> Result<ClosingHand, crate::PlanError> {
     let planar = ChainModel::all(hand, preshape)?;
-    let fingers = if planar.iter().any(|chain| chain.turns) {
+    let fingers = if planar.iter().any(|chain| chain.turns || chain.together) {
         Fingers::Spatial(SpatialChain::all(hand, preshape)?)
     } else {
         Fingers::Planar(planar)
