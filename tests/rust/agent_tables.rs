@@ -289,6 +289,7 @@ fn infos_hold_what_their_names_say() {
         (record.success, record.failure, record.stopped) = (success, failure, stopped);
         (record.object, record.resting, record.dropped) = (i + 7, i + 20, i == 3);
         record.survives_shake = survives(i);
+        record.fits = i != 0;
         (view.verdict.secure, view.verdict.lift) = (secure, 0.1 * i as f64);
         view.touching = if touches { vec![1] } else { Vec::new() };
         let view = View { record: &record, ..view };
@@ -304,6 +305,7 @@ fn infos_hold_what_their_names_say() {
                 "lift" => InfoValue::Number(0.1 * i as f64),
                 "object" => InfoValue::Index(i as i64 + 7),
                 "resting" => InfoValue::Index(if i == 3 { -1 } else { i as i64 + 20 }),
+                "fits" => InfoValue::Flag(i != 0),
                 "touches" => InfoValue::Flag(touches),
                 "protective_stop" => InfoValue::Flag(stopped),
                 "survives_shake" => InfoValue::Flag(survives(i)),
