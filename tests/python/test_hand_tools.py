@@ -327,7 +327,7 @@ def test_a_guessed_file_loads(name: str, tmp_path: Path) -> None:
     assert len(sources) > 15
     assert all(source.startswith(("guess: ", "URDF: ")) for source in sources)
     words = " ".join(text.replace("#", " ").split())
-    assert ("no tendon can be guessed" in words) == (name in ("reflex", "soft_hand"))
+    assert ("no tendon can be guessed" in words) == (name in ("reflex", "soft_hand", "leap"))
     assert not check_hand((urdf, out), trials=False).has_errors
 
 
@@ -363,6 +363,7 @@ def test_directions_of_closing() -> None:
         spread = {
             "soft_hand": [f"{finger}_abd" for finger in ("index", "middle", "ring", "little")],
             "reflex": ["preshape_1"],
+            "leap": ["if_rot", "mf_rot", "rf_rot", "th_cmc"],
         }
         assert side == spread.get(name, [])
     assert opened["panda_gripper"] == {"finger_joint1": 0.04}
@@ -371,15 +372,20 @@ def test_directions_of_closing() -> None:
 
 
 def test_grasp_frames_that_are_guessed() -> None:
-    """The approach is the shipped one for every hand, also if open fingers lie beside the palm or curl over it."""
+    """The approach is the shipped one for every hand, also if open fingers lie beside the palm or curl over it.
+
+    The palm of the LEAP Hand is stepped; the guess takes the lower part.
+    """
     for name in NAMES:
         table = tomllib.loads(guess_hand(ASSETS / name / f"{name}.urdf").text)["grasp"]
         shipped = tomllib.loads(graspbox.load_hand(name).files[1])["grasp"]
         found, expected = (rotation_from_euler(np.array([grasp["rpy"]["value"]]))[0] for grasp in (table, shipped))
         np.testing.assert_allclose(np.abs(found.T @ expected), np.eye(3), atol=1e-5)
         assert found[:, 2] @ expected[:, 2] > 0.99
-        assert found[:, 2] @ (np.array(table["xyz"]["value"]) - shipped["xyz"]["value"]) == pytest.approx(0, abs=1e-6)
-        assert ("width" in table["preshapes"][0]) == (name != "soft_hand")
+        assert found[:, 2] @ (np.array(table["xyz"]["value"]) - shipped["xyz"]["value"]) == pytest.approx(
+            0, abs=8e-3 if name == "leap" else 1e-6
+        )
+        assert ("width" in table["preshapes"][0]) == (name not in ("soft_hand", "leap"))
 
 
 def test_new_keeps_files(tmp_path: Path) -> None:

@@ -81,9 +81,9 @@ def test_a_device_that_does_not_exist_is_named(device: str, tmp_path: Path) -> N
     assert not (tmp_path / "x").exists()
 
 
-def test_a_published_policy_has_a_hand_with_a_name(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_network_of_the_study_has_a_hand_with_a_name(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        parse("depth", ["--out", "x", "--hand", "a.urdf,b.toml"])
+        parse("study", ["--out", "x", "--hand", "a.urdf,b.toml"])
     assert "a published policy names its hand" in " ".join(capsys.readouterr().err.split())
 
 
