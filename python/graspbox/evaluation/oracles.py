@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from graspbox import planning
 from graspbox._core import Hand, Mesh
-from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.envs.coding import encode_action, object_pose
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import DepthNoise
@@ -180,6 +180,7 @@ class DepthOracle(DepthPolicy):
         super().__init__(partial(Observer, noise=noise), finder)
         if folder is not None and published is not None:
             self.name, self.learned_from = published.name, published.learned_from
+            self.settings = {**self.settings, "hand": hand_of(folder, published)}
 
     def _bind(self, task: Task) -> None:
         super()._bind(task)

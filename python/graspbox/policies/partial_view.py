@@ -5,7 +5,7 @@ from pathlib import Path
 
 from graspbox._core import Hand
 from graspbox.artifacts.configs import DepthPolicyConfig
-from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.artifacts.runtimes import load_parts
 from graspbox.models.nearest_finder import Memory, NearestFinder
 from graspbox.perception import PlannedFinder
@@ -39,6 +39,7 @@ class PartialViewPlanner(DepthPolicy):
         published = read_depth_policy(folder)
         super().__init__(observer, partial(_completing, Path(folder), published))
         self.name, self.learned_from = "completed_planner", published.learned_from
+        self.settings = {**self.settings, "hand": hand_of(folder, published)}
 
 
 def _completing(folder: Path, published: DepthPolicyConfig, hand: Hand) -> PlannedFinder:
