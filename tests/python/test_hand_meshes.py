@@ -34,7 +34,7 @@ def box_faces() -> NDArray[np.int64]:
 
 def box_corners(size: tuple[float, float, float], shift: Any = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
     signs = np.array([[(i >> 2) & 1, (i >> 1) & 1, i & 1] for i in range(8)]) - 0.5
-    return signs * np.array(size) + np.array(shift)
+    return np.asarray(signs * np.array(size) + np.array(shift), dtype=np.float64)
 
 
 def write_obj(path: Path, *boxes: NDArray[np.float64]) -> Path:

@@ -65,7 +65,7 @@ def test_symmetries_of_hands(hand: str) -> None:
 
 def test_corners_of_palm_and_fingers_are_all_corners() -> None:
     hand = load_hand("reflex")
-    parts = {part: corners_of(hand, hand.open(0.0), part) for part in ("all", "palm", "fingers")}  # type: ignore[arg-type]
+    parts = {part: corners_of(hand, hand.open(0.0), part) for part in ("all", "palm", "fingers")}
     assert len(parts["all"]) == len(parts["palm"]) + len(parts["fingers"])
     assert len(parts["palm"]) % 8 == 0 < len(parts["palm"]) < len(parts["all"])
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from graspbox.errors import HandError
 from graspbox.hand_tools import check_hand, guess_hand
@@ -90,7 +91,8 @@ def test_shapes_move_as_in_mujoco(gripper: Path, tmp_path: Path) -> None:
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)
     for _ in range(5):
-        positions = rng.uniform(*hand.joint_limits.T)
+        low, high = hand.joint_limits.T
+        positions: NDArray[np.float64] = rng.uniform(low, high)
         # left_slide, right_slide and right_bend, in the order of MuJoCo's joints.
         data.qpos[:] = [positions[0], positions[0], positions[1]]
         mujoco.mj_kinematics(model, data)
@@ -99,8 +101,8 @@ def test_shapes_move_as_in_mujoco(gripper: Path, tmp_path: Path) -> None:
         # A capsule is a cylinder and two spheres around its middle.
         poses = hand.shapes(positions)[0][:, :3, 3]
         ours = np.stack([poses[0], poses[1:4].mean(axis=0), *poses[4:]])
-        apart = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in (ours, there)]
-        np.testing.assert_allclose(*apart, atol=2e-4)
+        own, other = (np.linalg.norm(p[:, None] - p[None], axis=2) for p in (ours, there))
+        np.testing.assert_allclose(own, other, atol=2e-4)
 
 
 @pytest.mark.parametrize(
