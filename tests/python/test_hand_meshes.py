@@ -154,6 +154,18 @@ def test_fits_are_cached_and_a_damaged_cache_is_made_again(tmp_path: Path, cache
     assert fitted_urdf(folder / "hand.urdf").text == first
 
 
+def test_a_cache_that_cannot_be_written_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "occupied").write_text("")
+    monkeypatch.setenv("GRASPBOX_CACHE", str(tmp_path / "occupied"))
+    write_obj(tmp_path / "pad.obj", box_corners(pad_size()))
+    folder = with_meshes(tmp_path, "pad.obj")
+    with caplog.at_level(logging.WARNING, logger="graspbox"):
+        assert len(fitted_urdf(folder / "hand.urdf").fits) == 2
+    assert "is not cached" in caplog.text
+
+
 def test_a_urdf_without_meshes_stays_as_it_is() -> None:
     fitted = fitted_urdf(ASSETS / "panda_gripper.urdf")
     assert fitted.text == (ASSETS / "panda_gripper.urdf").read_text()

@@ -115,6 +115,22 @@ def test_a_completion_is_shared(tmp_path: Path, own: Path) -> None:
     assert found[0] == found[1]
 
 
+def test_a_training_adopts_a_completion_that_is_shared_already(tmp_path: Path, own: Path) -> None:
+    """It copies the files of the policy that has them."""
+    pytest.importorskip("torch")
+    from graspbox.models.scenes import SceneConfig
+    from graspbox.perception import HandGrid
+    from graspbox.recipes.networks import TrainedNetworks
+    from graspbox.recipes.settings import QUICK
+
+    sharing(tmp_path / "sharing", own)
+    networks = TrainedNetworks(tmp_path / "run", QUICK, HandGrid("reflex"), SceneConfig())
+    (tmp_path / "run/completion").mkdir(parents=True)
+    networks.adopt_completion(tmp_path / "sharing")
+    for name in ("completion.onnx", "completion.safetensors"):
+        assert (tmp_path / "run/completion" / name).read_bytes() == (own / name).read_bytes()
+
+
 def test_a_completion_that_does_not_suit_is_refused(tmp_path: Path, own: Path) -> None:
     sharing(tmp_path / "sharing", own)
     for name, other, changes in (

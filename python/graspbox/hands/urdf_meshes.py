@@ -135,8 +135,11 @@ def _fit(urdf: Path, name: str, collision: ElementTree.Element) -> MeshFit:
     except GraspboxError as error:
         raise HandError(f"{place}: {error}") from None
     if stored is not None:
-        stored.parent.mkdir(parents=True, exist_ok=True)
-        write_text(stored, _dump(fit))
+        try:
+            stored.parent.mkdir(parents=True, exist_ok=True)
+            write_text(stored, _dump(fit))
+        except OSError as error:
+            _LOG.warning("the fit of %s is not cached, and will be made again: %s", place, error)
     return fit
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -116,7 +117,7 @@ class HandGrid:
         """
         return self._core.swept
 
-    @property
+    @cached_property
     def symmetries(self) -> tuple[tuple[float, float, float], ...]:
         """Reflections of the hand frame that map hand and cells onto themselves: see `graspbox.hands.symmetries_of`."""
         middle = self.origin + 0.5 * self.cell * np.array(self.shape)

@@ -14,7 +14,7 @@ import numpy as np
 from graspbox import dataset, evaluation, object_sets
 from graspbox.artifacts.downloads import folder_of
 from graspbox.artifacts.exports import FINALISTS, export_depth_policy, write_completion, write_head
-from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.folders import completion_folder, read_depth_policy
 from graspbox.artifacts.graphs import ScorerGraph
 from graspbox.artifacts.runtimes import Parts, Scorer, load_parts, torch_network
 from graspbox.dataset.learned import evaluated_split, of_datasets, of_splits
@@ -312,10 +312,11 @@ class _DepthTraining:
         )
 
     def completion_of_export(self) -> CompletionNet | Path:
-        """Return the trained completion, or the folder of the policy that it is from."""
-        return (
-            self.networks.completion_net() if self.settings.completion is None else folder_of(self.settings.completion)
-        )
+        """Return the trained completion, or the folder of the policy that has it."""
+        if self.settings.completion is None:
+            return self.networks.completion_net()
+        folder = folder_of(self.settings.completion)
+        return completion_folder(folder, read_depth_policy(folder))
 
     def policy_folder(self) -> Path:
         """Name the folder of the policy."""

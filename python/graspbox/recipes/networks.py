@@ -6,7 +6,7 @@ from pathlib import Path
 from graspbox._common.files import write_bytes
 from graspbox.artifacts import weight_files
 from graspbox.artifacts.configs import DepthPolicyConfig
-from graspbox.artifacts.folders import read_depth_policy
+from graspbox.artifacts.folders import completion_folder, read_depth_policy
 from graspbox.artifacts.runtimes import AnchorHead, Completion, onnx_network
 from graspbox.errors import ConfigError
 from graspbox.models.completion.network import CompletionNet
@@ -72,8 +72,9 @@ class TrainedNetworks:
             raise ConfigError(
                 f"the completion of {str(policy)!r} takes {config.crop}, this training {self.scenes.crop}"
             )
+        owner = completion_folder(policy, config)
         for name in (ADOPTED, "completion.onnx"):
-            write_bytes(self.out / "completion" / name, (policy / name).read_bytes())
+            write_bytes(self.out / "completion" / name, (owner / name).read_bytes())
         return config
 
     def folder(self, member: int, round_: int) -> Path:

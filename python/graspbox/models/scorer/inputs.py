@@ -69,6 +69,8 @@ class ScorerInputs:
         The cells are those of the reflected scene. Of a reflected pose only what a scorer reads is meant: height, and
         direction of gravity in the hand frame.
         """
+        if not self.grid.symmetries:
+            return inputs
         choice = rng.integers(len(self.grid.symmetries) + 1, size=len(inputs.preshape))
         cells, poses = inputs.cells.copy(), inputs.poses.copy()
         for number, signs in enumerate(self.grid.symmetries, 1):
