@@ -4,6 +4,7 @@
 |---|---|
 | ``mujoco``  | the share of random grasps with equal labels in MuJoCo and in the core |
 | ``planner`` | the same for the planner's best grasps, and each engine's agreement with itself at half its time step |
+| ``choices`` | the success rate of grasps that policies choose, in the core and in MuJoCo |
 | ``export``  | the share of trials with equal labels in exported MJCF scenes and in the MuJoCo replay of ``mujoco`` |
 | ``robust``  | the success rate of perturbed copies of grasps, in MuJoCo and in the core |
 | ``forces``  | six forces, a lift and force closure, as DexGraspBench judges grasps, in the core and in MuJoCo |
@@ -25,6 +26,7 @@ from graspbox.programs import run_program
 CHECKS = {
     "mujoco": ("graspbox.validation.mujoco.command", "main"),
     "planner": ("graspbox.validation.mujoco.command", "compare_planner"),
+    "choices": ("graspbox.validation.choices.command", "main"),
     "export": ("graspbox.validation.mujoco.export_command", "main"),
     "robust": ("graspbox.validation.mujoco.robust_command", "main"),
     "forces": ("graspbox.validation.forces.command", "main"),

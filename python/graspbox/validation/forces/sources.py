@@ -15,7 +15,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import Evaluation, evaluate
 from graspbox.evaluation.replays import ActionLog, Replay
 from graspbox.hands import HandLike, load_hand
-from graspbox.object_sets import ObjectSpec
+from graspbox.object_sets import ObjectSet, ObjectSpec
 from graspbox.planning import plan
 from graspbox.simulation import Scene
 from graspbox.validation.forces.config import Array
@@ -110,7 +110,7 @@ def _object_of(file: Path, name: str, specs: Sequence[ObjectSpec]) -> ObjectSpec
 
 def chosen(
     policy: str,
-    objects: Sequence[str],
+    objects: Sequence[str] | ObjectSet,
     trials: int,
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
@@ -135,7 +135,7 @@ def chosen(
         As `graspbox.evaluation.evaluate`.
     """
     log = ActionLog(policies.load(policy))
-    sets = object_sets.load(list(objects))
+    sets = object_sets.load(objects)
     result = evaluate(log, objects=sets, trials=trials, seed=seed, progress=progress)
     specs = {spec.name: spec for spec in sets}
     batches: list[Batch | None] = []

@@ -96,9 +96,10 @@ def replay_all(
     threads: int,
     *,
     early_stop: bool = False,
+    patch: float = 0.0,
 ) -> Iterator[Outcome]:
-    """Replay trials of one object in MuJoCo, in their order; `poses` are ``world_from_hand``."""
-    scene = build(hand, item, numerics=numerics)
+    """Replay trials of one object in MuJoCo, in order; `poses` are ``world_from_hand``, `patch` as for `build`."""
+    scene = build(hand, item, numerics=numerics, patch=patch)
 
     def run(pose: Array, preshape: float) -> Outcome:
         return replay(scene, pose, float(preshape), early_stop=early_stop)
@@ -203,7 +204,7 @@ def compare(
         if sampled is None:
             report.left_out.append(scene.name)
         else:
-            rows = _judge(report, scene, described, sampled, numerics)
+            rows = judge(report, scene, described, sampled, numerics)
             chosen = [row for row in rows if repeat == "all" or (repeat == "different" and not row.equal)]
             repeated = iter(_repeat(scene, described, chosen, numerics, report.threads))
             picked = {id(row) for row in chosen}
@@ -213,9 +214,18 @@ def compare(
     return report
 
 
-def _judge(
-    report: Report, scene: graspbox.Scene, hand: HandDescription, sampled: tuple[Array, Array], numerics: Numerics
+def judge(
+    report: Report,
+    scene: graspbox.Scene,
+    hand: HandDescription,
+    sampled: tuple[Array, Array],
+    numerics: Numerics,
+    patch: float = 0.0,
 ) -> list[Row]:
+    """Label poses (m, 4, 4), ``object_from_hand``, with preshapes (m,) in both engines; adds times to the report.
+
+    A pose that is in collision at the start in MuJoCo alone has no row; the report counts it.
+    """
     poses, preshapes = sampled
     item = object_data(scene)
     clock = time.perf_counter
@@ -225,7 +235,7 @@ def _judge(
     full = scene.simulate(poses, preshapes, config=TrialConfig(early_stop=False), num_threads=report.threads)
     middle = clock()
     world_poses = item.world_from_object @ poses
-    theirs = list(replay_all(hand, item, world_poses, preshapes, numerics, report.threads))
+    theirs = list(replay_all(hand, item, world_poses, preshapes, numerics, report.threads, patch=patch))
     report.mujoco_seconds += clock() - middle
     report.core_full_seconds += middle - early
     report.core_seconds += early - begin

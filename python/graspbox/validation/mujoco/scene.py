@@ -41,14 +41,26 @@ class Scene:
 
 
 def build(
-    hand: HandDescription, item: ObjectData, physics: PhysicsConfig | None = None, numerics: Numerics | None = None
+    hand: HandDescription,
+    item: ObjectData,
+    physics: PhysicsConfig | None = None,
+    numerics: Numerics | None = None,
+    *,
+    patch: float = 0.0,
 ) -> Scene:
-    """Compile the model of one object and the hand; gravity and friction are those of `physics`."""
+    """Compile the model of one object and the hand; gravity and friction are those of `physics`.
+
+    With a `patch`, contacts also resist turning about their normal, as an area would whose mean distance from its
+    middle is `patch` metres. Without it they are points: an object that two of them hold turns about the line between.
+    """
     physics, numerics = physics or PhysicsConfig(), numerics or Numerics()
     if physics.friction.object != 1.0:
         # Only then does the factor of the other surface equal the coefficient.
         raise ConfigError(f"friction.object is {physics.friction.object}; the MuJoCo model needs 1")
     model = mujoco.MjModel.from_xml_string(trial_model(hand, item, physics, numerics))
+    if patch > 0.0:
+        model.geom_condim[:] = 4
+        model.geom_friction[:, 1] = patch * model.geom_friction[:, 0]
     return indexed(model, hand, item, numerics)
 
 
