@@ -24,6 +24,18 @@ pub enum PerceptionError {
     /// The planner's box decomposition refuses points.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// The number of cells along an axis of a hand's grid is not usable.
+    #[error("shape[{axis}] is {cells}; give a multiple of {multiple}, at most {most}")]
+    GridShape {
+        /// Index of the axis.
+        axis: usize,
+        /// Number of cells.
+        cells: usize,
+        /// It is a multiple of this.
+        multiple: usize,
+        /// Greatest number.
+        most: usize,
+    },
     /// The hand has no chain that closes.
     #[error("no chain of the hand {name:?} closes; name its closing actuators in `[grasp]` of its hand.toml")]
     NothingCloses {

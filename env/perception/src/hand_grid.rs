@@ -16,6 +16,8 @@ const STEPS: usize = 96;
 const SPREAD: usize = STEPS / 4;
 /// The number of cells along each axis is a multiple of this, so a network can halve the grid three times.
 const MULTIPLE: usize = 8;
+/// Most cells along an axis, where their number is set.
+const MOST: usize = 64;
 /// Cells between the swept volume and the border of the grid.
 const MARGIN: f64 = 1.0;
 /// Side of a cell of the collision look-up, metres.
@@ -29,8 +31,10 @@ const FIRST_LAST: [f64; 2] = [255.0, 64.0];
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct HandGridConfig {
-    /// Side of a cell, metres.
+    /// Side of a cell, metres; with `shape` the least side.
     pub cell: f64,
+    /// Numbers of cells along x, y and z; by default as many as the volume that the fingers sweep needs.
+    pub shape: Option<[usize; 3]>,
     /// Least distance of the open hand from the object, metres.
     pub clearance: f64,
     /// Length of the straight approach along the hand's z, metres.
@@ -40,13 +44,18 @@ pub struct HandGridConfig {
 impl Default for HandGridConfig {
     /// Cells of 10 mm; the approach of a trial.
     fn default() -> Self {
-        Self { cell: 0.010, clearance: 0.002, standoff: 0.10 }
+        Self { cell: 0.010, shape: None, clearance: 0.002, standoff: 0.10 }
     }
 }
 
 impl HandGridConfig {
     fn check(&self) -> Result<(), PerceptionError> {
         in_range("cell", self.cell, 0.002..=0.1, "m")?;
+        for (axis, cells) in self.shape.into_iter().flatten().enumerate() {
+            if cells % MULTIPLE != 0 || !(MULTIPLE..=MOST).contains(&cells) {
+                return Err(PerceptionError::GridShape { axis, cells, multiple: MULTIPLE, most: MOST });
+            }
+        }
         in_range("clearance", self.clearance, 0.0..=0.05, "m")?;
         Ok(in_range("standoff", self.standoff, 0.0..=1.0, "m")?)
     }
@@ -107,7 +116,7 @@ impl HandGrid {
         if chains == 0 {
             return Err(PerceptionError::NothingCloses { name: hand.name.clone() });
         }
-        let cells = grid(&motions, config.cell);
+        let cells = grid(&motions, config);
         let shaped = hand.preshapes().iter().zip(&motions);
         let shaped = shaped.map(|(preshape, motion)| Shaped::new(hand, preshape, motion, &cells, config));
         let shaped = shaped.collect::<Result<Vec<_>, _>>()?;
@@ -215,7 +224,8 @@ fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<Moving>>, Percept
 }
 
 /// Cells around the volume that the chains sweep with any preshape.
-fn grid(motions: &[Vec<Vec<Moving>>], cell: f64) -> CellBox {
+/// The cells around the swept volume; with a set number of them, they are as small as it allows.
+fn grid(motions: &[Vec<Vec<Moving>>], config: &HandGridConfig) -> CellBox {
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for part in motions.iter().flat_map(|steps| &steps[SPREAD..]).flatten() {
         let [from, to] = part.solid.bounds();
@@ -224,9 +234,16 @@ fn grid(motions: &[Vec<Vec<Moving>>], cell: f64) -> CellBox {
     }
     // Grasped objects are in front of the palm, whose surface is z = 0.
     low.z = low.z.max(0.0);
-    let shape = [0, 1, 2].map(|axis| {
-        let cells = ((high[axis] - low[axis]) / cell + 2.0 * MARGIN - 1e-9).ceil() as usize;
-        cells.next_multiple_of(MULTIPLE)
+    let extent = high - low;
+    let cell = config.shape.map_or(config.cell, |shape| {
+        let needed = [0, 1, 2].map(|axis| extent[axis] / (shape[axis] as f64 - 2.0 * MARGIN));
+        needed.into_iter().fold(config.cell, f64::max)
+    });
+    let shape = config.shape.unwrap_or_else(|| {
+        [0, 1, 2].map(|axis| {
+            let cells = (extent[axis] / cell + 2.0 * MARGIN - 1e-9).ceil() as usize;
+            cells.next_multiple_of(MULTIPLE)
+        })
     });
     // The swept volume is in the middle; along the approach it is at the beginning, so the grid extends beyond the fingertips.
     let middle = (low + high) * 0.5;

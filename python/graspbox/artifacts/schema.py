@@ -1,5 +1,7 @@
 """Validation of ``config.json`` by pydantic (extra ``onnx``): all fields are required and typed, extra ones rejected.
 
+Only a field whose default is None may be absent.
+
 The schema follows from the annotations of `graspbox.artifacts.configs.PolicyConfig` and its subclasses. The data
 classes check ranges themselves, on every construction.
 """
@@ -95,11 +97,15 @@ def _model(config: Any) -> Any:
 
 
 def _check_complete(made: Any, document: Any, where: str) -> None:
-    """Refuse data classes with defaults filled in: the file must contain every field."""
+    """Refuse data classes with defaults filled in: only a field whose default is None may be absent."""
+    optional: set[str] = set()
     if is_dataclass(made) and not isinstance(made, type):
+        optional = {f.name for f in fields(made) if f.default is None}
         made = {f.name: getattr(made, f.name) for f in fields(made)}
     if isinstance(made, Mapping):
         for name, value in made.items():
+            if name not in document and name in optional:
+                continue
             if name not in document:
                 raise ConfigError(f"{where}{name} is missing; export the policy again")
             _check_complete(value, document[name], f"{where}{name}.")

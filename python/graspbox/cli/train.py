@@ -38,6 +38,7 @@ TRAININGS = {
     name: _Training(f"graspbox.{module}", options, summary)
     for name, module, options, summary in (
         ("depth", "recipes.depth", f"{_RECIPES}DepthSettings", "A policy that grasps from one depth image."),
+        ("any-hand", "recipes.any_hand", f"{_RECIPES}AnyHandSettings", "One scorer for many hands, also unseen ones."),
         ("feel", "recipes.feel", f"{_RECIPES}FeelSettings", "Add a grasp-stability check to a depth policy."),
         ("head", "recipes.head", f"{_RECIPES}HeadSettings", "Heads: one network from a depth image to a grasp."),
         ("residual", "sb3.residual_training", f"{_SB3}ResidualSettings", "Correct a policy's grasps, by rewards."),

@@ -116,7 +116,10 @@ class HandGridConfig:
     Attributes
     ----------
     cell : float
-        Side of a cell, metres.
+        Side of a cell, metres; with `shape` the least side.
+    shape : tuple of int, optional
+        Numbers of cells along x, y and z, multiples of 8; cells are then as large as the volume needs that the fingers
+        sweep. By default there are as many cells as it needs.
     clearance : float
         Room that the open hand must have on every side, metres.
     standoff : float
@@ -124,6 +127,7 @@ class HandGridConfig:
     """
 
     cell: float = 0.01
+    shape: tuple[int, int, int] | None = None
     clearance: float = 0.002
     standoff: float = 0.1
 

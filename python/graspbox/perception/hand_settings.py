@@ -45,6 +45,8 @@ class HandSettings:
 def settings_of(
     hand: HandLike,
     proposals: ProposalConfig = ProposalConfig(),  # noqa: B008 (frozen)
+    *,
+    shape: tuple[int, int, int] | None = None,
 ) -> HandSettings:
     """Return settings for a hand.
 
@@ -54,6 +56,8 @@ def settings_of(
         See `graspbox.load_hand`.
     proposals : ProposalConfig
         Proposals for the ReFlex; their lengths are fitted to the hand.
+    shape : tuple of int, optional
+        Shape of the grid, for networks of several hands; by default that which the hand needs.
 
     Raises
     ------
@@ -69,6 +73,8 @@ def settings_of(
     anchors = replace(AnchorConfig(), reach=point, lowest=round(max(ahead, _LOWEST * reach) - point, 3))
     usual = HandGridConfig()
     grid = replace(usual, cell=round(min(1.0, max(_FINEST, size)) * usual.cell, 4))
+    if shape is not None:
+        grid = replace(usual, cell=_FINEST * usual.cell, shape=shape)
     if ahead >= _FORWARD * reach:
         grid = replace(grid, clearance=0.0)
     standoffs = tuple(round(size * standoff, 4) for standoff in proposals.standoffs)

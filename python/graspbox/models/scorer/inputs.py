@@ -20,7 +20,7 @@ class GraspInputs(NamedTuple):
     poses : (m, 4, 4) float32
         ``crop_from_hand``, metres.
     preshape : (m,) int64
-        Index of the hand's nearest preshape.
+        Number of the hand's nearest preshape.
     """
 
     cells: NDArray[np.uint8]
@@ -35,10 +35,12 @@ class ScorerInputs:
     ----------
     grid : HandGrid
         Voxel grid of the hand.
+    first : int
+        Number of its first preshape, in a network of several hands.
     """
 
-    def __init__(self, grid: HandGrid) -> None:
-        self.grid = grid
+    def __init__(self, grid: HandGrid, first: int = 0) -> None:
+        self.grid, self.first = grid, first
 
     def make(
         self,
@@ -61,7 +63,7 @@ class ScorerInputs:
             The nearest of the hand's preshapes is used.
         """
         cells = self.grid.crops(volumes, crop_of, crop_from_hand)
-        return GraspInputs(cells, crop_from_hand.astype(np.float32), self.grid.nearest(preshape))
+        return GraspInputs(cells, crop_from_hand.astype(np.float32), self.grid.nearest(preshape) + self.first)
 
     def reflected(self, inputs: GraspInputs, rng: np.random.Generator) -> GraspInputs:
         """Reflect each grasp and its scene by a random symmetry of the hand (`HandGrid.symmetries`), or not at all.

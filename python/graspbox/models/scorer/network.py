@@ -81,24 +81,46 @@ class ScorerNet(nn.Module):  # type: ignore[misc]
             nn.Linear(128, len(TARGETS)),
         )
 
-    def scalars(self, cells: Tensor, poses: Tensor) -> Tensor:
-        """Return the scalar inputs (m, 8) from cells (m, 4, X, Y, Z) uint8 and poses (m, 4, 4)."""
+    def scalars(self, cells: Tensor, poses: Tensor, scale: Tensor | float = 1.0) -> Tensor:
+        """Return the scalar inputs (m, 8) from cells (m, 4, X, Y, Z) uint8 and poses (m, 4, 4).
+
+        `scale` (m, 1) is the size of the cells over that of the network's grid.
+        """
         moments = cells[:, 0].flatten(1).float() @ self.moments
         mass = moments[:, 3:]
         middle = moments[:, :3] / mass.clamp(min=1.0)
         share = mass * (10.0 / len(self.moments))
-        return torch.cat([-poses[:, 2, :3], poses[:, 2, 3:] / _LENGTH, middle, share], dim=1)
+        return torch.cat([-poses[:, 2, :3], poses[:, 2, 3:] / _LENGTH, scale * middle, share], dim=1)
 
-    def forward(self, cells: Tensor, poses: Tensor, preshape: Tensor) -> Tensor:
-        """Return logits (m, 3) from cells (m, 4, X, Y, Z) uint8, poses (m, 4, 4) and preshapes (m,) int64."""
+    def layer_of_swept(self, swept: Tensor) -> Tensor:
+        """Return the first layer (p, width, Y/2, Z/2) of the regions (p, X, Y, Z) uint8 that the fingers sweep."""
+        return functional.conv2d(swept.float(), self.stem_of_swept.weight / 255.0, stride=2, padding=1)
+
+    def logits(
+        self, cells: Tensor, poses: Tensor, swept: Tensor, features: Tensor, scale: Tensor | float = 1.0
+    ) -> Tensor:
+        """Return logits (m, 3).
+
+        Parameters
+        ----------
+        cells, poses, scale
+            See `scalars`.
+        swept : (m, width, Y/2, Z/2)
+            `layer_of_swept` of the preshape of each grasp.
+        features : (m, 8)
+            Learned features of the preshape of each grasp.
+        """
         # The weights include the scale from bytes to shares, at no cost.
         layers = cells.reshape(-1, self._planes, *cells.shape[3:]).float()
         seen = functional.conv2d(layers, self.stem.weight / 255.0, stride=2, padding=1)
-        swept = functional.conv2d(self.swept.float(), self.stem_of_swept.weight / 255.0, stride=2, padding=1)
-        found = self.trunk(seen + swept[preshape])
-        beside = self.scalars(cells, poses)
-        logits: Tensor = self.head(torch.cat([found, beside, self.shape_of_preshape(preshape)], dim=1))
+        found = self.trunk(seen + swept)
+        logits: Tensor = self.head(torch.cat([found, self.scalars(cells, poses, scale), features], dim=1))
         return logits
+
+    def forward(self, cells: Tensor, poses: Tensor, preshape: Tensor) -> Tensor:
+        """Return logits (m, 3) from cells (m, 4, X, Y, Z) uint8, poses (m, 4, 4) and preshapes (m,) int64."""
+        swept = self.layer_of_swept(self.swept)[preshape]
+        return self.logits(cells, poses, swept, self.shape_of_preshape(preshape))
 
 
 def deciding(values: Tensor) -> Tensor:

@@ -1,9 +1,10 @@
 """Training of the scorer on grasp trials, rendered by noisy cameras."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,7 +20,7 @@ from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.training.configs import TrainConfig
 from graspbox.training.trainer import Trained, Trainer, TrainProgress, device_of, load_weights, moved
 
-__all__ = ["TrialSampler", "auc", "train_scorer"]
+__all__ = ["JoinedSampler", "TrialSampler", "auc", "fit_scorer", "train_scorer"]
 
 #: Trials per scene in a batch: a view of the scene costs as much as several of them.
 _PER_SCENE = 16
@@ -80,7 +81,16 @@ class TrialSampler:
         """Sample up to `per_scene` trials of each scene in one view; leaves out scenes whose object is not visible.
 
         With `augment`, trials are reflected at random by the symmetries of the hand.
+
+        Raises
+        ------
+        ConfigError
+            If no object is visible.
         """
+        return _seen(self.find(number, scenes, per_scene, augment=augment))
+
+    def find(self, number: int, scenes: NDArray[np.int64], per_scene: int, *, augment: bool = False) -> _Sampled | None:
+        """Sample as `sample` does; None if no object is visible."""
         rng = np.random.default_rng([self._seed, number])
         volumes: list[NDArray[np.uint8]] = []
         poses, rows, crop_of = [], [], []
@@ -97,7 +107,7 @@ class TrialSampler:
             volumes.append(volume)
             rows.append(chosen)
         if not rows:
-            raise ConfigError("no camera found an object in any scene of a batch; widen `fov` or come nearer")
+            return None
         picked = np.concatenate(rows)
         preshape = self._trials.preshape[picked]
         made = self._inputs.make(np.stack(volumes), np.concatenate(crop_of), np.concatenate(poses), preshape)
@@ -106,6 +116,49 @@ class TrialSampler:
         columns = [getattr(self._trials, name)[picked] for name in TARGETS]
         targets = np.stack(columns, axis=1).astype(np.float32)
         return _Sampled(ScorerBatch.of(made, targets), self._trials.scene_of[picked])
+
+
+class JoinedSampler:
+    """Samples batches from several samplers, such as one per hand; scenes are numbered one sampler after the other.
+
+    Parameters
+    ----------
+    samplers : sequence of TrialSampler
+        At least one.
+    """
+
+    def __init__(self, samplers: Sequence[TrialSampler]) -> None:
+        self._samplers = samplers
+        self._ends = np.cumsum([len(sampler.scenes) for sampler in samplers])
+        #: Numbers of all scenes with trials.
+        self.scenes = np.arange(self._ends[-1])
+
+    def sample(self, number: int, scenes: NDArray[np.int64], per_scene: int, *, augment: bool = False) -> _Sampled:
+        """Sample trials of scenes: see `TrialSampler.sample`."""
+        owners = np.searchsorted(self._ends, scenes, side="right")
+        parts, scene_of = [], []
+        for owner in np.unique(owners).tolist():
+            sampler, before = self._samplers[owner], int(self._ends[owner]) - len(self._samplers[owner].scenes)
+            own = sampler.scenes[scenes[owners == owner] - before]
+            found = sampler.find(number, own, per_scene, augment=augment)
+            if found is not None:
+                parts.append(found.batch)
+                # Scenes of different samplers keep different numbers.
+                scene_of.append(before + np.searchsorted(sampler.scenes, found.scene_of))
+        return _seen(_Sampled(joined(parts), np.concatenate(scene_of)) if parts else None)
+
+
+def _seen(found: _Sampled | None) -> _Sampled:
+    """Refuse a batch without a visible object."""
+    if found is None:
+        raise ConfigError("no camera found an object in any scene of a batch; widen `fov` or come nearer")
+    return found
+
+
+def joined(batches: Sequence[ScorerBatch]) -> ScorerBatch:
+    """Put batches together."""
+    names = ScorerBatch.__dataclass_fields__
+    return ScorerBatch(*(torch.cat([getattr(batch, name) for batch in batches]) for name in names))
 
 
 def auc(scores: NDArray[np.float64], success: NDArray[np.bool_]) -> float:
@@ -165,6 +218,36 @@ def train_scorer(
     sources = [some for some in (trials, on_policy) if some is not None]
     samplers = [TrialSampler(some, inputs, views, config.seed, error) for some in sources]
     held_out = TrialSampler(validation, inputs, views, 0, error)
+    net = ScorerNet(inputs.grid, width)
+    if start is not None:
+        load_weights(net, start)
+    settings = {"hand": inputs.grid.hand.name, "width": width, "error": asdict(error), "start": start is not None}
+    settings |= {"trials": [len(some) for some in sources], "validation": len(validation)}
+    return fit_scorer(folder, net, samplers, held_out, config, settings, progress)
+
+
+def fit_scorer(
+    folder: Path,
+    net: ScorerNet,
+    samplers: Sequence[TrialSampler | JoinedSampler],
+    held_out: TrialSampler | JoinedSampler,
+    config: TrainConfig,
+    settings: dict[str, Any],
+    progress: Callable[[TrainProgress], None] = lambda _: None,
+) -> Trained:
+    """Train a scorer from samplers, each with an equal share of every batch, or resume it.
+
+    Parameters
+    ----------
+    folder, settings, progress
+        As in `graspbox.training.trainer`.
+    net : ScorerNet
+        The network, with its initial weights.
+    samplers, held_out
+        Samples for training, and those whose AUC selects the weights.
+    config : TrainConfig
+        Training hyperparameters.
+    """
     per_batch = max(1, config.batch_size // _PER_SCENE // len(samplers))
     kept: list[_Sampled] = []
 
@@ -173,8 +256,7 @@ def train_scorer(
         for number, sampler in enumerate(samplers):
             chosen = np.random.default_rng([config.seed, step, number + 1]).choice(sampler.scenes, per_batch)
             parts.append(sampler.sample(step, chosen, _PER_SCENE, augment=True).batch)
-        names = ScorerBatch.__dataclass_fields__
-        return ScorerBatch(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
+        return joined(parts)
 
     def validate(net: nn.Module) -> dict[str, float]:
         if not kept:
@@ -183,11 +265,6 @@ def train_scorer(
             kept.extend(held_out.sample(i, group, 64) for i, group in enumerate(groups))
         return _measures(net, kept)
 
-    net = ScorerNet(inputs.grid, width)
-    if start is not None:
-        load_weights(net, start)
-    settings = {"hand": inputs.grid.hand.name, "width": width, "error": asdict(error), "start": start is not None}
-    settings |= {"trials": [len(some) for some in sources], "validation": len(validation)}
     trainer = Trainer(net, folder, config, batch=batch, losses=scorer_losses, validate=validate, settings=settings)
     return trainer.run(progress)
 

@@ -1,0 +1,161 @@
+"""One scorer for many hands: its network, its samples, and its training."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from graspbox import object_sets  # noqa: E402
+from graspbox.artifacts.folders import read_depth_policy  # noqa: E402
+from graspbox.errors import ConfigError  # noqa: E402
+from graspbox.evaluation import evaluate  # noqa: E402
+from graspbox.hand_tools import random_hand  # noqa: E402
+from graspbox.hands import HandLike  # noqa: E402
+from graspbox.models.scene_views import SceneViews  # noqa: E402
+from graspbox.models.scenes import SceneConfig, SceneSampler  # noqa: E402
+from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs  # noqa: E402
+from graspbox.models.scorer.network import ScorerBatch, scorer_losses  # noqa: E402
+from graspbox.models.scorer.shared import SharedScorerNet  # noqa: E402
+from graspbox.models.scorer.training import JoinedSampler, TrialSampler  # noqa: E402
+from graspbox.models.trials import GraspTrials  # noqa: E402
+from graspbox.perception import CropConfig, HandGrid  # noqa: E402
+from graspbox.perception.hand_settings import settings_of  # noqa: E402
+from graspbox.recipes.any_hand import GRID_SHAPE  # noqa: E402
+from graspbox.recipes.collection import CollectConfig, collect  # noqa: E402
+
+pytestmark = pytest.mark.train
+
+N = CropConfig().resolution
+POLICIES = Path(__file__).parents[2] / "policies"
+
+
+def grid_of(hand: HandLike) -> HandGrid:
+    return HandGrid(hand, settings_of(hand, shape=GRID_SHAPE).grid)
+
+
+@pytest.fixture(scope="module")
+def grids() -> list[HandGrid]:
+    """Hands with one and with three preshapes, and cells of different sizes."""
+    return [grid_of("panda_gripper"), grid_of("reflex"), grid_of(random_hand("fingers", 1))]
+
+
+def inputs_of(grid: HandGrid, first: int = 0) -> GraspInputs:
+    """Give inputs of 12 grasps in random voxels."""
+    rng = np.random.default_rng(0)
+    volumes = (rng.random((3, 3, N, N, N)) * 255).astype(np.uint8)
+    poses = np.tile(np.eye(4), (12, 1, 1))
+    poses[:, :3, :3] = np.diag([1.0, -1.0, -1.0])
+    poses[:, :3, 3] = rng.uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.2], (12, 3))
+    return ScorerInputs(grid, first).make(volumes, np.arange(12) % 3, poses, rng.choice(grid.preshapes, 12))
+
+
+def test_the_scorer_of_a_hand_is_the_shared_one(grids: list[HandGrid]) -> None:
+    """For hands that it knows, whatever the first hand is, and for one that it does not."""
+    torch.manual_seed(0)
+    net = SharedScorerNet(grids, width=8).eval()
+    assert net.first == [0, 1, 4]
+    stranger = SharedScorerNet([grid_of("leap")], width=8).eval()
+    # Weights do not depend on the hands.
+    stranger.load_state_dict(net.state_dict())
+    with torch.no_grad():
+        for grid, first in zip(grids, net.first, strict=True):
+            shared, own = inputs_of(grid, first), inputs_of(grid)
+            np.testing.assert_array_equal(shared.preshape, own.preshape + first)
+            expected = net(*map(torch.from_numpy, shared))
+            torch.testing.assert_close(net.of_hand(grid)(*map(torch.from_numpy, own)), expected, atol=1e-5, rtol=1e-4)
+            assert expected.std(0).min() > 1e-4
+        grid = grid_of("leap")
+        expected = stranger(*map(torch.from_numpy, inputs_of(grid)))
+        found = net.of_hand(grid)(*map(torch.from_numpy, inputs_of(grid)))
+    torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
+
+
+def test_it_learns_what_a_hand_can_do(grids: list[HandGrid]) -> None:
+    """The same cells with two hands and opposite outcomes: only what describes the hand tells them apart."""
+    torch.manual_seed(0)
+    net = SharedScorerNet(grids[:2], width=16)
+    made = inputs_of(grids[0])
+    twice = GraspInputs(*(np.concatenate([array, array]) for array in made))
+    twice = twice._replace(preshape=np.repeat([0, 1], 12))
+    targets = np.repeat([[1.0], [0.0]], 12, axis=0) * np.ones((1, 3))
+    batch = ScorerBatch.of(twice, targets.astype(np.float32))
+    optimizer = torch.optim.Adam(net.parameters(), 3e-3)
+    for _ in range(30):
+        optimizer.zero_grad()
+        torch.stack(list(scorer_losses(net, batch).values())).sum().backward()
+        optimizer.step()
+    with torch.no_grad():
+        logits = net(batch.cells, batch.poses, batch.preshape)
+    np.testing.assert_array_equal(logits[:, 0].numpy() > 0, targets[:, 0] > 0.5)
+
+
+def test_hands_share_batches(grids: list[HandGrid], tmp_path: Path) -> None:
+    scenes = SceneConfig(image_size=96)
+    sampler = SceneSampler(object_sets.load("procedural:can:0-3"), scenes, 0)
+    views = SceneViews(scenes)
+    net = SharedScorerNet(grids, width=8)
+    parts, trials = [], []
+    for number, (grid, first) in enumerate(zip(grids, net.first, strict=True)):
+        config = CollectConfig(per_scene=4)
+        trials.append(collect(tmp_path / str(number), sampler, range(number, number + 2), grid, config))
+        parts.append(TrialSampler(trials[-1], ScorerInputs(grid, first), views, 0))
+    joined = JoinedSampler(parts)
+    counts = [len(part.scenes) for part in parts]
+    np.testing.assert_array_equal(joined.scenes, np.arange(sum(counts)))
+    found = joined.sample(0, joined.scenes, 16)
+    assert len(found.batch.targets) == sum(map(len, trials))
+    np.testing.assert_array_equal(np.unique(found.scene_of), joined.scenes)
+    # Every preshape is one of the hand whose scene it is in.
+    owner = np.searchsorted(np.cumsum(counts), found.scene_of, side="right")
+    hand = np.searchsorted(net.first, found.batch.preshape.numpy(), side="right") - 1
+    np.testing.assert_array_equal(hand, owner)
+    rates = [found.batch.targets[owner == number, 0].mean().item() for number in range(3)]
+    np.testing.assert_allclose(rates, [each.success.mean() for each in trials], atol=1e-6)
+    assert joined.sample(1, joined.scenes[:1], 16).batch.cells.shape[1:] == (4, *GRID_SHAPE)
+
+
+def test_a_batch_without_a_visible_object_is_refused(grids: list[HandGrid]) -> None:
+    trials = GraspTrials.joined([GraspTrials.empty("procedural:can:0", np.eye(4))])
+    with pytest.raises(ConfigError, match="there are no trials"):
+        TrialSampler(trials, ScorerInputs(grids[0]), SceneViews(SceneConfig(image_size=96)), 0)
+
+
+def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) -> None:
+    """The quick training, killed once, and its policies."""
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "graspbox", "train", "any-hand", "--quick", "--out", str(out)]
+    command += ["--completion", str(POLICIES / "depth")]
+    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while not (out / "trials.json").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    kept = json.loads((out / "trials.json").read_text())
+    assert kept["train"]["hands"] == 3
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)
+    assert results["trials"] == kept
+    assert [results[f"evaluate-{name}"]["trained"] for name in ("robotiq_2f_85", "panda_gripper")] == [False, True]
+    assert results["collect-1"]["train"]["trials"] > 0
+    folder = out / "evaluate-robotiq_2f_85" / "policy"
+    config = read_depth_policy(folder)
+    assert (config.hand, config.grid.shape, config.head) == ("robotiq_2f_85", GRID_SHAPE, None)
+    again = evaluate(str(folder), objects="procedural:bottle:2000-2003", trials=4)
+    assert again.succeeded == results["evaluate-robotiq_2f_85"]["procedural:bottle:2000-2003"]["succeeded"]
+
+
+def test_a_training_without_hands_is_refused(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "graspbox", "train", "any-hand", "--out", str(tmp_path / "run"), "--jaws", "0"]
+    command += ["--fingers", "0", "--hands", "leap", "--without", "leap", "--completion", str(POLICIES / "depth")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "leave no hand to learn from" in done.stderr
