@@ -22,13 +22,14 @@ from graspbox.models.scene_views import SceneViews  # noqa: E402
 from graspbox.models.scenes import SceneConfig, SceneSampler  # noqa: E402
 from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs  # noqa: E402
 from graspbox.models.scorer.network import ScorerBatch, scorer_losses  # noqa: E402
-from graspbox.models.scorer.shared import SharedScorerNet  # noqa: E402
+from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet  # noqa: E402
 from graspbox.models.scorer.training import JoinedSampler, TrialSampler  # noqa: E402
 from graspbox.models.trials import GraspTrials  # noqa: E402
 from graspbox.perception import CropConfig, HandGrid  # noqa: E402
 from graspbox.perception.hand_settings import settings_of  # noqa: E402
-from graspbox.recipes.any_hand import GRID_SHAPE  # noqa: E402
 from graspbox.recipes.collection import CollectConfig, collect  # noqa: E402
+from graspbox.recipes.networks import TrainedNetworks  # noqa: E402
+from graspbox.recipes.settings import Sizes  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -37,7 +38,7 @@ POLICIES = Path(__file__).parents[2] / "policies"
 
 
 def grid_of(hand: HandLike) -> HandGrid:
-    return HandGrid(hand, settings_of(hand, shape=GRID_SHAPE).grid)
+    return HandGrid(hand, settings_of(hand, shape=SHARED_SHAPE).grid)
 
 
 @pytest.fixture(scope="module")
@@ -118,13 +119,39 @@ def test_hands_share_batches(grids: list[HandGrid], tmp_path: Path) -> None:
     np.testing.assert_array_equal(hand, owner)
     rates = [found.batch.targets[owner == number, 0].mean().item() for number in range(3)]
     np.testing.assert_allclose(rates, [each.success.mean() for each in trials], atol=1e-6)
-    assert joined.sample(1, joined.scenes[:1], 16).batch.cells.shape[1:] == (4, *GRID_SHAPE)
+    assert joined.sample(1, joined.scenes[:1], 16).batch.cells.shape[1:] == (4, *SHARED_SHAPE)
 
 
 def test_a_batch_without_a_visible_object_is_refused(grids: list[HandGrid]) -> None:
     trials = GraspTrials.joined([GraspTrials.empty("procedural:can:0", np.eye(4))])
     with pytest.raises(ConfigError, match="there are no trials"):
         TrialSampler(trials, ScorerInputs(grids[0]), SceneViews(SceneConfig(image_size=96)), 0)
+
+
+def test_the_scorer_of_the_last_round_is_adopted(grids: list[HandGrid], tmp_path: Path) -> None:
+    """With its features for the hand; a folder without one, and one of another width, are refused."""
+    run, out = tmp_path / "shared", tmp_path / "run"
+    networks = TrainedNetworks(out, Sizes(width=8), grids[1], SceneConfig())
+    with pytest.raises(ConfigError, match="there is no trained scorer in"):
+        networks.adopt_scorer(run)
+    nets = {}
+    for number, name in enumerate(("scorer", "round-2", "round-10")):
+        torch.manual_seed(number)
+        nets[name] = SharedScorerNet(grids, width=8)
+        (run / name).mkdir(parents=True)
+        torch.save(nets[name].state_dict(), run / name / "weights.pt")
+    (out / "scorer").mkdir(parents=True)
+    found = torch.load(networks.adopt_scorer(run), weights_only=True)
+    expected = nets["round-10"].of_hand(grids[1]).state_dict()
+    assert all(torch.equal(found[name], value) for name, value in expected.items())
+    with pytest.raises(ConfigError, match=r"has the width 8; give --sizes\.width 8"):
+        TrainedNetworks(out, Sizes(), grids[1], SceneConfig()).adopt_scorer(run)
+    torch.save(expected, run / "round-10" / "weights.pt")
+    with pytest.raises(ConfigError, match="does not hold a scorer of many hands"):
+        networks.adopt_scorer(run)
+    (run / "round-10" / "weights.pt").write_bytes(b"nothing")
+    with pytest.raises(ConfigError, match="is not a file of weights"):
+        networks.adopt_scorer(run)
 
 
 def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) -> None:
@@ -148,7 +175,7 @@ def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) 
     assert results["collect-1"]["train"]["trials"] > 0
     folder = out / "evaluate-robotiq_2f_85" / "policy"
     config = read_depth_policy(folder)
-    assert (config.hand, config.grid.shape, config.head) == ("robotiq_2f_85", GRID_SHAPE, None)
+    assert (config.hand, config.grid.shape, config.head) == ("robotiq_2f_85", SHARED_SHAPE, None)
     again = evaluate(str(folder), objects="procedural:bottle:2000-2003", trials=4)
     assert again.succeeded == results["evaluate-robotiq_2f_85"]["procedural:bottle:2000-2003"]["succeeded"]
 

@@ -71,18 +71,30 @@ def test_heads_are_validated_with_the_hand_of_the_grid(trials: GraspTrials) -> N
 
 @pytest.mark.train
 def test_a_policy_is_trained_for_a_hand_of_the_user_s(tmp_path: Path) -> None:
-    """Its folder holds the hand, and takes the completion of another policy; it acts without more words."""
-    pytest.importorskip("torch")
+    """Its folder holds the hand, and takes the completion of another policy; it acts without more words.
+
+    Its scorer begins as one of many hands.
+    """
+    torch = pytest.importorskip("torch")
+    from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet
+
     urdf, toml = load_hand(HAND).files
     (tmp_path / "own.urdf").write_text(urdf)
     (tmp_path / "own.toml").write_text(toml.replace(f'name = "{HAND}"', 'name = "own"'))
     out, completion = tmp_path / "run", Path(__file__).parents[2] / "policies/depth"
     command = ["train", "depth", "--quick", "--out", str(out), "--completion", str(completion)]
+    settings = settings_of(HAND, shape=SHARED_SHAPE)
+    shared = SharedScorerNet([HandGrid("leap", settings_of("leap", shape=SHARED_SHAPE).grid)], width=8)
+    (tmp_path / "shared" / "scorer").mkdir(parents=True)
+    torch.save(shared.state_dict(), tmp_path / "shared" / "scorer" / "weights.pt")
+    command += ["--start", str(tmp_path / "shared")]
     command += ["--hand", f"{tmp_path / 'own.urdf'},{tmp_path / 'own.toml'}", "--name", "own"]
     done = subprocess.run([sys.executable, "-m", "graspbox", *command], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     config = read_depth_policy(out / "policy")
-    assert (config.hand, config.grid) == ("own", settings_of(HAND).grid)
+    assert (config.hand, config.grid) == ("own", settings.grid)
+    began = torch.load(out / "scorer" / "start.pt", weights_only=True)
+    torch.testing.assert_close(began["head.0.weight"], shared.state_dict()["head.0.weight"])
     assert config.head is not None
     assert config.head.anchors == settings_of(HAND).anchors
     assert {"hand.urdf", "hand.toml"} <= set(config.files)

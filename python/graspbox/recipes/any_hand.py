@@ -25,7 +25,7 @@ from graspbox.models.calibration import Calibration, fit_logits
 from graspbox.models.scene_views import SceneViews
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.models.scorer.inputs import ScorerInputs
-from graspbox.models.scorer.shared import SharedScorerNet
+from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet
 from graspbox.models.scorer.training import JoinedSampler, TrialSampler, fit_scorer
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
@@ -42,10 +42,8 @@ from graspbox.training.options import Outcome
 from graspbox.training.runs import Run
 from graspbox.training.trainer import load_weights
 
-__all__ = ["GRID_SHAPE", "train"]
+__all__ = ["train"]
 
-#: Cells of the grid of every hand.
-GRID_SHAPE = (24, 24, 16)
 #: Scenes that one hand collects before it is the next one's turn.
 _TURN = 20
 #: Proposals of a scene from which trials are taken.
@@ -139,7 +137,7 @@ class _AnyHandTraining:
 
     def hand_of(self, name: str, hand: Hand, scenes: range, *, shipped: bool) -> _TrainedHand:
         """Prepare a hand."""
-        fitted = settings_of(hand, FINDER.proposals, shape=GRID_SHAPE)
+        fitted = settings_of(hand, FINDER.proposals, shape=SHARED_SHAPE)
         grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
         finder = replace(FINDER, proposals=fitted.proposals, predicted=0, refinements=0)
         return _TrainedHand(name, grid, finder, scenes, shipped)

@@ -26,6 +26,7 @@ from graspbox.models.head.training import HeadData, train_head
 from graspbox.models.scene_views import SceneViews
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.models.scorer.inputs import ScorerInputs
+from graspbox.models.scorer.shared import SHARED_SHAPE
 from graspbox.models.scorer.training import train_scorer
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
@@ -88,7 +89,8 @@ class _DepthTraining:
         self.settings, self.sizes, self.run, self.learned = settings, settings.sizes, run, learned
         self.seed, self.out = settings.seed, settings.out
         self.scenes, hand = SceneConfig(), settings.load_hand()
-        fitted = settings_of(hand, FINDER.proposals)
+        shape = None if settings.start is None else SHARED_SHAPE
+        fitted = settings_of(hand, FINDER.proposals, shape=shape)
         self.finder, self.anchors = replace(FINDER, proposals=fitted.proposals), fitted.anchors
         self.grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
@@ -196,8 +198,11 @@ class _DepthTraining:
         """Train a member on the data set and on the on-policy trials of the first `rounds` rounds."""
         sizes = self.sizes
         going_on = number == 0 and rounds > 0
+        start = self.networks.folder(0, rounds - 1) / "weights.pt" if going_on else None
+        if number == rounds == 0 and self.settings.start is not None:
+            start = self.networks.adopt_scorer(self.settings.start)
         config = TrainConfig(
-            learning_rate=5e-4 if going_on else 1e-3,
+            learning_rate=1e-3 if start is None else 5e-4,
             batch_size=sizes.batch,
             max_steps=sizes.round_steps if going_on else sizes.scorer_steps,
             validate_every=sizes.validate_every,
@@ -216,7 +221,7 @@ class _DepthTraining:
             self.views,
             config,
             on_policy=GraspTrials.joined(on_policy) if on_policy else None,
-            start=self.networks.folder(0, rounds - 1) / "weights.pt" if going_on else None,
+            start=start,
             width=sizes.width,
             progress=reporter(stage, "AUC"),
         )

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from graspbox._common.files import write_bytes
+import torch
+
+from graspbox._common.files import replacing, write_bytes
 from graspbox.artifacts import weight_files
 from graspbox.artifacts.configs import DepthPolicyConfig
 from graspbox.artifacts.folders import completion_folder, read_depth_policy
@@ -14,15 +16,31 @@ from graspbox.models.head.network import AnchorNet
 from graspbox.models.head.training import load_head
 from graspbox.models.scenes import SceneConfig
 from graspbox.models.scorer.network import ScorerNet
+from graspbox.models.scorer.shared import SharedScorerNet
 from graspbox.perception import HandGrid
 from graspbox.perception.anchors import Anchors
 from graspbox.recipes.settings import Sizes
 from graspbox.training.trainer import load_weights
 
-__all__ = ["TrainedNetworks"]
+__all__ = ["TrainedNetworks", "shared_weights"]
 
 #: Weights of a completion that was not trained in the run.
 ADOPTED = "completion.safetensors"
+
+
+def shared_weights(run: Path) -> Path:
+    """Find the weights of a run of ``graspbox train any-hand``: those of its last round.
+
+    Raises
+    ------
+    ConfigError
+        If there are none.
+    """
+    found = sorted(run.glob("round-*/weights.pt"), key=lambda path: int(path.parent.name.partition("-")[2]))
+    for path in (*reversed(found), run / "scorer" / "weights.pt"):
+        if path.exists():
+            return path
+    raise ConfigError(f"there is no trained scorer in {str(run)!r}; name a run of graspbox train any-hand")
 
 
 @dataclass(frozen=True)
@@ -88,6 +106,27 @@ class TrainedNetworks:
         net = ScorerNet(self.grid, self.sizes.width)
         load_weights(net, self.folder(member, round_) / "weights.pt")
         return net
+
+    def adopt_scorer(self, run: Path) -> Path:
+        """Copy the scorer of many hands of a run of ``graspbox train any-hand`` into this run, for its hand.
+
+        Returns
+        -------
+        Path
+            The file of the weights with which the first member begins.
+
+        Raises
+        ------
+        ConfigError
+            If the folder holds no such run, or its scorer is of another width.
+        """
+        net = SharedScorerNet.load(shared_weights(run), [self.grid]).of_hand(self.grid)
+        if (width := net.stem.out_channels) != self.sizes.width:
+            raise ConfigError(f"the scorer in {str(run)!r} has the width {width}; give --sizes.width {width}")
+        target = self.folder(0, 0) / "start.pt"
+        with replacing(target) as temporary:
+            torch.save(net.state_dict(), temporary)
+        return target
 
     def head_net(self) -> AnchorNet:
         """Load the trained head."""

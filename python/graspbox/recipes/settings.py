@@ -153,7 +153,8 @@ class DepthSettings(HandOption):
     1. data: a data set of trials (graspbox dataset), unless --data names some.
     2. completion: the object's occupancy from one camera's view; labels are rendered. --completion takes that of
        another policy, of any hand.
-    3. scorer: the first member, on the data set.
+    3. scorer: the first member, on the data set. --start takes its initial weights from a scorer of many hands, which
+       needs few trials of this one.
     4. head: one network that predicts grasps (graspbox train head), on the data set. Its best grasps are scored
        together with the geometric proposals.
     5. collect-N, round-N: trials of grasps chosen by the proposals and the scorer on fresh objects; training resumes
@@ -195,6 +196,8 @@ class DepthSettings(HandOption):
     completion: str | None = None
     """A policy of one depth image, by folder or name, whose completion is used: it knows no hand. By default one is
     trained."""
+    start: Path | None = None
+    """A run of `graspbox train any-hand`, with whose scorer the first member begins, for any hand."""
     publish: Path | None = None
     """Folder of the exported policy; by default ``policy`` in the run's folder."""
     name: str = "depth"

@@ -5,17 +5,23 @@ also of one without trials: an ordinary `ScorerNet`, with the features of its pr
 """
 
 from collections.abc import Sequence
+from pathlib import Path
+from pickle import UnpicklingError
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from graspbox.errors import ConfigError
 from graspbox.models.scorer.hand_numbers import HAND_NUMBERS, hand_numbers
 from graspbox.models.scorer.network import ScorerNet
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.training.trainer import load_weights
 
-__all__ = ["SharedScorerNet"]
+__all__ = ["SHARED_SHAPE", "SharedScorerNet"]
 
+#: Shape of the grids of all hands.
+SHARED_SHAPE = (24, 24, 16)
 #: Width of the layer between a hand's numbers and the features of its preshapes.
 _HIDDEN = 32
 #: Parts of a scorer whose weights are those of all hands.
@@ -30,7 +36,7 @@ class SharedScorerNet(ScorerNet):
     Parameters
     ----------
     grids : sequence of HandGrid
-        Voxel grids of the hands, all of one shape.
+        Voxel grids of the hands, all of the shape `SHARED_SHAPE`.
     width : int
         As for `ScorerNet`.
 
@@ -69,6 +75,26 @@ class SharedScorerNet(ScorerNet):
         used, place = torch.unique(preshape, return_inverse=True)
         swept, features = self.layer_of_swept(self.swept[used]), self.describe(self.numbers[used])
         return self.logits(cells, poses, swept[place], features[place], self.scales[preshape])
+
+    @classmethod
+    def load(cls, weights: Path, grids: Sequence[HandGrid]) -> "SharedScorerNet":
+        """Load weights of a training for any hands.
+
+        Raises
+        ------
+        ConfigError
+            If the file holds the weights of another network.
+        """
+        try:
+            saved = torch.load(weights, map_location="cpu", weights_only=True)
+        except (OSError, RuntimeError, UnpicklingError) as error:
+            raise ConfigError(f"{weights} is not a file of weights: {error}") from None
+        stem = saved.get("stem.weight")
+        if stem is None or "describe.0.weight" not in saved:
+            raise ConfigError(f"{weights} does not hold a scorer of many hands; graspbox train any-hand makes one")
+        net = cls(grids, len(stem))
+        load_weights(net, weights)
+        return net
 
     def of_hand(self, grid: HandGrid) -> ScorerNet:
         """Return the scorer of one hand, trained or not, for evaluation."""
