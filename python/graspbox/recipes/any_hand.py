@@ -116,6 +116,7 @@ class _AnyHandTraining:
         folder = completion_folder(self.source, published)
         self.completion_folder = folder
         self.completion = Completion(onnx_network(folder / "completion.onnx"))
+        self._samplers: dict[tuple[str, int], SceneSampler] = {}
         self.hands = list(self._hands())
         if not self.hands:
             raise ConfigError("--hands, --jaws and --fingers leave no hand to learn from; name one")
@@ -147,9 +148,12 @@ class _AnyHandTraining:
         """Views shared by all stages."""
         return SceneViews(self.scenes, self.completion, self.seed, count=self.sizes.views)
 
-    def sampler(self, split: object_sets.Split | None, seed: int, objects: Any = None) -> SceneSampler:
-        """Sample scenes of a set of objects."""
-        return SceneSampler(object_sets.load(objects or self.settings.objects, split=split), self.scenes, seed)
+    def sampler(self, split: object_sets.Split, seed: int) -> SceneSampler:
+        """Sample scenes of a split of the objects; all hands share a sampler, which keeps its objects ready."""
+        if (split, seed) not in self._samplers:
+            found = object_sets.load(self.settings.objects, split=split)
+            self._samplers[split, seed] = SceneSampler(found, self.scenes, seed)
+        return self._samplers[split, seed]
 
     def go(self) -> None:
         """Run the stages."""
