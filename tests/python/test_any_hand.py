@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from graspbox import object_sets  # noqa: E402
+from graspbox.artifacts.exports import export_depth_policy  # noqa: E402
 from graspbox.artifacts.folders import read_depth_policy  # noqa: E402
 from graspbox.errors import ConfigError  # noqa: E402
 from graspbox.evaluation import evaluate  # noqa: E402
 from graspbox.hand_tools import random_hand  # noqa: E402
-from graspbox.hands import HandLike  # noqa: E402
+from graspbox.hands import HandLike, load_hand  # noqa: E402
+from graspbox.models.calibration import Calibration  # noqa: E402
 from graspbox.models.scene_views import SceneViews  # noqa: E402
 from graspbox.models.scenes import SceneConfig, SceneSampler  # noqa: E402
 from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs  # noqa: E402
@@ -25,8 +28,10 @@ from graspbox.models.scorer.network import ScorerBatch, scorer_losses  # noqa: E
 from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet  # noqa: E402
 from graspbox.models.scorer.training import JoinedSampler, TrialSampler  # noqa: E402
 from graspbox.models.trials import GraspTrials  # noqa: E402
-from graspbox.perception import CropConfig, HandGrid  # noqa: E402
+from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalConfig  # noqa: E402
+from graspbox.perception.finder_configs import FinderConfig  # noqa: E402
 from graspbox.perception.hand_settings import settings_of  # noqa: E402
+from graspbox.policies.depth import load_finder  # noqa: E402
 from graspbox.recipes.collection import CollectConfig, collect  # noqa: E402
 from graspbox.recipes.networks import TrainedNetworks  # noqa: E402
 from graspbox.recipes.settings import Sizes  # noqa: E402
@@ -128,6 +133,67 @@ def test_a_batch_without_a_visible_object_is_refused(grids: list[HandGrid]) -> N
         TrialSampler(trials, ScorerInputs(grids[0]), SceneViews(SceneConfig(image_size=96)), 0)
 
 
+@pytest.fixture(scope="module")
+def published(grids: list[HandGrid], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Export a policy for any hand, untrained."""
+    torch.manual_seed(0)
+    folder = tmp_path_factory.mktemp("policies") / "any"
+    export_depth_policy(
+        folder,
+        "any",
+        POLICIES / "depth",
+        [SharedScorerNet(grids, width=8)],
+        Calibration(success=(1.0, 0.5), secure=(2.0, 0.0), secure_weight=0.3),
+        learned_from=["procedural:can:0-9/train"],
+        grid=HandGridConfig(shape=SHARED_SHAPE),
+        finder=FinderConfig(ProposalConfig(most=24), refinements=0, predicted=0),
+    )
+    return folder
+
+
+@pytest.mark.parametrize("hand", ["panda_gripper", "reflex", "robotiq_2f_85"])
+def test_a_published_scorer_takes_any_hand(hand: str, published: Path) -> None:
+    """By onnxruntime and by torch, with one preshape and with several; lengths are those of the hand."""
+    config = read_depth_policy(published)
+    onnx, other = (load_finder(published, config, load_hand(hand), backend=backend) for backend in ("onnx", "torch"))
+    assert onnx.grid.shape == SHARED_SHAPE
+    assert onnx.config.proposals.radius == settings_of(hand, config.finder.proposals).proposals.radius
+    volume = np.zeros((3, N, N, N), dtype=np.uint8)
+    volume[0, 20:26, 20:26, 2:12] = 255
+    found = onnx.grid.propose(volume[0])
+    assert len(found) > 2
+    judged = [finder.score.judge(volume, found.poses, found.preshape) for finder in (onnx, other)]  # type: ignore[attr-defined]
+    np.testing.assert_allclose(judged[0].success, judged[1].success, atol=1e-4)
+    np.testing.assert_allclose(judged[0].choice, (judged[0].success + 0.3 * judged[0].secure) / 1.3, atol=1e-5)
+
+
+def test_it_acts_with_a_hand_from_files(published: Path, tmp_path: Path) -> None:
+    files = tmp_path / "own.urdf", tmp_path / "own.toml"
+    for path, text in zip(files, random_hand("fingers", 3).files, strict=True):
+        path.write_text(text)
+    found = evaluate(str(published), objects="procedural:bottle:2000-2003", trials=2, hand=files)
+    assert len(found.trials) == 2
+
+
+def test_wrong_configurations_for_any_hand_are_refused(published: Path) -> None:
+    config = read_depth_policy(published)
+    with pytest.raises(ConfigError, match=r"hand_numbers is .*; this version of graspbox computes"):
+        replace(config, hand_numbers=("width",))
+    for wrong in ({"members": 2}, {"grid": HandGridConfig()}):
+        with pytest.raises(ConfigError, match="one scorer, no head, and a grid of a set shape"):
+            replace(config, **wrong)
+    path = published / "config.json"
+    text = path.read_text()
+    # The field is absent in policies of earlier versions.
+    assert '"hand_numbers": null' not in (POLICIES / "depth" / "config.json").read_text()
+    path.write_text(text.replace('"cell, cm"', '"cell"'))
+    try:
+        with pytest.raises(ConfigError, match="hand_numbers"):
+            read_depth_policy(published)
+    finally:
+        path.write_text(text)
+
+
 def test_the_scorer_of_the_last_round_is_adopted(grids: list[HandGrid], tmp_path: Path) -> None:
     """With its features for the hand; a folder without one, and one of another width, are refused."""
     run, out = tmp_path / "shared", tmp_path / "run"
@@ -173,11 +239,17 @@ def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) 
     assert results["trials"] == kept
     assert [results[f"evaluate-{name}"]["trained"] for name in ("robotiq_2f_85", "panda_gripper")] == [False, True]
     assert results["collect-1"]["train"]["trials"] > 0
-    folder = out / "evaluate-robotiq_2f_85" / "policy"
+    folder = out / "policy"
     config = read_depth_policy(folder)
-    assert (config.hand, config.grid.shape, config.head) == ("robotiq_2f_85", SHARED_SHAPE, None)
-    again = evaluate(str(folder), objects="procedural:bottle:2000-2003", trials=4)
-    assert again.succeeded == results["evaluate-robotiq_2f_85"]["procedural:bottle:2000-2003"]["succeeded"]
+    assert (config.name, config.grid.shape, config.head) == ("any_hand", SHARED_SHAPE, None)
+    objects = "procedural:bottle:2000-2003"
+    again = evaluate(str(folder), objects=objects, trials=4, hand="robotiq_2f_85")
+    assert again.succeeded == results["evaluate-robotiq_2f_85"][objects]["succeeded"]
+    card = (folder / "README.md").read_text()
+    assert "hand `robotiq_2f_85`, of which nothing was learned" in card
+    assert "with 3 hands: `panda_gripper`, 1 random parallel jaws and 1 random hands with fingers" in " ".join(
+        card.split()
+    )
 
 
 def test_a_training_without_hands_is_refused(tmp_path: Path) -> None:

@@ -1,12 +1,12 @@
 """Contents of ``config.json`` of a published policy: the fields of every policy, and those of each kind; no torch.
 
 A class of this module holds both. In the file the fields of `PolicyConfig` are the envelope, and the others form an
-object named after the kind. All of them are required in the file.
+object named after the kind. All of them are required in the file, but those whose default is None.
 """
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any, ClassVar
 
@@ -21,11 +21,13 @@ from graspbox.errors import ConfigError, GraspboxError
 from graspbox.hands import Hand
 from graspbox.models.calibration import Calibration, check_line
 from graspbox.models.head.configs import HeadConfig, check_anchor
+from graspbox.models.scorer.hand_numbers import HAND_NUMBERS
 from graspbox.models.stability.inputs import check_times
 from graspbox.perception.configs import CropConfig, HandGridConfig, ProposalConfig
 from graspbox.perception.crops import crop as crop_images
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
+from graspbox.perception.hand_settings import settings_of
 
 __all__ = [
     "ACTING",
@@ -205,6 +207,9 @@ class DepthPolicyConfig(PolicyConfig):
         Settings of its training and of the grasp search.
     head : HeadConfig or None
         The head whose grasps are scored together with the proposals.
+    hand_numbers : tuple of str or None
+        Numbers that describe a hand to the scorer, `graspbox.models.scorer.hand_numbers.HAND_NUMBERS`. The policy then
+        grasps with any hand: `hand` is the one where none is named, lengths of `grid` and `finder` are fitted to each.
     """
 
     kind: ClassVar[str] = "depth"
@@ -220,14 +225,41 @@ class DepthPolicyConfig(PolicyConfig):
     grid: HandGridConfig
     finder: FinderConfig
     head: HeadConfig | None
+    hand_numbers: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_range(self, "members", 1, _MOST_MEMBERS)
+        if self.hand_numbers is not None:
+            self._check_any_hand()
         for name in ("width", "finalists", "completion_width"):
             check_range(self, name, 1, _WIDEST)
         if self.head is not None:
             check_anchor(self.head)
+
+    def _check_any_hand(self) -> None:
+        if self.hand_numbers != tuple(HAND_NUMBERS):
+            raise ConfigError(
+                f"hand_numbers is {self.hand_numbers}; this version of graspbox computes {tuple(HAND_NUMBERS)}"
+            )
+        if self.members != 1 or self.head is not None or self.grid.shape is None:
+            raise ConfigError("a policy for any hand has one scorer, no head, and a grid of a set shape")
+
+    def settings_for(self, hand: Hand, finder: FinderConfig | None = None) -> tuple[HandGridConfig, FinderConfig]:
+        """Return the settings of a hand's grid and of its search, by default those of the policy.
+
+        Raises
+        ------
+        ConfigError
+            If the policy does not know the hand.
+        """
+        chosen = finder or self.finder
+        if self.hand_numbers is not None:
+            fitted = settings_of(hand, chosen.proposals, shape=self.grid.shape)
+            return fitted.grid, replace(chosen, proposals=fitted.proposals)
+        if hand.name != self.hand:
+            raise ConfigError(f"the policy {self.name!r} was trained for the hand {self.hand!r}, not {hand.name!r}")
+        return self.grid, chosen
 
     @property
     def member_weights(self) -> tuple[str, ...]:

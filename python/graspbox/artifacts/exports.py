@@ -25,7 +25,7 @@ from graspbox.artifacts.configs import (
     PolicyConfig,
 )
 from graspbox.artifacts.folders import file_hash, read_depth_policy, save, use_of
-from graspbox.artifacts.graphs import CompletionGraph, ScorerGraph
+from graspbox.artifacts.graphs import AnyHandScorerGraph, CompletionGraph, ScorerGraph
 from graspbox.artifacts.onnx_files import PARITY, write_onnx
 from graspbox.artifacts.runtimes import onnx_network, torch_network
 from graspbox.artifacts.weight_files import check_size, fold_norms, round_weights, save_weights
@@ -36,8 +36,10 @@ from graspbox.models.completion.network import CompletionNet
 from graspbox.models.head.graph import BEST, HeadGraph
 from graspbox.models.head.heads import HeadNet
 from graspbox.models.head.network import AnchorNet
+from graspbox.models.scorer.hand_numbers import HAND_NUMBERS, tables_of
 from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs
 from graspbox.models.scorer.network import ScorerNet
+from graspbox.models.scorer.shared import SharedScorerNet
 from graspbox.models.stability.inputs import STORED_NAME
 from graspbox.models.stability.network import StabilityGraph, StabilityNet
 from graspbox.perception.configs import CropConfig, HandGridConfig
@@ -175,7 +177,8 @@ def export_depth_policy(
     completion : CompletionNet or Path
         A trained network, or the folder of a published policy with it, which the new one then uses.
     members : sequence of ScorerNet
-        Trained networks. The weights of all networks are rounded to half precision.
+        Trained networks. The weights of all networks are rounded to half precision. A single `SharedScorerNet` makes a
+        policy for any hand.
     calibration : Calibration
         Maps the scorer's logits to probabilities.
     learned_from : iterable of str
@@ -212,6 +215,7 @@ def export_depth_policy(
         grid=grid,
         finder=finder,
         head=None if head is None else head.config,
+        hand_numbers=tuple(HAND_NUMBERS) if isinstance(members[0], SharedScorerNet) else None,
     )
     networks, weights = dict[str, Traced](), dict[str, nn.Module]()
     if not isinstance(completion, Path):
@@ -219,7 +223,8 @@ def export_depth_policy(
             _traced_completion(completion, crop),
             completion,
         )
-    networks["scorer.onnx"] = _traced_scorer(members, calibration, HandGrid(loaded, grid, crop=crop))
+    hand_grid = HandGrid(loaded, config.settings_for(loaded)[0], crop=crop)
+    networks["scorer.onnx"] = _traced_scorer(members, calibration, hand_grid)
     weights |= dict(zip(config.member_weights, members, strict=True))
     if head is not None:
         _prepare(head)
@@ -357,6 +362,12 @@ def _traced_scorer(
 ) -> Traced:
     grasps = _grasps_of_a_block(grid, 4 * finalists)
     example = [torch.from_numpy(array[: finalists + 7]) for array in grasps]
+    if isinstance(net := members[0], SharedScorerNet):
+        # Three rows of the tables: one that were as long as another input could be taken for it.
+        tables = {name: np.repeat(table[:1], 3, axis=0) for name, table in tables_of(grid)._asdict().items()}
+        example += [torch.from_numpy(table) for table in tables.values()]
+        first = {**grasps._asdict(), "preshape": np.zeros_like(grasps.preshape)}
+        return Traced(AnyHandScorerGraph(net, calibration), example, checks=[{**first, **tables}])
     # With finalists alone, the result does not depend on how ties between grasps are broken.
     checks = [
         {k: v[i : i + finalists] for k, v in grasps._asdict().items()} for i in range(0, 4 * finalists, finalists)

@@ -11,14 +11,17 @@ from torch import Tensor, nn
 
 from graspbox.artifacts.folders import completion_folder, hand_of, read_depth_policy
 from graspbox.artifacts.weight_files import restored
+from graspbox.hands import load_hand
 from graspbox.models.calibration import CAUTION, OTHERS, Calibration
 from graspbox.models.completion.network import CompletionNet
 from graspbox.models.head.graph import HeadGraph
 from graspbox.models.head.network import AnchorNet
+from graspbox.models.scorer.hand_numbers import HandTables
 from graspbox.models.scorer.network import DECIDING, ScorerNet, deciding
+from graspbox.models.scorer.shared import SharedScorerNet
 from graspbox.perception.hand_grids import HandGrid
 
-__all__ = ["CompletionGraph", "ScorerGraph", "load_graphs"]
+__all__ = ["AnyHandScorerGraph", "CompletionGraph", "ScorerGraph", "load_graphs"]
 
 
 class CompletionGraph(nn.Module):  # type: ignore[misc]
@@ -56,22 +59,13 @@ class ScorerGraph(nn.Module):  # type: ignore[misc]
     def __init__(self, members: Sequence[ScorerNet], calibration: Calibration, finalists: int) -> None:
         super().__init__()
         self.members = nn.ModuleList([member.eval() for member in members])
-        self._success, self._secure = calibration.success, calibration.secure
-        self._weight, self._finalists = calibration.secure_weight, finalists
-
-    def _judged(self, logits: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the score of the choice, and the probabilities of `DECIDING`, from their logits (m, 2)."""
-        (slope, offset), (slope_of_secure, offset_of_secure) = self._success, self._secure
-        of_success, of_secure = logits.unbind(1)
-        success = torch.sigmoid(of_success * slope + offset)
-        secure = torch.sigmoid(of_secure * slope_of_secure + offset_of_secure)
-        return (success + self._weight * secure) / (1.0 + self._weight), success, secure
+        self._calibration, self._finalists = calibration, finalists
 
     def forward(self, cells: Tensor, poses: Tensor, preshape: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Return choice, success and secure (m,), and the logits (m, 2) before calibration."""
         logits = deciding(self.members[0](cells, poses, preshape))
         if len(self.members) > 1:
-            choice, _, _ = self._judged(logits)
+            choice, _, _ = _judged(logits, self._calibration)
             best = choice.topk(self._finalists).indices
             chosen = cells[best], poses[best], preshape[best]
             others = [deciding(member(*chosen)) for member in list(self.members)[1:]]
@@ -79,10 +73,48 @@ class ScorerGraph(nn.Module):  # type: ignore[misc]
             mean = votes.mean(0)
             cautious = mean - CAUTION * (votes - mean).square().mean(0).sqrt()
             logits = (logits - OTHERS).scatter(0, best[:, None].expand(-1, len(DECIDING)), cautious)
-        return *self._judged(logits), logits
+        return *_judged(logits, self._calibration), logits
 
 
-def load_graphs(folder: Path) -> tuple[CompletionGraph | ScorerGraph | HeadGraph, ...]:
+class AnyHandScorerGraph(nn.Module):  # type: ignore[misc]
+    """A scorer of any hand, whose tables are inputs: two rows or more of `HandTables`.
+
+    Parameters
+    ----------
+    net : SharedScorerNet
+        The scorer.
+    calibration : Calibration
+        As for `ScorerGraph`.
+    """
+
+    inputs = (*ScorerGraph.inputs, *HandTables._fields)
+    outputs = ScorerGraph.outputs
+    #: What the first axis of each input counts.
+    rows = ("grasps", "grasps", "grasps", "preshapes", "preshapes", "preshapes")
+
+    def __init__(self, net: SharedScorerNet, calibration: Calibration) -> None:
+        super().__init__()
+        self.net, self._calibration = net.eval(), calibration
+
+    def forward(
+        self, cells: Tensor, poses: Tensor, preshape: Tensor, swept: Tensor, numbers: Tensor, scale: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return choice, success and secure (m,), and the logits (m, 2) before calibration."""
+        logits = deciding(self.net.of_tables(cells, poses, preshape, swept, numbers, scale))
+        return *_judged(logits, self._calibration), logits
+
+
+def _judged(logits: Tensor, calibration: Calibration) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the score of the choice, and the probabilities of `DECIDING`, from their logits (m, 2)."""
+    (slope, offset), (slope_of_secure, offset_of_secure) = calibration.success, calibration.secure
+    of_success, of_secure = logits.unbind(1)
+    success = torch.sigmoid(of_success * slope + offset)
+    secure = torch.sigmoid(of_secure * slope_of_secure + offset_of_secure)
+    weight = calibration.secure_weight
+    return (success + weight * secure) / (1.0 + weight), success, secure
+
+
+def load_graphs(folder: Path) -> tuple[CompletionGraph | ScorerGraph | AnyHandScorerGraph | HeadGraph, ...]:
     """Load the networks of a policy's folder from their weights: completion, scorer, and the head if it has one.
 
     Raises
@@ -92,9 +124,13 @@ def load_graphs(folder: Path) -> tuple[CompletionGraph | ScorerGraph | HeadGraph
     """
     config = read_depth_policy(Path(folder))
     folder = Path(folder)
-    grid = HandGrid(hand_of(folder, config), config.grid, crop=config.crop)
+    hand = load_hand(hand_of(folder, config))
+    grid = HandGrid(hand, config.settings_for(hand)[0], crop=config.crop)
     weights = completion_folder(folder, config) / "completion.safetensors"
     completion = restored(lambda: CompletionNet(config.completion_width), weights)
+    if config.hand_numbers is not None:
+        shared = restored(lambda: SharedScorerNet([grid], config.width), folder / config.member_weights[0])
+        return CompletionGraph(completion), AnyHandScorerGraph(shared, config.calibration)
     members = [restored(lambda: ScorerNet(grid, config.width), folder / name) for name in config.member_weights]
     parts = CompletionGraph(completion), ScorerGraph(members, config.calibration, config.finalists)
     if (settings := config.head) is None:

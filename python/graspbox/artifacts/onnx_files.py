@@ -36,15 +36,17 @@ def write_onnx(
 ) -> None:
     """Write a graph, traced with an example, and compare the file's outputs with the graph's.
 
-    A graph whose `forward` takes any number of inputs sets ``variadic = True``.
+    A graph whose `forward` takes any number of inputs sets ``variadic = True``; one whose inputs have different numbers
+    of rows names them in ``rows``, one name per input.
 
     Raises
     ------
     ConfigError
         If the outputs differ.
     """
-    rows = torch.export.Dim("rows", min=2)
-    each = tuple({0: rows} for _ in example)
+    names = getattr(graph, "rows", ("rows",) * len(example))
+    sizes = {name: torch.export.Dim(name, min=2) for name in names}
+    each = tuple({0: sizes[name]} for name in names)
     shapes = None if not dynamic else (each,) if getattr(graph, "variadic", False) else each
     quiet = logging.getLogger("torch.onnx")
     level = quiet.level

@@ -12,6 +12,7 @@ from graspbox._common.extras import imported
 from graspbox.artifacts.configs import DepthPolicyConfig
 from graspbox.artifacts.folders import completion_folder
 from graspbox.errors import ConfigError, FileError
+from graspbox.models.scorer.hand_numbers import tables_of
 from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs
 from graspbox.models.stability.inputs import STORED_NAME
 from graspbox.perception.anchors import RESIDUALS, Anchors, Candidates
@@ -28,6 +29,7 @@ __all__ = [
     "Stability",
     "load_parts",
     "load_stability",
+    "of_hand",
     "onnx_network",
     "output",
     "torch_network",
@@ -238,6 +240,15 @@ class Scorer:
         return np.concatenate([self(volume, *pair) for pair in pairs])
 
 
+def of_hand(network: Network, grid: HandGrid) -> Network:
+    """Fix the hand of a scorer of any hand: `graspbox.artifacts.graphs.AnyHandScorerGraph` to `ScorerGraph`."""
+    tables = tables_of(grid)
+    # The network takes two rows or more.
+    rows = np.minimum(np.arange(max(2, len(tables.numbers))), len(tables.numbers) - 1)
+    fixed = {name: np.ascontiguousarray(table[rows]) for name, table in tables._asdict().items()}
+    return lambda inputs: network({**inputs, **fixed})
+
+
 class AnchorHead:
     """Predicts grasps.
 
@@ -321,5 +332,6 @@ def load_parts(
     else:
         networks = [onnx_network(file, num_threads) for file in files]
     head = AnchorHead(networks[2], Anchors(len(grid.preshapes), config.head.anchors)) if config.head else None
-    scorer = Scorer(networks[1], ScorerInputs(grid), config.finalists, config.members)
+    scoring = networks[1] if config.hand_numbers is None else of_hand(networks[1], grid)
+    scorer = Scorer(scoring, ScorerInputs(grid), config.finalists, config.members)
     return Parts(Completion(networks[0]), scorer, head)

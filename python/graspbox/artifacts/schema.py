@@ -70,7 +70,9 @@ def parse(text: bytes, name: str) -> PolicyConfig:
     envelope = {n: getattr(made, n) for n in _ENVELOPE}
     own = {n: getattr(section, n) for n in type(section).model_fields}
     try:
-        _check_complete({**envelope, config.kind: own}, content, "")
+        optional = {f.name for f in fields(config) if f.default is None}
+        given = {name: value for name, value in own.items() if name not in optional or name in content[config.kind]}
+        _check_complete({**envelope, config.kind: given}, content, "")
         return config(**envelope, **own)
     except ConfigError as error:
         raise ConfigError(f"{name}: {error}") from None
@@ -82,18 +84,20 @@ def _pydantic() -> Any:
 
 @cache
 def _model(config: Any) -> Any:
-    """Build the schema of a kind; every field is required, and values are not converted."""
+    """Build the schema of a kind; only fields whose default is None may be absent, and values are not converted."""
     pydantic, hints = _pydantic(), get_type_hints(config)
     strict = pydantic.ConfigDict(
         strict=True, extra="forbid", allow_inf_nan=False, str_min_length=1, str_max_length=_LONGEST_TEXT
     )
 
     def model(**types: Any) -> Any:
-        return pydantic.create_model("Config", __config__=strict, **{name: (t, ...) for name, t in types.items()})
+        return pydantic.create_model("Config", __config__=strict, **types)
 
-    section = model(**{f.name: hints[f.name] for f in fields(config) if f.name not in _ENVELOPE})
-    envelope = {name: hints[name] for name in _ENVELOPE}
-    return model(format=Literal[FORMAT], kind=Literal[config.kind], **envelope, **{config.kind: section})
+    own = [f for f in fields(config) if f.name not in _ENVELOPE]
+    section = model(**{f.name: (hints[f.name], None if f.default is None else ...) for f in own})
+    envelope = {name: (hints[name], ...) for name in _ENVELOPE}
+    head = {"format": (Literal[FORMAT], ...), "kind": (Literal[config.kind], ...)}
+    return model(**head, **envelope, **{config.kind: (section, ...)})
 
 
 def _check_complete(made: Any, document: Any, where: str) -> None:

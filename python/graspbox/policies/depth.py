@@ -208,14 +208,11 @@ def load_finder(
     ConfigError
         For a hand other than the policy's, or an unknown backend.
     """
-    if hand.name != published.hand:
-        raise ConfigError(
-            f"the policy {published.name!r} was trained for the hand {published.hand!r}, not {hand.name!r}"
-        )
+    settings, finder = published.settings_for(hand, config)
     _check_backend(backend)
-    grid = HandGrid(hand, published.grid, crop=published.crop, num_threads=num_threads)
+    grid = HandGrid(hand, settings, crop=published.crop, num_threads=num_threads)
     parts = load_parts(folder, published, grid, backend, num_threads)
-    return GraspFinder(grid, parts.complete, parts.scorer, config or published.finder, head=parts.head)
+    return GraspFinder(grid, parts.complete, parts.scorer, finder, head=parts.head)
 
 
 def _check_backend(backend: str) -> None:

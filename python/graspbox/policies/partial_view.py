@@ -44,7 +44,7 @@ class PartialViewPlanner(DepthPolicy):
 
 def _completing(folder: Path, published: DepthPolicyConfig, hand: Hand) -> PlannedFinder:
     """Make a finder that plans on the shape which the completion of a published policy predicts."""
-    grid = HandGrid(hand, published.grid, crop=published.crop)
+    grid = HandGrid(hand, published.settings_for(hand)[0], crop=published.crop)
     return PlannedFinder(hand, load_parts(folder, published, grid).complete, published.crop)
 
 

@@ -29,14 +29,16 @@ from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet
 from graspbox.models.scorer.training import JoinedSampler, TrialSampler, fit_scorer
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
-from graspbox.perception import HandGrid
+from graspbox.perception import HandGrid, HandGridConfig
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import DepthGrasp
+from graspbox.recipes.cards import write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.recipes.collection import CollectConfig, collect, load_trials
 from graspbox.recipes.depth import FINDER, reporter, results_of
-from graspbox.recipes.settings import ANY_HAND_QUICK, AnyHandSettings
+from graspbox.recipes.depth_cards import any_hand_card
+from graspbox.recipes.settings import ANY_HAND_QUICK, AnyHandSettings, package_licence
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
 from graspbox.training.runs import Run
@@ -90,7 +92,6 @@ def train(settings: AnyHandSettings, command: str, echo: Callable[[str], None]) 
         If the folder holds a run with other settings, if the evaluation has only training objects, or if no hand is
         left to learn from.
     """
-    del command
     if settings.quick:
         settings = replace(settings, **ANY_HAND_QUICK)
     learned = [*of_splits(settings.objects), *read_depth_policy(folder_of(settings.completion)).learned_from]
@@ -99,8 +100,8 @@ def train(settings: AnyHandSettings, command: str, echo: Callable[[str], None]) 
             raise ConfigError(f"--evaluated is {objects!r}; name objects from which nothing is learned")
     with settings.run(echo) as run:
         training = _AnyHandTraining(settings, run, learned)
-        training.go()
-        return Outcome({"folder": str(settings.out), **run.stages}, str(settings.out))
+        training.go(command)
+        return Outcome({"folder": str(training.policy_folder()), **run.stages}, str(training.policy_folder()))
 
 
 class _AnyHandTraining:
@@ -155,7 +156,7 @@ class _AnyHandTraining:
             self._samplers[split, seed] = SceneSampler(found, self.scenes, seed)
         return self._samplers[split, seed]
 
-    def go(self) -> None:
+    def go(self, command: str) -> None:
         """Run the stages."""
         hours, sizes = self.settings.hours, self.sizes
 
@@ -169,9 +170,17 @@ class _AnyHandTraining:
             stage(f"round-{n}", hours.round, partial(self.learn, rounds=n))
         found = stage("calibrate", hours.calibrate, self.calibrate)
         calibration = Calibration(tuple(found["success"]), tuple(found["secure"]), found["secure_weight"])
-        for name in (*self.settings.without, *self.settings.hands):
-            stage(f"evaluate-{name}", hours.evaluate, partial(self.evaluate, name=name, calibration=calibration))
-        self.run.log(f"the weights are in {self.weights(sizes.rounds)}")
+        stage("export", hours.evaluate, lambda _: self.export(calibration))
+        names = dict.fromkeys((*self.settings.without, *self.settings.hands))
+        for name in names:
+            stage(f"evaluate-{name}", hours.evaluate, partial(self.evaluate, name=name))
+        folder = self.policy_folder()
+        config = read_depth_policy(folder)
+        card = any_hand_card(
+            folder, config, command=command, settings=self.settings, scenes=self.scenes, stages=self.run.stages
+        )
+        write_card(folder, config, card)
+        self.run.log(f"the policy is in {folder}")
 
     # --- stages --------------------------------------------------------------------------------------------------
 
@@ -237,10 +246,10 @@ class _AnyHandTraining:
         """The network of all hands."""
         return SharedScorerNet([hand.grid for hand in self.hands], self.sizes.width)
 
-    def scorer(self, hand: _TrainedHand, rounds: int, calibration: Calibration | None = None) -> Scorer:
+    def scorer(self, hand: _TrainedHand, rounds: int) -> Scorer:
         """Give the scorer of a hand after a round."""
         load_weights(self.net, self.weights(rounds))
-        graph = ScorerGraph([self.net.of_hand(hand.grid)], calibration or Calibration(), FINALISTS)
+        graph = ScorerGraph([self.net.of_hand(hand.grid)], Calibration(), FINALISTS)
         return Scorer(torch_network(graph), ScorerInputs(hand.grid), FINALISTS)
 
     def learn(self, stage: Run, rounds: int) -> dict[str, Any]:
@@ -308,29 +317,36 @@ class _AnyHandTraining:
             "secure": fit_logits(logits[:, best, 1], secure[:, best]),
         }
 
-    def evaluate(self, stage: Run, name: str, calibration: Calibration) -> dict[str, Any]:
-        """Export the policy of a hand and evaluate it, as ``graspbox evaluate`` does."""
-        hand = self.hand_of(name, load_hand(name), range(0), shipped=True)
-        load_weights(self.net, self.weights(self.sizes.rounds))
-        export_depth_policy(
-            stage.folder / "policy",
-            f"any_hand-{name}",
+    def policy_folder(self) -> Path:
+        """Name the folder of the policy."""
+        return self.settings.publish or self.out / "policy"
+
+    def export(self, calibration: Calibration) -> dict[str, Any]:
+        """Write the policy's folder."""
+        net = SharedScorerNet.load(self.weights(self.sizes.rounds), [self.hands[0].grid])
+        config = export_depth_policy(
+            self.policy_folder(),
+            self.settings.name,
             self.completion_folder,
-            [self.net.of_hand(hand.grid)],
+            [net],
             calibration,
             learned_from=self.learned,
-            hand=hand.grid.hand,
             crop=self.scenes.crop,
-            grid=hand.grid.config,
-            finder=hand.finder,
+            grid=HandGridConfig(shape=SHARED_SHAPE),
+            finder=replace(FINDER, predicted=0, refinements=0),
+            licence=package_licence(),
         )
-        policy = DepthGrasp(stage.folder / "policy")
+        return {"files": len(config.files)}
+
+    def evaluate(self, stage: Run, name: str) -> dict[str, Any]:
+        """Evaluate the policy with one hand, as ``graspbox evaluate --hand`` does."""
+        policy = DepthGrasp(self.policy_folder())
         results: dict[str, Any] = {"trained": name not in self.settings.without}
         for objects in self.settings.evaluated:
             count = self.sizes.trials
             progress = stage.counter(count, f"trials ({objects})")
             result = evaluation.evaluate(
-                policy, objects=objects, split=evaluated_split(objects), trials=count, progress=progress
+                policy, objects=objects, split=evaluated_split(objects), trials=count, progress=progress, hand=name
             )
             results[objects] = {k: v for k, v in result.to_json().items() if k != "objects"}
         return results

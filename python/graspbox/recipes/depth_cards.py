@@ -13,7 +13,7 @@ from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig
 from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times
 
-__all__ = ["depth_card", "feel_card", "head_card"]
+__all__ = ["any_hand_card", "depth_card", "feel_card", "head_card"]
 
 _DECISION, _GRASP = "graspbox/GraspPose-v0", "graspbox/Grasp-v0"
 _SUMMARY = "Grasps an object on a table from one depth image; it needs neither a mesh nor the object's true pose."
@@ -101,6 +101,51 @@ def depth_card(
         scores=scores,
         details=f"{details}\n\n{table(columns, tried, 'r')}",
         training=f"{code(command)}\n\n{paragraph(learned)}\n\n{stage_table}",
+        limits=_limits(scenes),
+    )
+
+
+def any_hand_card(
+    folder: Path, config: DepthPolicyConfig, *, command: str, settings: Any, scenes: SceneConfig, stages: Stages
+) -> Card:
+    """Describe a policy for any hand; arguments as of `depth_card`."""
+    scores, hands = [], []
+    for stage, found in stages.items():
+        name = stage.removeprefix("evaluate-")
+        if name == stage:
+            continue
+        if found["trained"]:
+            hands.append(name)
+        for objects in settings.evaluated:
+            split, row = evaluated_split(objects), found[objects]
+            called = f"{objects}/{split}" if split else objects
+            counts = (row["trials"], row["succeeded"], row["secure"])
+            variant = f"hand `{name}`" + ("" if found["trained"] else ", of which nothing was learned")
+            more = {"objects that fit: success": rate(row["fitting"]["succeeded"], row["fitting"]["trials"])}
+            scores.append(ScoreRow(called, _DECISION, *counts, variant=variant, more=more))
+    first, calibrated = stages["trials"]["train"], stages["calibrate"]
+    rounds = [found["train"]["trials"] for name, found in stages.items() if name.startswith("collect")]
+    learned = f"Seed {settings.seed}. {first['trials']} trials of grasps that geometry proposes, with {first['hands']} "
+    learned += f"hands: {listed(hands)}, {settings.jaws} random parallel jaws and {settings.fingers} random hands with "
+    learned += (
+        f"fingers; then {sum(rounds)} trials of grasps that the policy chose. Objects: {listed(settings.objects)}."
+    )
+    details = "An object fits if its least width in plan view, as it rests, is at most that of the hand. The policy "
+    details += (
+        f"takes the grasp with the greatest (success + w secure) / (1 + w), where w = {calibrated['secure_weight']}."
+    )
+    return Card(
+        summary=f"{_SUMMARY} It grasps with any hand, also one of which nothing was learned: its scorer reads the "
+        "description of the hand. Where no hand is named it takes the one below.",
+        commands=(
+            f"{_use(folder)} --hand panda_gripper",
+            f"{_use(folder)} --hand hand.urdf,hand.toml",
+        ),
+        method=_METHOD,
+        scores=scores,
+        details=paragraph(details),
+        training=f"{code(command)}\n\n{paragraph(learned)}\n\n"
+        + times({name: (found["seconds"], "") for name, found in stages.items()}),
         limits=_limits(scenes),
     )
 

@@ -292,14 +292,15 @@ class AnyHandSettings(Options):
     2. scorer: one network, on the trials of all hands.
     3. collect-N, round-N: trials of grasps that it chose with every hand; training resumes with them.
     4. calibrate: choices on held-out objects map the scorer's logits to probabilities, for all hands together.
-    5. evaluate-HAND: the exported policy of each hand in GraspPose-v0, on objects excluded from training. Nothing was
+    5. export: the policy's folder.
+    6. evaluate-HAND: the exported policy with each hand in GraspPose-v0, on objects excluded from training. Nothing was
        learned from the hands of --without.
 
     The same command resumes after an interruption, even after SIGKILL. --quick runs all stages in minutes, as a check
     of the pipeline. Needs the extras cli, ycb and train.
     """
 
-    free: ClassVar[tuple[str, ...]] = (*Options.free, "hours")
+    free: ClassVar[tuple[str, ...]] = (*Options.free, "hours", "publish")
 
     hands: tuple[str, ...] = tuple(Hand.names())
     """Hands by name, whose policies are evaluated."""
@@ -315,6 +316,10 @@ class AnyHandSettings(Options):
     """Objects of the trials (split train), and of validation and calibration (split validation)."""
     evaluated: tuple[str, ...] = DepthSettings.evaluated
     """Objects of the evaluation; only the split test, except for unseen families."""
+    publish: Path | None = None
+    """Folder of the exported policy; by default ``policy`` in the run's folder."""
+    name: str = "any_hand"
+    """Name of the policy."""
     quick: bool = False
     """Run all stages in minutes."""
     hours: AnyHandHours = field(default_factory=AnyHandHours)

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from graspbox.hands import Hand, reach_of
 from graspbox.perception.hand_grids import HandGrid
 
-__all__ = ["HAND_NUMBERS", "hand_numbers"]
+__all__ = ["CELL", "HAND_NUMBERS", "HandTables", "hand_numbers", "tables_of"]
 
+#: Side of the cells to which those of a hand are compared, metres.
+CELL = 0.01
 #: Width that stands for no limit of the width, metres.
 _WIDE = 0.15
 #: Least closing work, joules, and least path of a fingertip, metres, whose logarithms are taken.
@@ -65,6 +67,30 @@ HAND_NUMBERS: dict[str, Callable[[_Shaped], float]] = {
     "friction of pads": lambda shaped: shaped.toml["friction"]["pad"]["value"],
     "friction elsewhere": lambda shaped: shaped.toml["friction"]["bare"]["value"],
 }
+
+
+class HandTables(NamedTuple):
+    """What a scorer of many hands knows of one, a row for each preshape.
+
+    Attributes
+    ----------
+    swept : (p, X, Y, Z) uint8
+        `HandGrid.swept`.
+    numbers : (p, 9) float32
+        `hand_numbers`.
+    scale : (p, 1) float32
+        Side of the cells over `CELL`.
+    """
+
+    swept: NDArray[np.uint8]
+    numbers: NDArray[np.float32]
+    scale: NDArray[np.float32]
+
+
+def tables_of(grid: HandGrid) -> HandTables:
+    """Return what a scorer of many hands knows of a hand."""
+    scale = np.full((len(grid.preshapes), 1), grid.cell / CELL, dtype=np.float32)
+    return HandTables(grid.swept, hand_numbers(grid), scale)
 
 
 def hand_numbers(grid: HandGrid) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid
 
-__all__ = ["DECIDING", "TARGETS", "ScorerBatch", "ScorerNet", "deciding", "scorer_losses"]
+__all__ = ["DECIDING", "TARGETS", "ScorerBatch", "ScorerNet", "deciding", "moments_of", "scorer_losses"]
 
 #: The events by which grasps are chosen.
 DECIDING = ("success", "secure")
@@ -54,7 +54,7 @@ class ScorerNet(nn.Module):  # type: ignore[misc]
         super().__init__()
         x, y, z = grid.shape
         self.register_buffer("swept", torch.from_numpy(np.ascontiguousarray(grid.swept)))
-        self.register_buffer("moments", _moments(grid.shape, grid.cell))
+        self.register_buffer("moments", moments_of(grid.shape, grid.cell))
         middle, coarse = 3 * width // 2, 2 * width
         self._planes = len(HAND_CHANNELS) * x
         self.stem = nn.Conv2d(self._planes, width, 4, stride=2, padding=1, bias=False)
@@ -128,8 +128,8 @@ def deciding(values: Tensor) -> Tensor:
     return values[:, : len(DECIDING)]
 
 
-def _moments(shape: Sequence[int], cell: float) -> Tensor:
-    """Weights (X * Y * Z, 4) that compute the sums of x, y, z and 1 over cells of bytes, in units of `_LENGTH`."""
+def moments_of(shape: Sequence[int], cell: float) -> Tensor:
+    """Return weights (X * Y * Z, 4) that sum x, y, z and 1 over cells of bytes, in units of `_LENGTH`."""
     along = [(np.arange(n) - (n - 1) / 2) * (cell / _LENGTH) for n in shape]
     grids = [grid.ravel() for grid in np.meshgrid(*along, indexing="ij")]
     weights = np.stack([*grids, np.ones_like(grids[0])], axis=1) / 255.0

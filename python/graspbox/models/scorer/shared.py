@@ -13,8 +13,8 @@ import torch
 from torch import Tensor, nn
 
 from graspbox.errors import ConfigError
-from graspbox.models.scorer.hand_numbers import HAND_NUMBERS, hand_numbers
-from graspbox.models.scorer.network import ScorerNet
+from graspbox.models.scorer.hand_numbers import CELL, HAND_NUMBERS, HandTables, hand_numbers, tables_of
+from graspbox.models.scorer.network import ScorerNet, moments_of
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.training.trainer import load_weights
 
@@ -47,23 +47,20 @@ class SharedScorerNet(ScorerNet):
     """
 
     numbers: Tensor
-    scales: Tensor
+    scale: Tensor
 
     def __init__(self, grids: Sequence[HandGrid], width: int = 48) -> None:
         super().__init__(grids[0], width)
         self._width = width
         counts = [len(grid.preshapes) for grid in grids]
         self.first = np.cumsum([0, *counts[:-1]]).tolist()
-        scales = np.repeat([grid.cell / grids[0].cell for grid in grids], counts)
-        tables = {
-            "swept": np.concatenate([grid.swept for grid in grids]),
-            "moments": self.moments.numpy(),
-            "numbers": np.concatenate([hand_numbers(grid) for grid in grids]),
-            "scales": scales.astype(np.float32)[:, None],
-        }
+        tables = [tables_of(grid) for grid in grids]
+        # Weights do not depend on the hands, and no buffer is saved with them.
         del self.swept, self.moments
-        for name, table in tables.items():
-            self.register_buffer(name, torch.from_numpy(table), persistent=False)
+        self.register_buffer("moments", moments_of(grids[0].shape, CELL), persistent=False)
+        for name in HandTables._fields:
+            table = torch.from_numpy(np.concatenate([getattr(each, name) for each in tables]))
+            self.register_buffer(name, table, persistent=False)
         features = self.shape_of_preshape.embedding_dim
         del self.shape_of_preshape
         self.describe = nn.Sequential(
@@ -73,8 +70,14 @@ class SharedScorerNet(ScorerNet):
     def forward(self, cells: Tensor, poses: Tensor, preshape: Tensor) -> Tensor:
         """See `ScorerNet.forward`."""
         used, place = torch.unique(preshape, return_inverse=True)
-        swept, features = self.layer_of_swept(self.swept[used]), self.describe(self.numbers[used])
-        return self.logits(cells, poses, swept[place], features[place], self.scales[preshape])
+        return self.of_tables(cells, poses, place, self.swept[used], self.numbers[used], self.scale[used])
+
+    def of_tables(
+        self, cells: Tensor, poses: Tensor, preshape: Tensor, swept: Tensor, numbers: Tensor, scale: Tensor
+    ) -> Tensor:
+        """Return logits (m, 3) with other hands: `preshape` (m,) is the row of each grasp in their `HandTables`."""
+        layers, features = self.layer_of_swept(swept), self.describe(numbers)
+        return self.logits(cells, poses, layers[preshape], features[preshape], scale[preshape])
 
     @classmethod
     def load(cls, weights: Path, grids: Sequence[HandGrid]) -> "SharedScorerNet":
