@@ -32,6 +32,7 @@ from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalCo
 from graspbox.perception.finder_configs import FinderConfig  # noqa: E402
 from graspbox.perception.hand_settings import settings_of  # noqa: E402
 from graspbox.policies.depth import load_finder  # noqa: E402
+from graspbox.policies.grasp_image import grasp_image  # noqa: E402
 from graspbox.recipes.collection import CollectConfig, collect  # noqa: E402
 from graspbox.recipes.networks import TrainedNetworks  # noqa: E402
 from graspbox.recipes.settings import Sizes  # noqa: E402
@@ -258,3 +259,29 @@ def test_a_training_without_hands_is_refused(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "leave no hand to learn from" in done.stderr
+
+
+def test_grasps_in_an_image_are_those_of_the_hand(published: Path, tmp_path: Path) -> None:
+    """From Python and from the command line; a policy of one hand refuses others."""
+    lens = np.array([[200.0, 0.0, 63.5], [0.0, 200.0, 63.5], [0.0, 0.0, 1.0]])
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = 0.6
+    depth = np.full((128, 128), 0.6)
+    depth[54:74, 54:74] = 0.54
+    heights = {}
+    for hand in ("reflex", "panda_gripper"):
+        found = grasp_image(depth, lens, pose, published, hand=hand, count=3)
+        assert found.hand.name == found.to_json()["hand"] == hand
+        assert set(found.preshape) <= set(load_hand(hand).preshapes.values())
+        heights[hand] = found.table_from_hand[:, 2, 3].tolist()
+    assert heights["panda_gripper"] != heights["reflex"]
+    np.save(tmp_path / "depth.npy", depth)
+    command = ["grasp-image", str(tmp_path / "depth.npy"), "--intrinsics", "200", "200", "63.5", "63.5", "--json"]
+    command += ["--camera-height", "0.6", "--tilt", "90", "--hand", "panda_gripper", "--policy"]
+    done = [
+        subprocess.run([sys.executable, "-m", "graspbox", *command, str(policy)], capture_output=True, text=True)
+        for policy in (published, POLICIES / "depth")
+    ]
+    assert json.loads(done[0].stdout)["hand"] == "panda_gripper"
+    assert done[1].returncode == 2
+    assert "was trained for the hand 'reflex', not 'panda_gripper'" in done[1].stderr

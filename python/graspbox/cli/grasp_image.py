@@ -8,7 +8,7 @@ import typer
 from numpy.typing import NDArray
 
 from graspbox._common.files import check_output, dumps, write_text
-from graspbox.cli.common import Json, Seed, console, print_json, print_table
+from graspbox.cli.common import Json, Seed, console, find_hand, print_json, print_table
 from graspbox.cli.exports.recording import Rerun, check_rerun
 from graspbox.errors import ConfigError
 from graspbox.perception.depth_images import camera_over_table, read_depth, read_pose
@@ -81,7 +81,7 @@ def _print(found: ImageGrasps) -> None:
         shares = (f"{found.success[rank]:.0%}", f"{found.secure[rank]:.0%}", f"{found.preshape[rank]:.2f}")
         rows.append((str(rank + 1), *shares, place, way))
     columns = ("rank", "success", "secure", "preshape", "position / m", "approach")
-    print_table(f"grasps of {found.policy.hand}, camera frame", columns, rows)
+    print_table(f"grasps of {found.hand.name}, camera frame", columns, rows)
 
 
 def grasp_image_command(
@@ -117,6 +117,9 @@ def grasp_image_command(
     ] = None,
     hand_error: HandErrorOption = None,
     count: Annotated[int, typer.Option("--count", min=1, max=100, help="Most grasps.")] = 5,
+    hand: Annotated[
+        str | None, typer.Option("--hand", help="The hand, for a policy that grasps with any: a name, or URDF,TOML.")
+    ] = None,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option("--out", help="Write the grasps into this JSON file.")] = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="Write a picture into this file.")] = None,
@@ -134,7 +137,8 @@ def grasp_image_command(
     _check_outputs(out, picture, rerun)
     pose = _pose(camera_pose, camera_height, tilt)
     error = None if hand_error is None else PoseNoise.in_millimetres(*hand_error)
-    found = grasp_image(depth, lens, pose, policy, count=count, region=region, hand_error=error, seed=seed)
+    chosen = None if hand is None else find_hand(hand)
+    found = grasp_image(depth, lens, pose, policy, hand=chosen, count=count, region=region, hand_error=error, seed=seed)
     if pose is None:
         _print_table(found.table_from_camera)
     _write(found, out, picture, rerun)

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from graspbox.hands import load_hand
 from graspbox.meshes import Mesh, mesh_from_arrays
 from graspbox.pictures.episodes import colored
 from graspbox.pictures.files import PathLike, check_path, pixels, write
@@ -72,7 +71,7 @@ def _plot_image(axes: Any, found: ImageGrasps) -> None:
             colors="white",
             linewidths=1.2,
         )
-    lines = glyphs(load_hand(found.policy.hand), found.camera_from_hand, found.preshape)
+    lines = glyphs(found.hand, found.camera_from_hand, found.preshape)
     for rank in reversed(range(len(found))):
         flat = lines[rank] @ found.intrinsics.T
         segments = list(flat[..., :2] / np.maximum(flat[..., 2:], 1e-3))
@@ -92,7 +91,7 @@ def _plot_completion(axes: Any, found: ImageGrasps) -> None:
     hand = None
     shown = [] if mesh is None else [place(mesh.vertices, found.table_from_crop)]
     if len(found):
-        hand = PosedHand.open(load_hand(found.policy.hand), found.table_from_hand[0], float(found.preshape[0]))
+        hand = PosedHand.open(found.hand, found.table_from_hand[0], float(found.preshape[0]))
         shown.append(hand.corners())
     axes.set_axis_off()
     axes.set_title("the object as completed, and the best grasp", fontsize=10)

@@ -19,6 +19,7 @@ from graspbox.artifacts.downloads import folder_of
 from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.artifacts.runtimes import Backend
 from graspbox.errors import ConfigError
+from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.perception.crops import Crops
 from graspbox.perception.depth_images import check_intrinsics, check_pose, check_table, fit_table, thinned
 from graspbox.perception.depth_views import DepthView
@@ -26,7 +27,6 @@ from graspbox.perception.finder import Clock, Ranked, TrainedScore
 from graspbox.perception.outputs import check_finite
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.depth import load_finder
-from graspbox.simulation import load_hand
 
 __all__ = ["ImageGrasper", "ImageGrasps", "grasp_image"]
 
@@ -42,6 +42,8 @@ class ImageGrasps:
     ----------
     policy : DepthPolicyConfig
         The policy that found them.
+    hand : Hand
+        The hand.
     depth : (h, w) float64
         The image given to the networks, metres.
     intrinsics : (3, 3) float64
@@ -63,6 +65,7 @@ class ImageGrasps:
     """
 
     policy: DepthPolicyConfig
+    hand: Hand
     depth: NDArray[np.float64]
     intrinsics: NDArray[np.float64]
     table_from_camera: NDArray[np.float64]
@@ -89,7 +92,7 @@ class ImageGrasps:
         in_camera = self.camera_from_hand
         return {
             "policy": self.policy.name,
-            "hand": self.policy.hand,
+            "hand": self.hand.name,
             "table_from_camera": self.table_from_camera.tolist(),
             "grasps": [
                 {
@@ -113,6 +116,8 @@ class ImageGrasper:
     ----------
     policy : str or PathLike
         The folder of a published policy of one depth image, the name of an installed one, or ``hf://owner/name``.
+    hand : str, Hand or pair of paths, optional
+        As for `grasp_image`.
     backend : {"onnx", "torch"}
         Runs the networks.
     num_threads : int, optional
@@ -125,12 +130,17 @@ class ImageGrasper:
     """
 
     def __init__(
-        self, policy: str | os.PathLike[str], *, backend: Backend = "onnx", num_threads: int | None = None
+        self,
+        policy: str | os.PathLike[str],
+        *,
+        hand: HandLike | None = None,
+        backend: Backend = "onnx",
+        num_threads: int | None = None,
     ) -> None:
         folder = folder_of(policy)
         self.config = read_depth_policy(folder)
-        hand = load_hand(hand_of(folder, self.config))
-        self._finder = load_finder(folder, self.config, hand, backend=backend, num_threads=num_threads)
+        self.hand = load_hand(hand_of(folder, self.config) if hand is None else hand)
+        self._finder = load_finder(folder, self.config, self.hand, backend=backend, num_threads=num_threads)
 
     def find(
         self,
@@ -161,6 +171,7 @@ class ImageGrasper:
         ranked, success, secure = self._ranked(crops, count, hand_error, seed)
         return ImageGrasps(
             policy=self.config,
+            hand=self.hand,
             depth=small,
             intrinsics=lens,
             table_from_camera=pose,
@@ -197,6 +208,7 @@ def grasp_image(
     table_from_camera: ArrayLike | None,
     policy: str | os.PathLike[str],
     *,
+    hand: HandLike | None = None,
     count: int = 5,
     region: tuple[int, int, int, int] | None = None,
     hand_error: PoseNoise | None = None,
@@ -217,6 +229,8 @@ def grasp_image(
         (`graspbox.perception.depth_images.fit_table`).
     policy : str or PathLike
         The folder of a published policy of one depth image, the name of an installed one, or ``hf://owner/name``.
+    hand : str, Hand or pair of paths, optional
+        The hand, for a policy that grasps with any; by default that of the policy.
     count : int
         Most grasps; near-duplicates of a better grasp are omitted.
     region : (int, int, int, int), optional
@@ -238,7 +252,7 @@ def grasp_image(
     MissingExtraError
         If onnxruntime or the package of the policy is not installed.
     """
-    grasper = ImageGrasper(policy, backend=backend)
+    grasper = ImageGrasper(policy, hand=hand, backend=backend)
     return grasper.find(
         depth, intrinsics, table_from_camera, count=count, region=region, hand_error=hand_error, seed=seed
     )

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from graspbox._common.arguments import about, natural, shown
 from graspbox._common.rotations import quaternion_from_rotation
 from graspbox.errors import ConfigError
-from graspbox.hands import Hand, load_hand
+from graspbox.hands import Hand
 from graspbox.perception.depth_images import check_intrinsics, check_pose, metric_depth
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
@@ -122,7 +122,7 @@ def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
                 raise ConfigError(f"a request for grasps has no entry {shown(name)}; choose from {choices}")
     with about("intrinsics" if "depth" in request and "intrinsics" not in request else "depth"):
         depth = _image(request)
-    hand = load_hand(grasper.config.hand)
+    hand = grasper.hand
     answers = [answer_of(_found(grasper, one), hand) for one in _separate(request, depth)]
     return answers[0] if depth.ndim == 2 else {"images": answers}
 
@@ -190,7 +190,7 @@ def answer_of(found: ImageGrasps, hand: Hand) -> dict[str, Any]:
     positions = in_camera[:, :3, 3]
     best = np.concatenate([positions, rotations, found.preshape[:, None]], axis=1)[:1]
     return {
-        "hand": found.policy.hand,
+        "hand": found.hand.name,
         "camera_from_hand": in_camera,
         "table_from_hand": found.table_from_hand,
         "position": np.ascontiguousarray(positions),

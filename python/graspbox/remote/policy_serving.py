@@ -88,7 +88,7 @@ class PolicyServer(RunningServer):
 
     def _described(self, prototype: Policy) -> dict[str, Any]:
         """Describe the policy to a client."""
-        hand, confident = None if self._grasper is None else self._grasper.config.hand, False
+        hand, confident = None if self._grasper is None else self._grasper.hand.name, False
         if isinstance(self._actors, _Actors):
             hand, confident = self._actors.hand, self._actors.confident
         return {

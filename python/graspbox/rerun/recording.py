@@ -16,7 +16,6 @@ from graspbox.policies.grasp_image import ImageGrasps
 from graspbox.rerun.links import boxes_mesh, links
 from graspbox.rerun.motions import Motion
 from graspbox.rerun.sensed import hand_links
-from graspbox.simulation import load_hand
 
 __all__ = ["Recorder", "check_file", "record_all", "recording", "sdk"]
 
@@ -240,7 +239,7 @@ class Recorder:
         middles = (cells + 0.5) * size
         points = middles @ found.table_from_crop[:3, :3].T + found.table_from_crop[:3, 3]
         self._log("world/completion", self._rr.Points3D(points, radii=size / 2, colors=[_OBJECT]))
-        hand = load_hand(found.policy.hand)
+        hand = found.hand
         for rank in range(len(found)):
             self._stream.set_time("rank", sequence=rank + 1)
             for name, values in _probabilities(found).items():

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
-from graspbox.hands import load_hand
 from graspbox.perception.depth_images import check_intrinsics, fit_table, points_of, read_pose, thinned
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
 from graspbox.viewer.drawn_hand import DrawnHand, PoseSet
@@ -102,7 +101,7 @@ class DepthImagePage(Page):
         found = self.found
         assert found is not None
         self._show_object(found)
-        hand = load_hand(found.policy.hand)
+        hand = found.hand
         self.poses = PoseSet(self.canvas, "/grasps", hand, found.table_from_hand, found.preshape, self.select)
         self.hand = DrawnHand(self.canvas, "/hand", hand, _OPACITY)
         self.hand.visible = False
@@ -124,7 +123,7 @@ class DepthImagePage(Page):
             self.select(0)
         down = np.degrees(np.arcsin(-found.table_from_camera[2, 2]))
         self.canvas.say(
-            f"policy **{found.policy.name}**, hand {found.policy.hand}  \n{len(found)} grasps  \n"
+            f"policy **{found.policy.name}**, hand {found.hand.name}  \n{len(found)} grasps  \n"
             f"camera {found.table_from_camera[2, 3]:.3f} m above the table, tilted down by {down:.1f} degrees"
         )
 
