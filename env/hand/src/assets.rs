@@ -17,7 +17,7 @@ pub struct Asset {
 }
 
 /// The hands that come with the project; the first is the default.
-pub const ASSETS: [Asset; 5] = [
+pub const ASSETS: [Asset; 6] = [
     Asset {
         name: "reflex",
         urdf: include_str!("../assets/reflex/reflex.urdf"),
@@ -42,6 +42,11 @@ pub const ASSETS: [Asset; 5] = [
         name: "leap",
         urdf: include_str!("../assets/leap/leap.urdf"),
         toml: include_str!("../assets/leap/hand.toml"),
+    },
+    Asset {
+        name: "inspire",
+        urdf: include_str!("../assets/inspire/inspire.urdf"),
+        toml: include_str!("../assets/inspire/hand.toml"),
     },
 ];
 

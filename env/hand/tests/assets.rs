@@ -221,3 +221,102 @@ fn the_thumb_of_the_leap_hand_opposes_the_fingers() {
         }
     }
 }
+
+/// Six motors for twelve joints. Fingertips are where the models of robosuite, with the ratios of MuJoCo Menagerie, have them, base frame, mm.
+#[test]
+fn fingertips_of_the_inspire_hand_go_where_the_published_model_has_them() {
+    let hand = hand("inspire");
+    assert_eq!((hand.chain_count(), hand.coordinates().count(), hand.actuators.len()), (5, 6, 6));
+    assert_eq!(hand.joints.iter().filter(|joint| joint.mimic.is_some()).count(), 6);
+    let mass: f64 = hand.links.iter().map(|link| link.mass).sum();
+    assert!((mass - 0.54).abs() < 1e-6, "{mass} kg");
+    let closed = hand.joint_positions(&hand.closed_configuration(0.0, 1.0)).unwrap();
+    for (joint, position) in hand.joints.iter().zip(closed).filter(|(joint, _)| !joint.is_fixed()) {
+        assert!((position - joint.limits[1]).abs() < 1e-3, "{} closes to {position}", joint.name);
+    }
+    let figures: [([f64; 3], [[f64; 3]; 5]); 3] = [
+        (
+            [0.0, 0.0, 0.0],
+            [
+                [-41.8, -86.0, -112.4],
+                [-0.3, -180.1, -28.9],
+                [-0.1, -180.5, -7.0],
+                [-0.1, -179.9, 16.2],
+                [-0.1, -170.2, 38.5],
+            ],
+        ),
+        (
+            [1.3, 0.25, 0.6],
+            [
+                [-78.5, -114.6, -19.6],
+                [-59.1, -142.5, -27.6],
+                [-59.0, -143.0, -7.0],
+                [-58.6, -143.7, 14.3],
+                [-51.4, -138.1, 35.1],
+            ],
+        ),
+        (
+            [0.6, 0.6, 1.2],
+            [
+                [-21.0, -119.3, -25.4],
+                [-52.3, -78.5, -25.3],
+                [-52.2, -79.0, -7.0],
+                [-54.3, -80.0, 11.0],
+                [-47.1, -83.3, 29.3],
+            ],
+        ),
+    ];
+    for ([yaw, pitch, finger], expected) in figures {
+        let positions = [("thumb_proximal_yaw", yaw), ("thumb_proximal_pitch", pitch), ("proximal", finger)];
+        let poses = hand.forward_kinematics(&configuration(&hand, &positions)).unwrap();
+        let tips =
+            ["thumb_distal", "index_intermediate", "middle_intermediate", "ring_intermediate", "pinky_intermediate"];
+        for (name, expected) in tips.into_iter().zip(expected) {
+            let link = hand.links.iter().position(|link| link.name == name).unwrap();
+            let point = match name {
+                "thumb_distal" => Point3::new(0.02, 0.013, -0.006),
+                "pinky_intermediate" => Point3::new(0.0, 0.035, -0.005),
+                _ => Point3::new(0.0, 0.043, -0.005),
+            };
+            let tip = (poses[link] * point).coords * 1e3;
+            let error = (tip - Vector3::from(expected)).amax();
+            assert!(error < 0.1, "{name}: {tip} is {error} mm from {expected:?}");
+        }
+    }
+}
+
+/// Thumb and fingers oppose each other along hand x in every preshape, with the pads apart as the preshape's width says, and face each other within
+/// 25 degrees where the fingers are bent by 0.3 rad.
+#[test]
+fn the_thumb_of_the_inspire_hand_opposes_the_fingers() {
+    let hand = hand("inspire");
+    // Middle of the face of a pad, hand frame, and its outward normal: +y of the thumb's link, -x of a finger's.
+    let face = |configuration: &[f64], name: &str| {
+        let shapes = hand.shapes_at(configuration).unwrap();
+        let pad = shapes.iter().find(|shape| shape.collider.name == name).unwrap();
+        let Shape::Cuboid(half) = pad.collider.shape else { panic!("pads are boxes") };
+        let (out, depth) = if name.starts_with("thumb") { (Vector3::y(), half.y) } else { (-Vector3::x(), half.x) };
+        let out = pad.hand_from_shape.rotation * out;
+        (pad.hand_from_shape.translation.vector + out * depth, out)
+    };
+    let openings: [[f64; 2]; 2] = [[0.118, 0.139], [0.024, 0.038]];
+    for (preshape, [least, most]) in hand.preshapes().iter().zip(openings) {
+        let open = hand.open_configuration(preshape.value);
+        for part in ["pad", "tip"] {
+            let (thumb, out) = face(&open, &format!("thumb_distal_{part}"));
+            for finger in ["index", "middle", "ring", "pinky"] {
+                let (at, inward) = face(&open, &format!("{finger}_intermediate_{part}"));
+                assert!(out.x > 0.7 && inward.x < -0.7, "{}: {out} {inward}", preshape.name);
+                let opening = at.x - thumb.x;
+                assert!(
+                    (least..most).contains(&opening) && opening > preshape.face.width[1],
+                    "{finger} {part}: {opening}"
+                );
+                assert!((at.z - thumb.z).abs() < 0.025, "{}: {thumb} {at}", preshape.name);
+            }
+        }
+    }
+    let bent = configuration(&hand, &[("yaw", 1.3), ("pitch", 0.0), ("proximal", 0.3)]);
+    let ((thumb, out), (at, inward)) = (face(&bent, "thumb_distal_pad"), face(&bent, "middle_intermediate_pad"));
+    assert!(out.dot(&inward) < -0.9 && (at.z - thumb.z).abs() < 0.007, "{out} {inward}, {thumb} {at}");
+}
