@@ -27,6 +27,7 @@ CASES = {
     "soft_hand": "procedural:can:3",
     "robotiq_2f_85": "procedural:box:1",
     "leap": "procedural:can:3",
+    "inspire": "procedural:can:3",
 }
 #: Prefix of joints and links, and base link, of hands that other programs name otherwise.
 NAMED = {"panda_gripper": ("panda_", "panda_hand"), "robotiq_2f_85": ("robotiq_85_", "robotiq_85_base_link")}
@@ -108,7 +109,7 @@ def test_docstring_examples_run() -> None:
 
 
 def test_frames_of_other_hands_are_their_base_links() -> None:
-    for name in ("reflex", "soft_hand", "leap"):
+    for name in ("reflex", "soft_hand", "leap", "inspire"):
         hand = graspbox.load_hand(name)
         for frame in ("base", "gripper"):
             found = exchange.frame_from_hand(hand, frame)
@@ -409,7 +410,7 @@ def test_preshapes_have_to_be_given_where_a_hand_has_several(made: Made, tmp_pat
     _, grasps = made
     exchange.save(grasps, tmp_path / "it.yaml", "isaac")
     name = grasps.hand.name
-    if name in ("reflex", "robotiq_2f_85", "leap"):
+    if name in ("reflex", "robotiq_2f_85", "leap", "inspire"):
         with pytest.raises(errors.ConfigError, match=f"preshape is missing, and '{name}' has several"):
             exchange.load(tmp_path / "it.yaml", hand=name)
     else:

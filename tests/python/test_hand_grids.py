@@ -203,7 +203,7 @@ def test_hand_grids_do_not_depend_on_threads() -> None:
         np.testing.assert_array_equal(one, three)
 
 
-@pytest.mark.parametrize("hand", ["panda_gripper", "soft_hand", "robotiq_2f_85", "leap"])
+@pytest.mark.parametrize("hand", ["panda_gripper", "soft_hand", "robotiq_2f_85", "leap", "inspire"])
 def test_other_hands_propose_too(hand: str) -> None:
     grid = HandGrid(hand)
     found = grid.propose(box((0.05, 0.05, 0.08)))

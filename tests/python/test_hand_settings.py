@@ -19,6 +19,7 @@ SYMMETRIES = {
     "robotiq_2f_85": (MIRROR_Y, MIRROR_X, HALF_TURN),
     "soft_hand": (),
     "leap": (),
+    "inspire": (),
 }
 
 

@@ -21,7 +21,7 @@ OTHERS = [name for name in NAMES if name != "reflex"]
 
 
 def test_names() -> None:
-    assert NAMES == ["reflex", "panda_gripper", "soft_hand", "robotiq_2f_85", "leap"]
+    assert NAMES == ["reflex", "panda_gripper", "soft_hand", "robotiq_2f_85", "leap", "inspire"]
     for name in NAMES:
         assert graspbox.load_hand(name).name == name
     with pytest.raises(errors.ConfigError, match=f"choose from {', '.join(map(repr, NAMES))}"):

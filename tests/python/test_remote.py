@@ -159,7 +159,7 @@ def check_equality(urls: Urls, case: Case) -> None:
     obs, hand, mode, env_id = case
     settings: dict[str, Any] = {"env_id": env_id, "obs": obs, "hand": hand}
     limit: dict[str, Any] = {"max_episode_steps": 7} if env_id == GRASP else {}
-    steps, place = (16, None) if env_id == GRASP else (4, [0.0, 0.0, 0.3])
+    steps, place = (16, None) if env_id == GRASP else (6, [0.0, 0.0, 0.3])
     local = make(autoreset_mode=mode, **settings)
     expected = rollout(local, steps, place=place)
     assert contact(expected) > 0

@@ -26,7 +26,7 @@ _FORMATS = {"gripper": "ACRONYM, GraspGen", "base": "Isaac Grasp, DexGraspBench"
 
 
 #: Hands that are drawn by default.
-_HANDS = ("panda_gripper", "robotiq_2f_85", "reflex", "leap", "soft_hand")
+_HANDS = ("panda_gripper", "robotiq_2f_85", "reflex", "leap", "inspire", "soft_hand")
 
 
 def save_hand_frames(path: PathLike, hands: Sequence[HandLike] = _HANDS) -> None:
