@@ -10,6 +10,7 @@ import pytest
 from graspbox import object_sets
 from graspbox.artifacts.folders import read_depth_policy
 from graspbox.evaluation import evaluate
+from graspbox.hand_tools import random_hand
 from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.models.trials import GraspTrials
@@ -45,6 +46,16 @@ def test_trials_are_collected_with_the_hand_of_the_grid(trials: GraspTrials) -> 
     with_it, with_another = (np.concatenate([tried(trials, s, hand) for s in scenes]) for hand in (HAND, "reflex"))
     np.testing.assert_array_equal(trials.success, with_it)
     assert (with_it != with_another).any()
+
+
+def test_objects_that_are_too_large_for_the_hand_have_no_trials(tmp_path: Path) -> None:
+    """Balls that its jaws cannot span, beside one that they can: the collection goes on."""
+    sampler = SceneSampler(object_sets.load("procedural:ball:320-331"), SCENES, 0)
+    grid = HandGrid(random_hand("jaws", 2))
+    found = collect(tmp_path, sampler, range(24), grid, CollectConfig(per_scene=4, finder=FinderConfig()))
+    tried = set(found.source[np.unique(found.scene_of)].tolist())
+    assert tried
+    assert "procedural:ball:327" in set(found.source.tolist()) - tried
 
 
 @pytest.mark.train

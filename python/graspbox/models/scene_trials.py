@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._core import Mesh
-from graspbox.errors import ConfigError, SimulationError
+from graspbox.errors import ConfigError, MeshError, SimulationError
 from graspbox.hands import Hand
 from graspbox.models.scenes import SceneSampler, look
 from graspbox.object_sets import ObjectSpec
@@ -30,7 +30,7 @@ class RenderedScene:
     world_from_object : (4, 4) float64
         Its resting pose, metres.
     scene : Scene or None
-        Its simulation; None if the object does not come to rest.
+        Its simulation; None if the object does not come to rest, or is too large for the hand.
     crops : Crops or None
         The one crop around it; None without a simulation, or if the camera does not find the object.
     crop : CropConfig
@@ -59,7 +59,7 @@ def render_scene(sampler: SceneSampler, number: int, rng: np.random.Generator, h
     source, crop = source_of(sampler.objects[index]), sampler.config.crop
     try:
         scene = Scene(mesh, hand=hand, world_from_object=start)
-    except SimulationError:
+    except (MeshError, SimulationError):
         return RenderedScene(source, mesh, start, None, None, crop)
     at_rest = scene.world_from_object
     crops = look(mesh, at_rest, sampler.config, [sampler.seed, number], 1)

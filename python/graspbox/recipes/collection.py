@@ -139,7 +139,7 @@ def _collect_scene(
     score: Score | None,
     head: Head | None,
 ) -> GraspTrials:
-    """Collect the trials of one scene; none if the object does not come to rest, is not visible, or has no grasp."""
+    """Collect the trials of one scene; none if the object does not fit or rest, is not visible, or has no grasp."""
     rng = np.random.default_rng([sampler.seed, number, 7])
     rendered = render_scene(sampler, number, rng, grid.hand)
     nothing = GraspTrials.empty(rendered.source, rendered.world_from_object)
