@@ -124,6 +124,22 @@ def test_objects_without_a_pose_count_as_failed() -> None:
     assert SetResult().table()["rate"] == 0.0
 
 
+def test_evaluate_takes_a_hand(tmp_path: Path) -> None:
+    """By its name or its files; the trials are those of the package with that hand."""
+    for name, text in zip(("own.urdf", "own.toml"), graspbox.load_hand("panda_gripper").files, strict=True):
+        (tmp_path / name).write_text(text)
+    words = ("evaluate", "planner", "--objects", "procedural:bottle:0-2", "--trials", "6")
+    files = f"{tmp_path / 'own.urdf'},{tmp_path / 'own.toml'}"
+    found = [run_json(*words, "--hand", hand) for hand in ("panda_gripper", files)]
+    expected = graspbox.evaluation.evaluate("planner", objects="procedural:bottle:0-2", trials=6, hand="panda_gripper")
+    for result in found:
+        assert (result["succeeded"], result["fitting"]["trials"]) == (expected.succeeded, len(expected.fitting.trials))
+    assert run_json(*words)["fitting"]["trials"] == 6
+    wrong = run(*words, "--hand", "panda")
+    assert wrong.returncode == 2
+    assert "there is no hand 'panda'" in wrong.stderr
+
+
 def test_exit_status(tmp_path: Path) -> None:
     wrong = run("grasp", "--objects", "cupboard")
     assert (wrong.returncode, wrong.stdout) == (2, "")

@@ -71,8 +71,8 @@ def parse(text: bytes, name: str) -> PolicyConfig:
     own = {n: getattr(section, n) for n in type(section).model_fields}
     try:
         optional = {f.name for f in fields(config) if f.default is None}
-        given = {name: value for name, value in own.items() if name not in optional or name in content[config.kind]}
-        _check_complete({**envelope, config.kind: given}, content, "")
+        present = {name: value for name, value in own.items() if name not in optional or name in content[config.kind]}
+        _check_complete({**envelope, config.kind: present}, content, "")
         return config(**envelope, **own)
     except ConfigError as error:
         raise ConfigError(f"{name}: {error}") from None

@@ -100,10 +100,15 @@ def end_with(refused: Mapping[str, str]) -> None:
         raise typer.Exit(1)
 
 
+def hand_like(name: str) -> str | tuple[str, str]:
+    """Split the hand that the command line names: its name, or its two files."""
+    urdf, comma, toml = name.partition(",")
+    return (urdf, toml) if comma else name
+
+
 def find_hand(name: str) -> Hand:
     """Load the hand that the command line names, by its name or its two files."""
-    urdf, comma, toml = name.partition(",")
-    return load_hand((urdf, toml) if comma else name)
+    return load_hand(hand_like(name))
 
 
 def find_one(mesh: str, scale: float) -> object_sets.ObjectSpec:

@@ -1,7 +1,7 @@
 """``graspbox evaluate``: the success of a policy on seeded trials."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -33,7 +33,14 @@ EnvId = Annotated[
     str | None,
     typer.Option("--env", help=f"Environment: {' or '.join(IDS)}; by default the policy's own, else {IDS[0]}."),
 ]
+IncludeLearned = Annotated[
+    bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
+]
 Condition = Annotated[str, typer.Option("--condition", help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
+Hand = Annotated[
+    str | None,
+    typer.Option("--hand", help="The hand, by its name or as hand.urdf,hand.toml; by default that of the policy."),
+]
 Remote = Annotated[
     list[str] | None,
     typer.Option("--remote", help="Server that steps the environments: ws://HOST:PORT; repeatable."),
@@ -135,17 +142,14 @@ def _servers(
 def evaluate(
     policy: common.PolicyName,
     env: EnvId = None,
-    objects: Annotated[
-        list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
-    ] = None,
+    objects: common.Objects = None,
     trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
     split: common.Split = None,
     scale: common.Scale = 1.0,
     mass: common.Mass = None,
-    include_learned: Annotated[
-        bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
-    ] = False,
+    include_learned: IncludeLearned = False,
     condition: Condition = "nominal",
+    hand: Hand = None,
     seed: common.Seed = 0,
     num_envs: NumEnvs = 16,
     threads: common.Threads = None,
@@ -173,6 +177,7 @@ def evaluate(
     found = None if remote else common.find(objects, split, scale, mass)
     log = ActionLog(load(chosen) if isinstance(chosen, str) else chosen)
     tried = (objects or ["procedural"]) if found is None else found
+    named: dict[str, Any] = {} if hand is None else {"hand": common.hand_like(hand)}
     with common.progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
@@ -189,6 +194,7 @@ def evaluate(
             num_threads=threads,
             remote=servers,
             progress=lambda done: bar.update(task, completed=done),
+            **named,
         )
     _report(result, as_json)
     if out is not None:
