@@ -19,6 +19,7 @@ LEAST = {
     "feel": (22, "graspbox/Grasp-v0", "depth-feel"),
     "head": (15, "graspbox/GraspPose-v0", "head"),
     "panda": (18, "graspbox/GraspPose-v0", "panda"),
+    "robotiq": (17, "graspbox/GraspPose-v0", "robotiq"),
     "study": (5, "graspbox/GraspPose-v0", "study"),
     "tuned": (17, "graspbox/Grasp-v0", "tuned"),
 }
