@@ -23,7 +23,7 @@ from pathlib import Path
 import tyro
 
 from graspbox._common.files import write_text
-from graspbox.cli.common import console, print_json, progress
+from graspbox.cli.common import console, hand_like, print_json, progress
 from graspbox.errors import GraspboxError
 from graspbox.evaluation.comparisons import Comparison
 from graspbox.evaluation.conditions import CONDITIONS
@@ -50,6 +50,8 @@ class Settings:
     """Trials of each policy, on each object set, under each condition."""
     seeds: tuple[int, ...] = (0,)
     """Seeds; each gives `trials` trials."""
+    hand: str | None = None
+    """The hand of all policies, by its name or as hand.urdf,hand.toml; by default that of each policy."""
     json: bool = False
     """Print the results as JSON, and nothing else, on standard output."""
 
@@ -78,9 +80,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and run; returns the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
     settings = tyro.cli(Settings, args=words, description=__doc__)
-    asked = {name: value for name, value in vars(settings).items() if name not in ("out", "json")}
+    asked = {name: value for name, value in vars(settings).items() if name not in ("out", "json", "hand")}
+    hand = None if settings.hand is None else hand_like(settings.hand)
     try:
-        comparison = Comparison(**asked)
+        comparison = Comparison(**asked, hand=hand)
         with progress() as bar:
             task = bar.add_task("", total=settings.trials)
             rows, objects = comparison.run(

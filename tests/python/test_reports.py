@@ -223,7 +223,7 @@ def test_spoilt_folders_give_one_sentence(runs: Path, tmp_path: Path) -> None:
         read_run(tmp_path)
     row = json.loads((runs / "compared/results.jsonl").read_text().splitlines()[0])
     results.write_text(json.dumps({**row, "trials": [[1, 2]]}) + "\n")
-    with pytest.raises(ConfigError, match="are not lists of 5 values"):
+    with pytest.raises(ConfigError, match="a trial has 2 values"):
         read_run(tmp_path)
     results.write_text(json.dumps({**row, "kinds": ["x"]}) + "\n")
     with pytest.raises(ConfigError, match="differ in number from trials"):

@@ -41,6 +41,8 @@ class Comparison:
         Trials of each policy, on each object set, under each condition, with each seed.
     seeds : tuple of int
         Seeds of the trials.
+    hand : str, pair of paths or None
+        The hand of all policies; by default that of each.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class Comparison:
     objects: tuple[str, ...] = ("procedural:unseen:0-19", "ycb/test")
     trials: int = 1000
     seeds: tuple[int, ...] = (0,)
+    hand: str | tuple[str, str] | None = None
 
     def __post_init__(self) -> None:
         for name, known in (("conditions", tuple(CONDITIONS)), ("stressed", self.policies)):
@@ -62,6 +65,11 @@ class Comparison:
         for name in ("policies", "conditions", "objects", "seeds"):
             if not getattr(self, name):
                 raise ConfigError(f"--{name} is empty; name one")
+
+    @property
+    def _named_hand(self) -> dict[str, Any]:
+        """The setting of the hand, if one is named."""
+        return {} if self.hand is None else {"hand": self.hand}
 
     def _jobs(self) -> Iterator[dict[str, Any]]:
         """List the measurements, the first condition first."""
@@ -94,7 +102,8 @@ class Comparison:
             settings_of(job["condition"], loaded[job["policy"]].env_id or IDS[0])
         objects, left_out = self._unknown_objects(loaded, echo)
         # Policies added later must leave out the same objects.
-        with Run(folder, {"trials": self.trials} | ({"left_out": left_out} if left_out else {})) as run:
+        settings = {"trials": self.trials, **({"left_out": left_out} if left_out else {}), **self._named_hand}
+        with Run(folder, settings) as run:
             rows = run.rows("results")
             done = {tuple(row[key] for key in _KEYS): row for row in rows}
             for key, job in wanted.items():
@@ -133,6 +142,7 @@ class Comparison:
             seed=job["seed"],
             progress=lambda done: told(title, done),
             condition=job["condition"],
+            **self._named_hand,
         )
         echo(f"{title}: success {found.rate:.1%}, secure {found.secure / self.trials:.1%}")
         return job | {

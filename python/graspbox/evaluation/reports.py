@@ -7,15 +7,16 @@ from typing import Any, Self
 
 import numpy as np
 
+from graspbox.errors import ConfigError
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.object_classes import CLASSES
 from graspbox.evaluation.results import wilson
 from graspbox.models.calibration import calibration_error
 
-__all__ = ["COLUMNS", "Measured", "class_table", "condition_table", "labels", "policy_table", "pooled"]
+__all__ = ["COLUMNS", "Measured", "class_table", "condition_table", "labels", "named", "policy_table", "pooled"]
 
 #: Fields of `graspbox.evaluation.TrialResult` that the log stores per trial, in order.
-COLUMNS = ("object", "success", "secure", "survives_shake", "confidence")
+COLUMNS = ("object", "success", "secure", "survives_shake", "confidence", "fits")
 #: The policy whose successes bound the achievable ones.
 _ORACLE = "robust_oracle"
 
@@ -36,6 +37,8 @@ class Measured:
         Outcome of each trial.
     confidence : tuple of float or None
         The policy's predicted probability of success, for each trial.
+    fits : tuple of bool
+        Whether the object of each trial is narrow enough for the hand.
     milliseconds : float
         Wall time per decision.
     """
@@ -49,12 +52,14 @@ class Measured:
     secure: tuple[bool, ...]
     survives_shake: tuple[bool, ...]
     confidence: tuple[float | None, ...]
+    fits: tuple[bool, ...]
     milliseconds: float
 
     @classmethod
     def of(cls, row: Mapping[str, Any], policy: str) -> Self:
         """Read a row of the log of ``scripts/evaluate_policies.py``, with the label of its policy."""
-        columns: dict[str, Any] = {n: tuple(c) for n, c in zip(COLUMNS, zip(*row["trials"], strict=True), strict=True)}
+        trials = [named(trial) for trial in row["trials"]]
+        columns: dict[str, Any] = {name: tuple(trial[name] for trial in trials) for name in COLUMNS}
         others = {name: row[name] for name in ("condition", "objects", "seed", "milliseconds")}
         return cls(policy=policy, names=columns.pop("object"), **columns, **others)
 
@@ -64,15 +69,34 @@ class Measured:
         stated = [p for p in self.confidence if p is not None]
         return calibration_error(np.array(stated), np.array(self.success)) if len(stated) == len(self.success) else None
 
+    @property
+    def fitting_success(self) -> int:
+        """Number of successes with objects that fit the hand."""
+        return sum(success and fits for success, fits in zip(self.success, self.fits, strict=True))
+
     def summary(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             **{name: getattr(self, name) for name in ("condition", "policy", "objects", "seed")},
             "trials": len(self.names),
             **{name: sum(getattr(self, name)) for name in ("success", "secure", "survives_shake")},
+            "fitting": {"trials": sum(self.fits), "success": self.fitting_success},
             "calibration_error": self.calibration_error,
             "milliseconds": self.milliseconds,
         }
+
+
+def named(trial: Sequence[Any]) -> dict[str, Any]:
+    """Name the values of a trial in the log, `COLUMNS`; former versions had hands that everything fits.
+
+    Raises
+    ------
+    ConfigError
+        For another number of values.
+    """
+    if len(trial) not in (len(COLUMNS) - 1, len(COLUMNS)):
+        raise ConfigError(f"a trial has {len(trial)} values; measure again, it has {len(COLUMNS)} now")
+    return dict(zip(COLUMNS, [*trial, True], strict=False))
 
 
 def labels(policies: Sequence[str]) -> dict[str, str]:
@@ -106,7 +130,7 @@ def pooled(rows: Sequence[Measured], *, by: Callable[[Measured], Any]) -> list[M
     found = []
     for group in groups.values():
         first = group[0]
-        columns = ("names", "success", "secure", "survives_shake", "confidence")
+        columns = ("names", "success", "secure", "survives_shake", "confidence", "fits")
         joined = {name: sum((getattr(row, name) for row in group), ()) for name in columns}
         time = float(np.mean([row.milliseconds for row in group]))
         found.append(Measured(first.condition, first.policy, first.objects, first.seed, **joined, milliseconds=time))
@@ -120,15 +144,22 @@ def _share(count: int, trials: int) -> str:
 
 
 def policy_table(rows: Sequence[Measured]) -> str:
-    """Format policies under one condition: success, secure holds, calibration error, time per decision."""
+    """Format policies under one condition: success, secure holds, calibration error, time per decision.
+
+    Success with objects that fit the hand has its own column where some do not.
+    """
+    some = not all(all(row.fits) for row in rows)
     lines = [
-        "| policy | objects | trials | success | secure | ECE | ms per decision |",
-        "|---|---|--:|--:|--:|--:|--:|",
+        f"| policy | objects | trials | success | secure |{' success with objects that fit |' if some else ''} ECE "
+        "| ms per decision |",
+        f"|---|---|--:|--:|--:|{'--:|' if some else ''}--:|--:|",
     ]
     for row in pooled(rows, by=lambda r: (r.policy, r.objects)):
         trials, error = len(row.names), row.calibration_error
         shares = " | ".join(_share(sum(part), trials) for part in (row.success, row.secure))
         stated = "" if error is None else f"{error:.3f}"
+        if some:
+            stated = f"{_share(row.fitting_success, max(1, sum(row.fits)))} of {sum(row.fits)} | {stated}"
         lines.append(f"| {row.policy} | {row.objects} | {trials} | {shares} | {stated} | {row.milliseconds:.0f} |")
     return "\n".join(lines) + "\n"
 

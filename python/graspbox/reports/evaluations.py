@@ -13,7 +13,7 @@ from graspbox.configs import CameraConfig, PictureConfig
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.replays import Replay
-from graspbox.evaluation.reports import COLUMNS, labels
+from graspbox.evaluation.reports import labels, named
 from graspbox.evaluation.trials import trial_seeds
 from graspbox.object_sets import ObjectSpec
 from graspbox.reports.runs import Counts, Picture, ReportRun, Trials
@@ -223,16 +223,24 @@ def _run(
     )
 
 
+def _named(trial: list[Any], where: str) -> dict[str, Any]:
+    try:
+        return named(trial)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
 def _rows(row: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
     """Name the columns of the trials of one job; rows of former versions have neither seeds nor kinds of failures."""
     trials = item(row, "trials", list, where)
-    if not trials or not all(isinstance(trial, list) and len(trial) == len(COLUMNS) for trial in trials):
-        raise ConfigError(f"{where}: trials of {row['policy']!r} are not lists of {len(COLUMNS)} values; measure again")
+    if not trials or not all(isinstance(trial, list) for trial in trials):
+        raise ConfigError(f"{where}: trials of {row['policy']!r} are not lists of values; measure again")
+    columns = [_named(trial, where) for trial in trials]
     seeds = row.get("seeds") or trial_seeds(item(row, "seed", int, where), len(trials))
     kinds = row.get("kinds") or [""] * len(trials)
     if not len(seeds) == len(kinds) == len(trials):
         raise ConfigError(f"{where}: seeds and kinds of {row['policy']!r} differ in number from trials; measure again")
     return [
-        {**dict(zip(COLUMNS, trial, strict=True)), "seed": seed, "failure": kind}
-        for trial, seed, kind in zip(trials, seeds, kinds, strict=True)
+        {**named_trial, "seed": seed, "failure": kind}
+        for named_trial, seed, kind in zip(columns, seeds, kinds, strict=True)
     ]
