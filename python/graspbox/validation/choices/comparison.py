@@ -36,22 +36,20 @@ class ChoicesReport:
         Names of the policy and of its hand.
     trials : int
         Trials of the policy.
+    core : int
+        Those that succeed in the core.
     missing : int
         Trials in which it chose no grasp.
     compared : Report
-        The others, in both engines.
+        The others, in both engines; it has no row for a grasp whose open hand is in collision in MuJoCo alone.
     """
 
     policy: str
     hand: str
     trials: int
+    core: int
     missing: int = 0
     compared: Report = field(default_factory=Report)
-
-    @property
-    def core(self) -> int:
-        """Number of trials that succeed in the core."""
-        return sum(row.success for row in self.compared.rows)
 
     @property
     def mujoco(self) -> int:
@@ -123,7 +121,7 @@ def compare_choices(
     found = chosen(policy, object_sets.load(objects), trials, seed)
     hand = load_hand((found.result.settings or {}).get("hand", "reflex"))
     described = describe(hand)
-    report = ChoicesReport(found.result.policy, hand.name, trials)
+    report = ChoicesReport(found.result.policy, hand.name, trials, found.result.succeeded)
     report.compared.threads = threads or _core.num_threads()
     for done, batch in enumerate(found.batches, 1):
         if batch is None:
