@@ -56,7 +56,7 @@ def test_both_engines_judge_the_choices_of_a_policy() -> None:
     facts = report.to_json()
     assert facts["successes"]["core"]["count"] == report.core
     assert facts["successes"]["mujoco"]["count"] == report.mujoco
-    # No grasp of these is in collision in MuJoCo alone.
+    # None of these grasps is in collision in MuJoCo.
     assert report.compared.infeasible == 0
     assert report.core == sum(row.success for row in report.compared.rows) >= 2
     low, high = facts["successes"]["core"]["ci95"]

@@ -41,7 +41,7 @@ class ChoicesReport:
     missing : int
         Trials in which it chose no grasp.
     compared : Report
-        The others, in both engines; it has no row for a grasp whose open hand is in collision in MuJoCo alone.
+        The others, in both engines; grasps whose open hand is in collision in MuJoCo have no row.
     """
 
     policy: str
