@@ -29,8 +29,9 @@ def changed(value: Any) -> Any:
     if isinstance(value, list):
         return [changed(inner) for inner in value] or ["rgb"]
     if isinstance(value, dict):
-        # A shake is a config, and none by default.
-        return {key: SHAKE if key == "shake" else changed(inner) for key, inner in value.items()}
+        # None by default; a shake is a config.
+        other_than_none = {"shake": SHAKE, "shape": [8, 16, 24]}
+        return {key: other_than_none.get(key) or changed(inner) for key, inner in value.items()}
     other = {"minimum": "pca", "share": "area", "random": "grid"}
     other |= {"twist": "delta_pose", "next_step": "same_step"}
     other |= {"proprio": "tactile", "tactile": "state", "state": "proprio"}

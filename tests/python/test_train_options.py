@@ -20,6 +20,7 @@ from graspbox.sb3.settings import Sb3Settings, read_parameters
 #: Required options of each command besides ``--out``.
 NEEDED = {
     "depth": [],
+    "any-hand": [],
     "feel": ["--policy", "policies/depth"],
     "head": ["--data", "out/data"],
     "residual": ["policies/depth"],
