@@ -7,6 +7,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,8 +35,9 @@ from graspbox.perception.hand_settings import settings_of  # noqa: E402
 from graspbox.policies.depth import load_finder  # noqa: E402
 from graspbox.policies.grasp_image import grasp_image  # noqa: E402
 from graspbox.recipes.collection import CollectConfig, collect  # noqa: E402
+from graspbox.recipes.depth_cards import any_hand_card  # noqa: E402
 from graspbox.recipes.networks import TrainedNetworks  # noqa: E402
-from graspbox.recipes.settings import Sizes  # noqa: E402
+from graspbox.recipes.settings import AnyHandSettings, Sizes  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -259,6 +261,29 @@ def test_a_training_without_hands_is_refused(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "leave no hand to learn from" in done.stderr
+
+
+def test_a_hand_that_does_not_exist_is_refused_before_the_work(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "graspbox", "train", "any-hand", "--out", str(tmp_path / "run"), "--jaws", "1"]
+    command += ["--fingers", "0", "--hands", "--without", "panda", "--completion", str(POLICIES / "depth")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "there is no hand 'panda'" in done.stderr
+    assert not list((tmp_path / "run").glob("trials*"))
+
+
+def test_a_card_without_named_hands_and_without_objects_that_fit(published: Path) -> None:
+    found = {"trials": 2, "succeeded": 0, "secure": 0, "fitting": {"trials": 0, "succeeded": 0, "secure": 0}}
+    stages: dict[str, dict[str, Any]] = {
+        "trials": {"seconds": 1.0, "train": {"trials": 9, "hands": 1}},
+        "calibrate": {"seconds": 1.0, "secure_weight": 0.3},
+        "evaluate-leap": {"seconds": 1.0, "trained": False, "procedural:bottle:2000-2003": found},
+    }
+    settings = AnyHandSettings(out=published, hands=(), evaluated=("procedural:bottle:2000-2003",), jaws=1, fingers=0)
+    config, scenes = read_depth_policy(published), SceneConfig()
+    card = any_hand_card(published, config, command="train", settings=settings, scenes=scenes, stages=stages)
+    assert "with 1 hands: 1 random parallel jaws" in " ".join(card.training.split())
+    assert [dict(row.more) for row in card.scores] == [{}]
 
 
 def test_grasps_in_an_image_are_those_of_the_hand(published: Path, tmp_path: Path) -> None:

@@ -223,8 +223,7 @@ fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<Moving>>, Percept
     Ok(steps)
 }
 
-/// Cells around the volume that the chains sweep with any preshape.
-/// The cells around the swept volume; with a set number of them, they are as small as it allows.
+/// Cells around the volume that the chains sweep with any preshape; where their number is set, they are as small as it allows.
 fn grid(motions: &[Vec<Vec<Moving>>], config: &HandGridConfig) -> CellBox {
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for part in motions.iter().flat_map(|steps| &steps[SPREAD..]).flatten() {

@@ -53,6 +53,8 @@ def random_hand(family: str, number: int) -> Hand:
     ------
     ConfigError
         For an unknown family or a negative number.
+    HandError
+        If no draw passes the checks.
     """
     if family not in FAMILIES:
         raise ConfigError(f"there is no family of hands {family!r}; choose from {', '.join(FAMILIES)}")

@@ -117,6 +117,9 @@ class _AnyHandTraining:
         folder = completion_folder(self.source, published)
         self.completion_folder = folder
         self.completion = Completion(onnx_network(folder / "completion.onnx"))
+        for name in settings.without:
+            # Refused now, not by the evaluation after hours.
+            load_hand(name)
         self._samplers: dict[tuple[str, int], SceneSampler] = {}
         self.hands = list(self._hands())
         if not self.hands:

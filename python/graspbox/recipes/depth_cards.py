@@ -121,12 +121,14 @@ def any_hand_card(
             called = f"{objects}/{split}" if split else objects
             counts = (row["trials"], row["succeeded"], row["secure"])
             variant = f"hand `{name}`" + ("" if found["trained"] else ", of which nothing was learned")
-            more = {"objects that fit: success": rate(row["fitting"]["succeeded"], row["fitting"]["trials"])}
+            fitting = row["fitting"]["succeeded"], row["fitting"]["trials"]
+            more = {"objects that fit: success": rate(*fitting)} if fitting[1] else {}
             scores.append(ScoreRow(called, _DECISION, *counts, variant=variant, more=more))
     first, calibrated = stages["trials"]["train"], stages["calibrate"]
     rounds = [found["train"]["trials"] for name, found in stages.items() if name.startswith("collect")]
     learned = f"Seed {settings.seed}. {first['trials']} trials of grasps that geometry proposes, with {first['hands']} "
-    learned += f"hands: {listed(hands)}, {settings.jaws} random parallel jaws and {settings.fingers} random hands with "
+    named = f"{listed(hands)}, " if hands else ""
+    learned += f"hands: {named}{settings.jaws} random parallel jaws and {settings.fingers} random hands with "
     learned += (
         f"fingers; then {sum(rounds)} trials of grasps that the policy chose. Objects: {listed(settings.objects)}."
     )

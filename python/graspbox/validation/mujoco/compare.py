@@ -224,7 +224,7 @@ def judge(
 ) -> list[Row]:
     """Label poses (m, 4, 4), ``object_from_hand``, with preshapes (m,) in both engines; adds times to the report.
 
-    A pose that is in collision at the start in MuJoCo alone has no row; the report counts it.
+    A pose that is in collision at the start in MuJoCo has no row; the report counts it.
     """
     poses, preshapes = sampled
     item = object_data(scene)
