@@ -1,4 +1,4 @@
-"""Speed of `newton`, of `rapier` and of MuJoCo's rollout on the same planner poses.
+"""Speed of `newton`, of `rapier` and of MuJoCo's rollout on the same planner poses, with any hand.
 
 Every object's best poses are tried with each engine, one pose after the other, so that a change of the machine's speed
 meets all of them. Rates are per second of CPU time of one core. MuJoCo gets the actuators' commands recorded
@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 import graspbox
 from graspbox import object_sets
 from graspbox.configs import PhysicsConfig
+from graspbox.errors import SimulationError
+from graspbox.hands import HandLike, load_hand
 from graspbox.validation import engines
 from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, describe, object_data
 from graspbox.validation.mujoco.replay import Replay
@@ -115,22 +117,34 @@ def _trial(scene: graspbox.Scene, one: graspbox.Plan) -> tuple[int, float]:
     return len(found), float(found.time.sum())
 
 
-def measure(work: str, poses: int, seed: int) -> list[SpeedRow]:
-    """Time the planner's best `poses` for every object of a workload; returns one row per engine."""
+def _in_rapier(ours: graspbox.Scene) -> graspbox.Scene | None:
+    """Return the same scene with the engine `rapier`, or None if it cannot simulate the hand."""
+    physics = PhysicsConfig(engine="rapier")
+    try:
+        return graspbox.Scene(ours.mesh, hand=ours.hand, world_from_object=ours.world_from_object, physics=physics)
+    except SimulationError:
+        return None
+
+
+def measure(work: str, poses: int, seed: int, hand: HandLike = "reflex") -> list[SpeedRow]:
+    """Time the planner's best `poses` for every object of a workload; returns one row per engine.
+
+    The row of an engine that cannot simulate the hand has no trials.
+    """
     rows = {name: SpeedRow(work, name) for name in ENGINES}
-    hand = describe()
+    loaded, described = load_hand(hand), describe(hand)
     for item in (item for name in WORK[work] for item in object_sets.load(name)):
-        ours = graspbox.Scene(item.load())
-        plan = graspbox.plan(ours.mesh, world_from_object=ours.world_from_object, seed=seed).best(poses)
-        rapier = graspbox.Scene(
-            ours.mesh, world_from_object=ours.world_from_object, physics=PhysicsConfig(engine="rapier")
-        )
+        ours = graspbox.Scene(item.load(), hand=loaded)
+        start = ours.world_from_object
+        plan = graspbox.plan(ours.mesh, hand=loaded, world_from_object=start, seed=seed).best(poses)
+        rapier = _in_rapier(ours)
         data = object_data(ours)
-        theirs = {name: build(hand, data, numerics=numerics) for name, numerics in MUJOCO.items()}
+        theirs = {name: build(described, data, numerics=numerics) for name, numerics in MUJOCO.items()}
         for i in range(len(plan)):
             one = plan[i : i + 1]
             simulated = rows["newton"].add(partial(_trial, ours, one))
-            rows["rapier"].add(partial(_trial, rapier, one))
+            if rapier is not None:
+                rows["rapier"].add(partial(_trial, rapier, one))
             pose, preshape = data.world_from_object @ one.poses[0], float(one.preshape[0])
             for name, built in theirs.items():
                 run = Rollout(built, pose, preshape, simulated)
@@ -147,6 +161,9 @@ def markdown(rows: Sequence[SpeedRow]) -> str:
     ]
     theirs = {r.work: r.simulated_per_second for r in rows if r.engine == "mujoco, fast"}
     for r in rows:
+        if not r.trials:
+            lines.append(f"| {r.work} | {r.engine} | 0 | - | - | - |")
+            continue
         ratio = f"{r.simulated_per_second / theirs[r.work]:.2f}" if theirs[r.work] > 0 else "-"
         rates = f"{r.trials_per_second:.1f} | {r.simulated_per_second:.0f} | {ratio}"
         lines.append(f"| {r.work} | {r.engine} | {r.trials} | {rates} |")
@@ -157,13 +174,14 @@ def main(arguments: list[str] | None = None) -> int:
     """Time the engines; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m graspbox.validation speed", description=__doc__)
     parser.add_argument("--work", nargs="+", default=list(WORK), choices=list(WORK), help="workloads to time")
+    parser.add_argument("--hand", default="reflex", help="a hand by its name, or hand.urdf,hand.toml")
     parser.add_argument("--poses", type=int, default=10, help="poses per object")
     parser.add_argument("--seed", type=int, default=0, help="seed of the planner")
     parser.add_argument("--json", action="store_true", help="print the table as JSON")
     args = parser.parse_args(arguments)
     if args.poses < 1:
         parser.error(f"--poses is {args.poses}; give 1 or more")
-    rows = [row for work in args.work for row in measure(work, args.poses, args.seed)]
+    rows = [row for work in args.work for row in measure(work, args.poses, args.seed, args.hand)]
     rates = [{**asdict(r), "trials/s": r.trials_per_second, "simulated s/s": r.simulated_per_second} for r in rows]
     print(json.dumps(rates) if args.json else markdown(rows))
     return 0
