@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// Bytes before the body: the magic number and the checksum.
 const HEAD: usize = 8 + 32;
 const STATE: &[u8; 8] = b"gbagentb";
-const WORLD: &[u8; 8] = b"gbworld6";
+const WORLD: &[u8; 8] = b"gbworld7";
 
 fn below(rng: &mut TestRng, end: usize) -> usize {
     use proptest::prelude::Rng;

@@ -12,6 +12,9 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 use translate::Translation;
 
+/// The object of the world among those of the solver.
+const OBJECT: usize = 0;
+
 /// One world of the engine.
 #[derive(Clone)]
 pub(crate) struct Newton {
@@ -37,9 +40,9 @@ impl Newton {
         let (tree, translation) = translate::hand(&hand);
         let object = translate::object(object, config.friction.object);
         let scenery = translate::scenery(config.friction.table);
-        let model = solver::Model::new(tree, object, scenery, config.newton).map_err(|error| match error {
-            solver::ModelError::FlatPart { part } => SimError::FlatPart { part },
-            error @ solver::ModelError::BadTree { .. } => {
+        let model = solver::Model::new(tree, vec![object], scenery, config.newton).map_err(|error| match error {
+            solver::ModelError::FlatPart { part, .. } => SimError::FlatPart { part },
+            error @ (solver::ModelError::BadTree { .. } | solver::ModelError::TooManyObjects { .. }) => {
                 SimError::BadHand { hand: hand.name.clone(), engine: "newton", why: error.to_string() }
             }
         })?;
@@ -51,16 +54,14 @@ impl Newton {
     }
 
     fn part(&self, side: &solver::Side, surface: Option<solver::Surface>) -> Part {
-        match (side.body, surface) {
-            (solver::OBJECT, _) => Part::Object,
-            (body, surface) if body == self.solver.model().scenery_body() => match surface {
-                Some(solver::Surface::Ground) => Part::Ground,
-                _ => Part::Table,
-            },
-            (body, _) => {
-                let (link, shape) = self.shared.translation.owner(body - solver::BASE, side.shape.into());
+        match self.solver.model().kind(side.body) {
+            solver::BodyKind::Object(_) => Part::Object,
+            solver::BodyKind::Hand(body) => {
+                let (link, shape) = self.shared.translation.owner(body, side.shape.into());
                 Part::Link { link, shape }
             }
+            solver::BodyKind::Scenery if surface == Some(solver::Surface::Ground) => Part::Ground,
+            solver::BodyKind::Scenery => Part::Table,
         }
     }
 
@@ -88,7 +89,7 @@ impl Engine for Newton {
         let Shared { hand, translation, .. } = &*self.shared;
         let positions = translation.positions(hand, joints);
         let state = self.solver.state_mut();
-        state.base_from_object = *base_from_object;
+        state.objects[OBJECT].base_from_object = *base_from_object;
         state.positions.copy_from_slice(&positions);
     }
 
@@ -100,7 +101,7 @@ impl Engine for Newton {
             base_from_world: input.base_from_world,
             base_from_world_after: input.base_from_world_after,
             frame: input.frame,
-            force: input.force,
+            forces: &[input.force],
             driven: &self.driven,
             cables: &self.commands,
         });
@@ -122,35 +123,35 @@ impl Engine for Newton {
     }
 
     fn base_from_object(&self) -> Isometry3<f64> {
-        self.solver.state().base_from_object
+        self.solver.state().objects[OBJECT].base_from_object
     }
 
     fn object_velocity(&self) -> (Vector3<f64>, Vector3<f64>) {
-        (self.solver.state().linear, self.solver.state().angular)
+        let object = &self.solver.state().objects[OBJECT];
+        (object.linear, object.angular)
     }
 
     fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>) {
-        let state = self.solver.state_mut();
-        (state.linear, state.angular) = (*linear, *angular);
+        let object = &mut self.solver.state_mut().objects[OBJECT];
+        (object.linear, object.angular) = (*linear, *angular);
     }
 
     fn scale_object(&mut self, friction: f64, mass: f64) {
-        let state = self.solver.state_mut();
-        state.friction_factor *= friction;
-        state.mass_factor *= mass;
+        let object = &mut self.solver.state_mut().objects[OBJECT];
+        object.friction_factor *= friction;
+        object.mass_factor *= mass;
     }
 
     fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {
-        self.solver.model().lowest_point(from_object)
+        self.solver.model().lowest_point(OBJECT, from_object)
     }
 
     fn contacts(&self, wanted: &dyn Fn([Part; 2]) -> bool, visit: &mut dyn FnMut(&Contact)) {
-        let scenery = self.solver.model().scenery_body();
         // The kind of a body, before its shape is known.
-        let kind = |body| match body {
-            solver::OBJECT => Part::Object,
-            body if body == scenery => Part::Table,
-            _ => Part::Link { link: 0, shape: 0 },
+        let kind = |body| match self.solver.model().kind(body) {
+            solver::BodyKind::Object(_) => Part::Object,
+            solver::BodyKind::Scenery => Part::Table,
+            solver::BodyKind::Hand(_) => Part::Link { link: 0, shape: 0 },
         };
         self.solver.contacts(
             |a, b| wanted([kind(a), kind(b)]),

@@ -9,7 +9,7 @@ use crate::scenery::Surface;
 /// One side of a contact point, in the frame of its body (for the scenery: the world).
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Side {
-    /// The object, a body of the tree (from [`crate::BASE`]), or the scenery.
+    /// See [`BodyIndex`].
     pub body: BodyIndex,
     /// Shape within a body of the tree.
     pub shape: u16,

@@ -6,10 +6,18 @@ use nalgebra::{Isometry3, Vector3};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ModelError {
     /// A convex part encloses no volume.
-    #[error("convex part {part} of the object is flat")]
+    #[error("convex part {part} of object {object} is flat")]
     FlatPart {
-        /// Its index.
+        /// Index of the object.
+        object: usize,
+        /// Index of its part.
         part: usize,
+    },
+    /// More objects than a world may have.
+    #[error("{count} objects are too many; the most are {}", crate::model::MAX_OBJECTS)]
+    TooManyObjects {
+        /// Their number.
+        count: usize,
     },
     /// The tree breaks a rule of [`crate::tree`].
     #[error("{why} (index {index})")]

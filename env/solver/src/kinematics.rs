@@ -1,7 +1,7 @@
 //! Poses and Jacobians of the hand's bodies, in the frame of the base.
 //!
 //! A twist is the angular velocity of a body and the linear velocity of its point at a common reference point. The reference point is the
-//! object's centre of mass, so the object's unknowns are its twist.
+//! centre of mass of the first object, so the unknowns of this object are its twist.
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 

@@ -1,9 +1,9 @@
-//! The engine `newton`: simulates a free object, a hand of any kinematic tree on a moving base, and a table.
+//! The engine `newton`: simulates free objects, a hand of any kinematic tree on a moving base, and a table.
 //!
 //! | module | purpose |
 //! |---|---|
 //! | [`tree`] | the hand: bodies, joints, coordinates, cables |
-//! | [`object`], [`scenery`] | the object; table and ground |
+//! | [`object`], [`scenery`] | an object; table and ground |
 //! | [`config`] | settings, with the reason for each number |
 //! | [`model`] | data shared by all worlds of one template |
 //! | [`solver`] | the state of a world, and one time step |
@@ -11,6 +11,7 @@
 //! | `kinematics`, `dynamics` | poses and Jacobians; mass matrix and bias forces |
 //! | `search` | contact candidates between bodies |
 //! | `rows`, `laws`, `problem`, `newton` | the equations of a step, and Newton's method for them |
+//! | `islands`, `objects` | sets of bodies that touch each other; the objects among the unknowns |
 //! | `matrix`, `units` | dense matrices; parry's unit of length |
 //! | [`dispatch`] | a faster contact search for convex parts |
 //!
@@ -33,21 +34,22 @@
 //!     friction: 1.0,
 //! };
 //! let table = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
-//! let mut solver = Solver::new(Model::new(hand, ball, table, Default::default())?.into());
+//! let mut solver = Solver::new(Model::new(hand, vec![ball], table, Default::default())?.into());
 //! let world = Isometry3::translation(0.0, 0.0, -1.0); // the base is 1 m above the table
-//! solver.state_mut().base_from_object = Isometry3::translation(0.0, 0.0, -0.9);
+//! solver.state_mut().objects[0].base_from_object = Isometry3::translation(0.0, 0.0, -0.9);
 //! let frame = FrameMotion { gravity: Vector3::new(0.0, 0.0, -9.81), omega: Vector3::zeros(), alpha: Vector3::zeros() };
 //! for _ in 0..500 {
-//!     let (base_from_world, base_from_world_after, force) = (world, world, Vector3::zeros());
-//!     solver.step(&StepInput { dt: 0.002, base_from_world, base_from_world_after, frame, force, driven: &[], cables: &[] });
+//!     let (base_from_world, base_from_world_after) = (world, world);
+//!     let forces = &[];
+//!     solver.step(&StepInput { dt: 0.002, base_from_world, base_from_world_after, frame, forces, driven: &[], cables: &[] });
 //! }
-//! assert!((solver.object_center().z + 0.97).abs() < 5e-4);
+//! assert!((solver.object_center(0).z + 0.97).abs() < 5e-4);
 //! # Ok::<(), graspbox_solver::ModelError>(())
 //! ```
 //!
 //! Why not a library: general engines iterate over contacts one by one (rapier) or solve worlds of any size (MuJoCo). This world has 6
-//! unknowns for the object and about 6 to 20 for the hand, however many contacts there are. Newton's method with a dense matrix therefore
-//! solves all of them together, to rounding, in about three iterations. `docs/decisions/0003-newton-solver.md` has the
+//! unknowns for each object and about 6 to 20 for the hand, however many contacts there are. Newton's method with a dense matrix therefore
+//! solves those of bodies that touch each other together, to rounding, in about three iterations. `docs/decisions/0003-newton-solver.md` has the
 //! measurements.
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
@@ -72,9 +74,9 @@ pub use config::NewtonConfig;
 pub use contact::{Contact, Side};
 pub use dynamics::FrameMotion;
 pub use error::{ModelError, StateError};
-pub use model::{BASE, BodyIndex, Model, OBJECT};
+pub use model::{BodyIndex, BodyKind, MAX_OBJECTS, Model};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface};
 pub use solver::saved::SavedState;
-pub use solver::{CableCommand, Solver, State, StepInput};
+pub use solver::{CableCommand, ObjectState, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

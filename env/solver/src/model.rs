@@ -1,4 +1,4 @@
-//! Data shared by all worlds of one template: the tree and the object, prepared for simulation.
+//! Data shared by all worlds of one template: the tree and the objects, prepared for simulation.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::bounding_volume::Aabb;
@@ -13,28 +13,30 @@ use crate::scenery::Scenery;
 use crate::tree::{BodyShape, JointKind, Tree};
 use crate::units;
 
-/// Index of a body in contacts: the object, the bodies of the hand (base first), then the scenery (table and ground).
+/// Index of a body in contacts: the objects, the bodies of the hand (base first), then the scenery (table and ground).
 pub type BodyIndex = usize;
-/// The object.
-pub const OBJECT: BodyIndex = 0;
-/// The hand's base; body `i` of the tree is `BASE + i`.
-pub const BASE: BodyIndex = 1;
 
-/// Kind of contact search that a pair of bodies needs.
+/// What a [`BodyIndex`] refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum PairKind {
-    /// A body and the scenery.
+pub enum BodyKind {
+    /// An object, by its index.
+    Object(usize),
+    /// A body of the tree, by its index; 0 is the base.
+    Hand(usize),
+    /// Table and ground.
     Scenery,
-    /// Two bodies, shape by shape.
-    Bodies,
 }
+
+/// Most objects of a world: pairs of bodies grow with its square.
+pub const MAX_OBJECTS: usize = 64;
 
 /// Two bodies that may touch.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     pub a: BodyIndex,
     pub b: BodyIndex,
-    pub kind: PairKind,
+    /// What both are.
+    pub sides: [BodyKind; 2],
 }
 
 /// A shape of the hand, ready for parry.
@@ -48,7 +50,17 @@ pub(crate) struct HandShape {
     pub friction: f64,
 }
 
-/// A convex part of the object, ready for parry.
+/// An object, ready for simulation.
+pub(crate) struct FreeObject {
+    pub own: Object,
+    pub parts: Vec<Part>,
+    /// Bounding box of all parts, object's frame; parry's lengths.
+    pub bounds: Aabb,
+    /// Index of the first of its pairs of a hand shape and a part, see `Searcher::directions`.
+    pub first_direction: usize,
+}
+
+/// A convex part of an object, ready for parry.
 pub(crate) struct Part {
     pub shape: SharedShape,
     pub pose: Pose,
@@ -63,14 +75,14 @@ pub(crate) struct Corners {
     /// Radius of a ball about each point.
     pub radius: f64,
     pub friction: f64,
-    /// Index of the hand's shape; `None` for the object.
+    /// Index of the hand's shape; `None` for an object.
     pub shape: Option<u16>,
 }
 
 /// Data shared by all worlds of one template.
 pub struct Model {
     pub(crate) tree: Tree,
-    pub(crate) object: Object,
+    pub(crate) objects: Vec<FreeObject>,
     pub(crate) scenery: Scenery,
     pub(crate) config: NewtonConfig,
     pub(crate) shapes: Vec<HandShape>,
@@ -78,8 +90,6 @@ pub struct Model {
     pub(crate) shape_owner: Vec<(usize, usize)>,
     /// Range of shapes of each body of the tree.
     pub(crate) shapes_of: Vec<Range<usize>>,
-    pub(crate) parts: Vec<Part>,
-    pub(crate) object_bounds: Aabb,
     /// By [`BodyIndex`].
     pub(crate) corners: Vec<Vec<Corners>>,
     /// Bounding spheres in the bodies' frames, by [`BodyIndex`].
@@ -90,29 +100,32 @@ pub struct Model {
     pub(crate) columns: Vec<Range<usize>>,
     /// Range of coordinates that each free coordinate is coupled with in the mass matrix.
     pub(crate) blocks: Vec<Range<usize>>,
-    /// Metres per unit of each unknown, to compare linear and angular velocities: 1 for metres, [`LEVER`] for radians.
+    /// Metres per unit of each free coordinate, to compare linear and angular velocities: 1 for metres, [`LEVER`] for radians.
     pub(crate) levers: Vec<f64>,
 }
 
 /// Lever at which angular velocities count, metres per radian: the size of a grasped object.
-const LEVER: f64 = 0.05;
+pub(crate) const LEVER: f64 = 0.05;
 
 impl Model {
-    /// Prepares a hand and an object.
+    /// Prepares a hand and any number of objects, up to [`MAX_OBJECTS`].
     ///
     /// # Errors
-    /// [`ModelError`] for a tree or an object that breaks the rules of [`Tree`] and [`Object`].
-    pub fn new(tree: Tree, object: Object, scenery: Scenery, config: NewtonConfig) -> Result<Self, ModelError> {
+    /// [`ModelError`] for a tree or an object that breaks the rules of [`Tree`] and [`Object`], and for too many objects.
+    pub fn new(tree: Tree, objects: Vec<Object>, scenery: Scenery, config: NewtonConfig) -> Result<Self, ModelError> {
         tree.check()?;
+        if objects.len() > MAX_OBJECTS {
+            return Err(ModelError::TooManyObjects { count: objects.len() });
+        }
         let (mut shapes, mut shape_owner, mut shapes_of) = (Vec::new(), Vec::new(), Vec::new());
         let (mut all_corners, mut center, mut radius) = (Vec::new(), Vec::new(), Vec::new());
-        let prepare =
-            |(index, own): (usize, &ObjectPart)| own.shape().map(part).ok_or(ModelError::FlatPart { part: index });
-        let parts = object.parts.iter().enumerate().map(prepare).collect::<Result<Vec<Part>, _>>()?;
-        let (object_corners, sphere) = corners_of_object(&parts, object.friction);
-        all_corners.push(vec![object_corners]);
-        center.push(sphere.0);
-        radius.push(sphere.1);
+        let objects = objects.into_iter().enumerate().map(free_object).collect::<Result<Vec<FreeObject>, _>>()?;
+        for object in &objects {
+            let (object_corners, sphere) = corners_of_object(&object.parts, object.own.friction);
+            all_corners.push(vec![object_corners]);
+            center.push(sphere.0);
+            radius.push(sphere.1);
+        }
         for (index, body) in tree.bodies.iter().enumerate() {
             let first = shapes.len();
             let mut own = Vec::new();
@@ -128,19 +141,17 @@ impl Model {
             radius.push(r);
             shapes_of.push(first..shapes.len());
         }
-        let object_bounds = parts.iter().map(|p| p.bounds).reduce(merged).unwrap_or_else(Aabb::new_invalid);
-        let (pairs, columns) = (pairs(&tree), columns(&tree));
+        let objects = with_directions(objects, shapes.len());
+        let (pairs, columns) = (pairs(&tree, objects.len()), columns(&tree));
         let (blocks, levers) = (blocks(&tree, &columns), levers(&tree));
         Ok(Self {
             tree,
-            object,
+            objects,
             scenery,
             config,
             shapes,
             shape_owner,
             shapes_of,
-            parts,
-            object_bounds,
             corners: all_corners,
             center,
             radius,
@@ -157,24 +168,63 @@ impl Model {
         &self.tree
     }
 
-    /// Height of the object's lowest point at pose `from_object`, along z of that frame, metres.
+    /// Number of objects.
     #[must_use]
-    pub fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {
-        let lowest = |part: &Part| part.shape.compute_aabb(&units::pose(&(from_object * part.object_from_part))).mins.z;
-        units::metres(self.parts.iter().map(lowest).fold(f32::MAX, f32::min))
+    pub fn object_count(&self) -> usize {
+        self.objects.len()
     }
 
-    /// Number of unknown velocities of a step: the free coordinates, and six of the object.
+    /// Height of the lowest point of object `index` at pose `from_object`, along z of that frame, metres.
     #[must_use]
-    pub fn unknowns(&self) -> usize {
-        self.tree.coordinates.len() + 6
+    pub fn lowest_point(&self, index: usize, from_object: &Isometry3<f64>) -> f64 {
+        let lowest = |part: &Part| part.shape.compute_aabb(&units::pose(&(from_object * part.object_from_part))).mins.z;
+        units::metres(self.objects[index].parts.iter().map(lowest).fold(f32::MAX, f32::min))
+    }
+
+    /// [`BodyIndex`] of the hand's base; body `i` of the tree is `base() + i`.
+    #[must_use]
+    pub fn base(&self) -> BodyIndex {
+        self.objects.len()
     }
 
     /// [`BodyIndex`] of the scenery.
     #[must_use]
     pub fn scenery_body(&self) -> BodyIndex {
-        BASE + self.tree.bodies.len()
+        self.base() + self.tree.bodies.len()
     }
+
+    /// What a body is.
+    #[must_use]
+    #[inline]
+    pub fn kind(&self, body: BodyIndex) -> BodyKind {
+        let base = self.base();
+        if body < base {
+            BodyKind::Object(body)
+        } else if body < base + self.tree.bodies.len() {
+            BodyKind::Hand(body - base)
+        } else {
+            BodyKind::Scenery
+        }
+    }
+}
+
+fn free_object((index, own): (usize, Object)) -> Result<FreeObject, ModelError> {
+    let prepare = |(part_index, each): (usize, &ObjectPart)| {
+        each.shape().map(part).ok_or(ModelError::FlatPart { object: index, part: part_index })
+    };
+    let parts = own.parts.iter().enumerate().map(prepare).collect::<Result<Vec<Part>, _>>()?;
+    let bounds = parts.iter().map(|p| p.bounds).reduce(merged).unwrap_or_else(Aabb::new_invalid);
+    Ok(FreeObject { own, parts, bounds, first_direction: 0 })
+}
+
+/// Numbers the pairs of a hand shape and a part.
+fn with_directions(mut objects: Vec<FreeObject>, shapes: usize) -> Vec<FreeObject> {
+    let mut next = 0;
+    for object in &mut objects {
+        object.first_direction = next;
+        next += shapes * object.parts.len();
+    }
+    objects
 }
 
 fn part((shape, object_from_part): (SharedShape, Isometry3<f64>)) -> Part {
@@ -233,20 +283,31 @@ fn bounding_sphere(corners: &[Corners]) -> (Vector3<f64>, f64) {
     (center, points().map(|(p, r)| (p - center).norm() + r).fold(0.0, f64::max))
 }
 
-fn pairs(tree: &Tree) -> Vec<Pair> {
-    let scenery = BASE + tree.bodies.len();
-    let mut pairs = vec![Pair { a: OBJECT, b: scenery, kind: PairKind::Scenery }];
+fn pairs(tree: &Tree, objects: usize) -> Vec<Pair> {
+    let mut pairs = Vec::new();
     let solid = |body: usize| !tree.bodies[body].shapes.is_empty();
     let columns = columns(tree);
     let moves = |body: usize| !columns[body].is_empty();
-    for body in (0..tree.bodies.len()).filter(|body| solid(*body)) {
-        pairs.push(Pair { a: OBJECT, b: BASE + body, kind: PairKind::Bodies });
+    let index = |side: BodyKind| match side {
+        BodyKind::Object(object) => object,
+        BodyKind::Hand(body) => objects + body,
+        BodyKind::Scenery => objects + tree.bodies.len(),
+    };
+    let mut push = |a: BodyKind, b: BodyKind| pairs.push(Pair { a: index(a), b: index(b), sides: [a, b] });
+    for object in (0..objects).map(BodyKind::Object) {
+        push(object, BodyKind::Scenery);
+        for body in (0..tree.bodies.len()).filter(|body| solid(*body)) {
+            push(object, BodyKind::Hand(body));
+        }
+        for other in index(object) + 1..objects {
+            push(object, BodyKind::Object(other));
+        }
     }
     for body in (0..tree.bodies.len()).filter(|body| solid(*body) && moves(*body)) {
-        pairs.push(Pair { a: BASE + body, b: scenery, kind: PairKind::Scenery });
+        push(BodyKind::Hand(body), BodyKind::Scenery);
     }
     for &(a, b) in tree.pairs.iter().filter(|(a, b)| solid(*a) && solid(*b) && (moves(*a) || moves(*b))) {
-        pairs.push(Pair { a: BASE + a, b: BASE + b, kind: PairKind::Bodies });
+        push(BodyKind::Hand(a), BodyKind::Hand(b));
     }
     pairs
 }
@@ -288,7 +349,6 @@ fn levers(tree: &Tree) -> Vec<f64> {
             levers[joint.coordinate] = 1.0;
         }
     }
-    levers.extend([1.0, 1.0, 1.0, LEVER, LEVER, LEVER]);
     levers
 }
 
@@ -296,26 +356,84 @@ fn levers(tree: &Tree) -> Vec<f64> {
 impl Model {
     /// A ball over a table, and a hand of one body without mass or shapes.
     pub(crate) fn of_ball(mass: f64, inertia: f64) -> Self {
-        use crate::tree::{Body, Primitive};
-        use nalgebra::Matrix3;
+        Self::for_test(Tree { bodies: vec![tests::body(None)], ..Tree::default() }, vec![tests::ball(mass, inertia)])
+    }
 
-        let base = Body {
-            center: Point3::origin(),
-            inertia: Matrix3::zeros(),
-            mass: 0.0,
-            parent: 0,
-            joint: None,
-            shapes: vec![],
-        };
-        let object = Object {
+    /// Two balls over a table, and a finger of two joints without shapes.
+    pub(crate) fn of_balls_and_finger() -> Self {
+        let bodies = vec![tests::body(None), tests::body(Some(0)), tests::body(Some(1))];
+        let tree = Tree { bodies, coordinates: vec![tests::COORDINATE; 2], ..Tree::default() };
+        Self::for_test(tree, vec![tests::ball(0.2, 7e-5); 2])
+    }
+
+    fn for_test(tree: Tree, objects: Vec<Object>) -> Self {
+        let scenery = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
+        Self::new(tree, objects, scenery, NewtonConfig::default()).unwrap()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tree::{Body, Coordinate, Joint, Primitive};
+    use nalgebra::Matrix3;
+
+    pub(super) const COORDINATE: Coordinate = Coordinate {
+        armature: 0.0,
+        damping: 0.0,
+        stiffness: 0.0,
+        spring_reference: 0.0,
+        limits: [-10.0, 10.0],
+        stop_stiffness: 0.0,
+    };
+
+    /// A body without shapes; with a coordinate, on a joint to the body before it.
+    pub(super) fn body(coordinate: Option<usize>) -> Body {
+        let joint = coordinate.map(|coordinate| Joint {
+            kind: JointKind::Revolute,
+            parent_from_joint: Isometry3::translation(0.05, 0.0, 0.02),
+            axis: Vector3::y_axis(),
+            coordinate,
+            ratio: 1.0,
+            offset: 0.0,
+        });
+        let parent = coordinate.unwrap_or(0);
+        let (center, inertia) = (Point3::origin(), Matrix3::zeros());
+        Body { center, inertia, mass: 0.0, parent, joint, shapes: vec![] }
+    }
+
+    pub(super) fn ball(mass: f64, inertia: f64) -> Object {
+        Object {
             parts: vec![ObjectPart::Primitive(Primitive::Sphere { radius: 0.03 })],
             mass,
             center: Point3::origin(),
             inertia: Matrix3::identity() * inertia,
             friction: 1.0,
-        };
+        }
+    }
+
+    /// The order of bodies: objects, hand, scenery.
+    #[test]
+    fn bodies_have_kinds() {
+        let model = Model::of_balls_and_finger();
+        let kinds: Vec<BodyKind> = (0..=model.scenery_body()).map(|body| model.kind(body)).collect();
+        let expected = [
+            BodyKind::Object(0),
+            BodyKind::Object(1),
+            BodyKind::Hand(0),
+            BodyKind::Hand(1),
+            BodyKind::Hand(2),
+            BodyKind::Scenery,
+        ];
+        assert_eq!(kinds, expected);
+    }
+
+    #[test]
+    fn too_many_objects_are_refused() {
+        let hand = Tree { bodies: vec![body(None)], ..Tree::default() };
+        let objects = vec![ball(0.1, 1e-4); MAX_OBJECTS + 1];
         let scenery = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
-        let tree = Tree { bodies: vec![base], ..Tree::default() };
-        Self::new(tree, object, scenery, NewtonConfig::default()).unwrap()
+        let found = Model::new(hand, objects, scenery, NewtonConfig::default()).err();
+        assert_eq!(found, Some(ModelError::TooManyObjects { count: MAX_OBJECTS + 1 }));
     }
 }

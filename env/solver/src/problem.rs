@@ -1,6 +1,7 @@
 //! The equations of one step in the velocities at its end: their residual and its derivative.
 //!
-//! Unknowns are the velocities `v` of the hand's free coordinates and of the object (linear, of its centre of mass, then angular):
+//! Unknowns are the velocities `v` of the hand's free coordinates and of the objects (linear, of the centre of mass, then angular), those of one
+//! island at a time (`islands`):
 //!
 //! ```text
 //! r(v) = (M + dt D) v - p - dt f(v) - J^T c(J v + u_0) = 0
@@ -30,16 +31,19 @@
 //! step, so sliding does not lift; the derivative of the residual is then not symmetric. With the bounds frozen the contact impulses are minus
 //! the gradient of a convex function, and the derivative is symmetric and positive definite.
 
+pub(crate) mod islands;
 pub(crate) mod matrix;
 pub(crate) mod newton;
+pub(crate) mod objects;
 pub(crate) mod rows;
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::{Kinematics, Twist};
 use crate::laws::{CableState, stop};
-use crate::model::{BASE, BodyIndex, Model, OBJECT};
+use crate::model::{BodyKind, LEVER, Model};
 use crate::problem::matrix::Matrix;
+use crate::problem::objects::{ObjectTerms, about_center, by_velocity, own_twist};
 
 /// A contact point during one step.
 #[derive(Clone, Copy, Debug)]
@@ -82,13 +86,16 @@ impl Point {
 /// The contact points of two bodies.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Patch {
-    pub a: BodyIndex,
-    pub b: BodyIndex,
+    /// Bodies a and b.
+    pub sides: [BodyKind; 2],
     pub first: usize,
     pub last: usize,
     /// Prescribed part of the twist of b relative to a: from driven coordinates and the motion of the scenery.
     pub prescribed: Twist,
 }
+
+/// Signs of a relative twist, and of an impulse, on the two sides of a patch.
+const SIGNS: [f64; 2] = [-1.0, 1.0];
 
 /// How friction's bounds are treated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,36 +106,53 @@ pub(crate) enum Bounds {
     Frozen,
 }
 
-/// The equations of one step; buffers are kept from step to step.
+/// The hand during one step.
+#[derive(Clone, Default)]
+pub(crate) struct HandTerms {
+    /// `M + dt D` of the free coordinates.
+    pub mass: Matrix,
+    /// Positions of the free coordinates at the beginning of the step.
+    pub q: Vec<f64>,
+    /// Momentum `p`.
+    pub momentum: Vec<f64>,
+    /// Velocities at the beginning of the step, and once the step is solved at its end.
+    pub velocity: Vec<f64>,
+    pub cables: Vec<CableState>,
+}
+
+/// The equations of one step, and of the island that is being solved; buffers are kept from step to step.
 #[derive(Clone, Default)]
 pub(crate) struct Problem {
     pub dt: f64,
     pub stick_speed: f64,
-    /// `M + dt D` of the free coordinates.
-    pub mass: Matrix,
-    /// Mass of the object, kg.
-    pub object_mass: f64,
-    /// Inertia of the object, axes of the base, kg m2.
-    pub object_inertia: Matrix3<f64>,
-    /// Momentum `p`, by unknown.
-    pub momentum: Vec<f64>,
-    /// Velocities, by unknown.
-    pub v: Vec<f64>,
-    /// Positions of the free coordinates at the beginning of the step.
-    pub q: Vec<f64>,
-    pub cables: Vec<CableState>,
+    pub hand: HandTerms,
+    /// All objects.
+    pub objects: Vec<ObjectTerms>,
     pub points: Vec<Point>,
     pub patches: Vec<Patch>,
+    /// Velocities, by unknown of the island.
+    pub v: Vec<f64>,
     /// Residual at `v`.
     pub residual: Vec<f64>,
     /// Its derivative.
     pub derivative: Matrix,
+    /// Metres per unit of each unknown, see [`Model::levers`].
+    pub levers: Vec<f64>,
+    momentum: Vec<f64>,
+    /// Number of the hand's coordinates among the unknowns: all or none.
+    free: usize,
+    /// Objects among the unknowns, in their order.
+    members: Vec<usize>,
+    /// First unknown of each object, if it is a member.
+    start: Vec<usize>,
+    /// The island's patches.
+    touching: Vec<Patch>,
 }
 
 /// The negative derivative of a patch's wrench with respect to its relative twist, in 3 x 3 blocks: `force = -(ll linear + la angular)`,
 /// `moment = -(al linear + aa angular)`.
 #[derive(Clone, Copy, Default)]
-struct Stiffness {
+pub(crate) struct Stiffness {
     ll: Matrix3<f64>,
     la: Matrix3<f64>,
     al: Matrix3<f64>,
@@ -137,79 +161,134 @@ struct Stiffness {
 
 impl Problem {
     pub fn new(model: &Model) -> Self {
-        let (free, all) = (model.tree.coordinates.len(), model.unknowns());
+        let free = model.tree.coordinates.len();
+        let hand = HandTerms {
+            mass: Matrix::new(free),
+            q: vec![0.0; free],
+            momentum: vec![0.0; free],
+            velocity: vec![0.0; free],
+            cables: vec![CableState::default(); model.tree.cables.len()],
+        };
         Self {
             stick_speed: model.config.stick_speed,
-            mass: Matrix::new(free),
-            object_inertia: Matrix3::identity(),
-            momentum: vec![0.0; all],
-            v: vec![0.0; all],
-            q: vec![0.0; free],
-            cables: vec![CableState::default(); model.tree.cables.len()],
-            residual: vec![0.0; all],
-            derivative: Matrix::new(all),
+            hand,
+            objects: vec![ObjectTerms::default(); model.object_count()],
+            start: vec![usize::MAX; model.object_count()],
             ..Self::default()
         }
     }
 
-    /// Twist of the object at `v`.
-    #[inline(always)]
-    fn object_twist(&self) -> Twist {
-        let v = &self.v[self.q.len()..];
-        Twist { linear: Vector3::new(v[0], v[1], v[2]), angular: Vector3::new(v[3], v[4], v[5]) }
+    /// Makes the velocities of an island the unknowns, and starts at those of the beginning of the step.
+    pub fn enter(&mut self, model: &Model, with_hand: bool, objects: &[usize], patches: &[usize]) {
+        self.free = if with_hand { self.hand.q.len() } else { 0 };
+        self.v.clear();
+        self.momentum.clear();
+        self.levers.clear();
+        self.v.extend(&self.hand.velocity[..self.free]);
+        self.momentum.extend(&self.hand.momentum[..self.free]);
+        self.levers.extend(&model.levers[..self.free]);
+        self.start.fill(usize::MAX);
+        for &object in objects {
+            self.start[object] = self.v.len();
+            self.v.extend(&self.objects[object].velocity);
+            self.momentum.extend(&self.objects[object].momentum);
+            self.levers.extend([1.0, 1.0, 1.0, LEVER, LEVER, LEVER]);
+        }
+        self.members.clear();
+        self.members.extend(objects);
+        self.touching.clear();
+        self.touching.extend(patches.iter().map(|index| self.patches[*index]));
+        self.residual.resize(self.v.len(), 0.0);
+        self.derivative.resize(self.v.len());
     }
 
-    /// Sets the object's velocities to `twist`.
-    pub fn set_object_twist(&mut self, twist: &Twist) {
-        let v = &mut self.v[self.q.len()..];
-        v[..3].copy_from_slice(twist.linear.as_slice());
-        v[3..].copy_from_slice(twist.angular.as_slice());
+    /// Hands the island's velocities back to hand and objects.
+    pub fn leave(&mut self) {
+        self.hand.velocity[..self.free].copy_from_slice(&self.v[..self.free]);
+        for &object in &self.members {
+            let start = self.start[object];
+            self.objects[object].velocity.copy_from_slice(&self.v[start..start + 6]);
+        }
+    }
+
+    /// Number of unknowns.
+    pub fn unknowns(&self) -> usize {
+        self.v.len()
+    }
+
+    /// Number of contact points of the island.
+    pub fn point_count(&self) -> usize {
+        self.touching.iter().map(|patch| patch.last - patch.first).sum()
+    }
+
+    /// Moves the objects with a twist at the reference point.
+    pub fn set_twist_of_objects(&mut self, twist: &Twist) {
+        for &object in &self.members {
+            let start = self.start[object];
+            self.v[start..start + 6].copy_from_slice(&self.objects[object].velocity_of(twist));
+        }
+    }
+
+    /// Whether an object of the island touches the scenery.
+    pub fn rests_on_scenery(&self) -> bool {
+        let rests = |patch: &Patch| matches!(patch.sides, [BodyKind::Object(_), BodyKind::Scenery]);
+        self.touching.iter().any(rests)
     }
 
     /// Computes contact impulses and residual at `v`. Returns the size of the residual, `sum of r_i^2 / M_ii`, joules.
     pub fn evaluate(&mut self, model: &Model, kinematics: &Kinematics, bounds: Bounds) -> f64 {
         self.smooth_residual(model);
-        for index in 0..self.patches.len() {
-            let patch = self.patches[index];
+        for index in 0..self.touching.len() {
+            let patch = self.touching[index];
             let twist = self.relative_twist(model, kinematics, &patch);
             if let Some(wrench) = self.contact_impulses(&patch, &twist, bounds) {
                 self.apply(model, kinematics, &patch, &wrench);
             }
         }
-        let free = self.q.len();
         let mut size = 0.0;
-        for (i, r) in self.residual[..free].iter().enumerate() {
-            size += r * r / self.mass.row(i)[i];
+        for (i, r) in self.residual[..self.free].iter().enumerate() {
+            size += r * r / self.hand.mass.row(i)[i];
         }
-        for i in 0..3 {
-            let (linear, angular) = (self.residual[free + i], self.residual[free + 3 + i]);
-            size += linear * linear / self.object_mass + angular * angular / self.object_inertia[(i, i)];
+        for &object in &self.members {
+            let (own, start) = (&self.objects[object], self.start[object]);
+            for i in 0..3 {
+                let (linear, angular) = (self.residual[start + i], self.residual[start + 3 + i]);
+                size += linear * linear / own.mass + angular * angular / own.inertia[(i, i)];
+            }
         }
         size
     }
 
     /// The residual without contacts.
     fn smooth_residual(&mut self, model: &Model) {
-        let free = self.q.len();
+        if self.free > 0 {
+            self.smooth_residual_of_hand(model);
+        }
+        for &object in &self.members {
+            let (own, start) = (&self.objects[object], self.start[object]);
+            let twist = own_twist(&self.v[start..]);
+            let spin = own.inertia * twist.angular;
+            for i in 0..3 {
+                self.residual[start + i] = own.mass * twist.linear[i] - self.momentum[start + i];
+                self.residual[start + 3 + i] = spin[i] - self.momentum[start + 3 + i];
+            }
+        }
+    }
+
+    fn smooth_residual_of_hand(&mut self, model: &Model) {
         let dt = self.dt;
-        for i in 0..free {
+        for i in 0..self.free {
             let block = model.blocks[i].clone();
-            let row = &self.mass.row(i)[block.clone()];
+            let row = &self.hand.mass.row(i)[block.clone()];
             let sum: f64 = row.iter().zip(&self.v[block]).map(|(m, v)| m * v).sum();
-            let torque = stop(&model.tree.coordinates[i], self.q[i], self.v[i], dt).0;
+            let torque = stop(&model.tree.coordinates[i], self.hand.q[i], self.v[i], dt).0;
             self.residual[i] = sum - self.momentum[i] - dt * torque;
         }
-        for (state, cable) in self.cables.iter_mut().zip(&model.tree.cables) {
+        for (state, cable) in self.hand.cables.iter_mut().zip(&model.tree.cables) {
             state.force = state.law(cable, state.rate(cable, &self.v), dt).0;
             for (coordinate, arm) in &cable.arms {
                 self.residual[*coordinate] -= dt * state.force * arm;
             }
-        }
-        let twist = self.object_twist();
-        let spin = self.object_inertia * twist.angular;
-        for i in 0..3 {
-            self.residual[free + i] = self.object_mass * twist.linear[i] - self.momentum[free + i];
-            self.residual[free + 3 + i] = spin[i] - self.momentum[free + 3 + i];
         }
     }
 
@@ -217,14 +296,19 @@ impl Problem {
     #[inline]
     fn relative_twist(&self, model: &Model, kinematics: &Kinematics, patch: &Patch) -> Twist {
         let mut twist = patch.prescribed;
-        for (body, sign) in [(patch.a, -1.0), (patch.b, 1.0)] {
-            if body == OBJECT {
-                twist.add_scaled(&self.object_twist(), sign);
-            } else if body < model.scenery_body() {
-                let columns = model.columns[body - BASE].clone();
-                for (column, v) in kinematics.columns(model, body - BASE).iter().zip(&self.v[columns]) {
-                    twist.add_scaled(column, sign * v);
+        for (body, sign) in patch.sides.into_iter().zip(SIGNS) {
+            match body {
+                BodyKind::Object(object) => {
+                    let own = self.objects[object].twist(&self.v[self.start[object]..]);
+                    twist.add_scaled(&own, sign);
                 }
+                BodyKind::Hand(body) => {
+                    let columns = model.columns[body].clone();
+                    for (column, v) in kinematics.columns(model, body).iter().zip(&self.v[columns]) {
+                        twist.add_scaled(column, sign * v);
+                    }
+                }
+                BodyKind::Scenery => {}
             }
         }
         twist
@@ -259,18 +343,23 @@ impl Problem {
     /// Subtracts `J^T c` of one patch from the residual, with `wrench` the impulse and its moment on body b.
     #[inline]
     fn apply(&mut self, model: &Model, kinematics: &Kinematics, patch: &Patch, wrench: &Twist) {
-        for (body, sign) in [(patch.a, -1.0), (patch.b, 1.0)] {
-            if body == OBJECT {
-                let free = self.q.len();
-                for i in 0..3 {
-                    self.residual[free + i] -= sign * wrench.linear[i];
-                    self.residual[free + 3 + i] -= sign * wrench.angular[i];
+        for (body, sign) in patch.sides.into_iter().zip(SIGNS) {
+            match body {
+                BodyKind::Object(object) => {
+                    let start = self.start[object];
+                    let moment = self.objects[object].moment(wrench);
+                    for i in 0..3 {
+                        self.residual[start + i] -= sign * wrench.linear[i];
+                        self.residual[start + 3 + i] -= sign * moment[i];
+                    }
                 }
-            } else if body < model.scenery_body() {
-                let columns = model.columns[body - BASE].clone();
-                for (column, r) in kinematics.columns(model, body - BASE).iter().zip(&mut self.residual[columns]) {
-                    *r -= sign * (column.linear.dot(&wrench.linear) + column.angular.dot(&wrench.angular));
+                BodyKind::Hand(body) => {
+                    let columns = model.columns[body].clone();
+                    for (column, r) in kinematics.columns(model, body).iter().zip(&mut self.residual[columns]) {
+                        *r -= sign * (column.linear.dot(&wrench.linear) + column.angular.dot(&wrench.angular));
+                    }
                 }
+                BodyKind::Scenery => {}
             }
         }
     }
@@ -278,8 +367,8 @@ impl Problem {
     /// Computes the derivative of the residual at the velocities of the last evaluation.
     pub fn differentiate(&mut self, model: &Model, kinematics: &Kinematics, bounds: Bounds) {
         self.smooth_derivative(model);
-        for index in 0..self.patches.len() {
-            let patch = self.patches[index];
+        for index in 0..self.touching.len() {
+            let patch = self.touching[index];
             let points = &self.points[patch.first..patch.last];
             let mut sum = Stiffness::default();
             let mut any = false;
@@ -295,17 +384,31 @@ impl Problem {
 
     /// The derivative without contacts: `M + dt D` and the slopes of cables and stops.
     fn smooth_derivative(&mut self, model: &Model) {
-        let free = self.q.len();
-        let dt = self.dt;
-        for i in 0..free + 6 {
+        for i in 0..self.v.len() {
             self.derivative.row_mut(i).fill(0.0);
         }
+        if self.free > 0 {
+            self.smooth_derivative_of_hand(model);
+        }
+        for &object in &self.members {
+            let (own, start) = (&self.objects[object], self.start[object]);
+            for i in 0..3 {
+                self.derivative.row_mut(start + i)[start + i] = own.mass;
+                for j in 0..3 {
+                    self.derivative.row_mut(start + 3 + i)[start + 3 + j] = own.inertia[(i, j)];
+                }
+            }
+        }
+    }
+
+    fn smooth_derivative_of_hand(&mut self, model: &Model) {
+        let dt = self.dt;
         for (i, coordinate) in model.tree.coordinates.iter().enumerate() {
             let block = model.blocks[i].clone();
-            self.derivative.row_mut(i)[block.clone()].copy_from_slice(&self.mass.row(i)[block]);
-            self.derivative.row_mut(i)[i] += dt * stop(coordinate, self.q[i], self.v[i], dt).1;
+            self.derivative.row_mut(i)[block.clone()].copy_from_slice(&self.hand.mass.row(i)[block]);
+            self.derivative.row_mut(i)[i] += dt * stop(coordinate, self.hand.q[i], self.v[i], dt).1;
         }
-        for (state, cable) in self.cables.iter().zip(&model.tree.cables) {
+        for (state, cable) in self.hand.cables.iter().zip(&model.tree.cables) {
             let slope = state.law(cable, state.rate(cable, &self.v), dt).1;
             if slope == 0.0 {
                 continue;
@@ -317,71 +420,118 @@ impl Problem {
                 }
             }
         }
-        for i in 0..3 {
-            self.derivative.row_mut(free + i)[free + i] = self.object_mass;
-            for j in 0..3 {
-                self.derivative.row_mut(free + 3 + i)[free + 3 + j] = self.object_inertia[(i, j)];
-            }
-        }
     }
 
     /// Adds `J^T K J` of one patch to the derivative, with `k` the patch's stiffness `K`.
     fn add_stiffness(&mut self, model: &Model, kinematics: &Kinematics, patch: &Patch, k: &Stiffness) {
-        let free = self.q.len();
-        let sides = [(patch.a, -1.0), (patch.b, 1.0)];
-        let columns = |body: BodyIndex| {
-            if body == OBJECT || body >= model.scenery_body() {
-                (0, [].as_slice())
-            } else {
-                (model.columns[body - BASE].start, kinematics.columns(model, body - BASE))
-            }
-        };
+        let sides = [(patch.sides[0], SIGNS[0]), (patch.sides[1], SIGNS[1])];
         for (body, sign) in sides {
-            let (start, own) = columns(body);
-            for (j, column) in own.iter().enumerate() {
-                let force = k.ll * column.linear + k.la * column.angular;
-                let moment = k.al * column.linear + k.aa * column.angular;
-                for (other, other_sign) in sides {
-                    let s = sign * other_sign;
-                    let (first, rows) = columns(other);
-                    for (i, row) in rows.iter().enumerate() {
-                        let value = row.linear.dot(&force) + row.angular.dot(&moment);
-                        self.derivative.row_mut(first + i)[start + j] += s * value;
-                    }
-                    if other == OBJECT {
-                        for i in 0..3 {
-                            self.derivative.row_mut(free + i)[start + j] += s * force[i];
-                            self.derivative.row_mut(free + 3 + i)[start + j] += s * moment[i];
+            match body {
+                BodyKind::Hand(body) => self.add_columns_of_hand(model, kinematics, (body, sign), sides, k),
+                BodyKind::Object(object) => {
+                    let moved;
+                    let k = match &self.objects[object].lever {
+                        Some(lever) => {
+                            moved = by_velocity(k, lever);
+                            &moved
+                        }
+                        None => k,
+                    };
+                    self.add_columns_of_object(model, kinematics, (object, sign), sides, k);
+                }
+                BodyKind::Scenery => {}
+            }
+        }
+    }
+
+    /// Adds the columns of a body of the hand, in the rows of both sides.
+    #[inline(always)]
+    fn add_columns_of_hand(
+        &mut self,
+        model: &Model,
+        kinematics: &Kinematics,
+        (body, sign): (usize, f64),
+        sides: [(BodyKind, f64); 2],
+        k: &Stiffness,
+    ) {
+        let start = model.columns[body].start;
+        for (j, column) in kinematics.columns(model, body).iter().enumerate() {
+            let force = k.ll * column.linear + k.la * column.angular;
+            let moment = k.al * column.linear + k.aa * column.angular;
+            for (other, other_sign) in sides {
+                let s = sign * other_sign;
+                match other {
+                    BodyKind::Hand(other) => {
+                        let first = model.columns[other].start;
+                        for (i, row) in kinematics.columns(model, other).iter().enumerate() {
+                            let value = row.linear.dot(&force) + row.angular.dot(&moment);
+                            self.derivative.row_mut(first + i)[start + j] += s * value;
                         }
                     }
+                    BodyKind::Object(object) => {
+                        let first = self.start[object];
+                        let moment = self.objects[object].moment(&Twist { linear: force, angular: moment });
+                        for i in 0..3 {
+                            self.derivative.row_mut(first + i)[start + j] += s * force[i];
+                            self.derivative.row_mut(first + 3 + i)[start + j] += s * moment[i];
+                        }
+                    }
+                    BodyKind::Scenery => {}
                 }
             }
-            if body == OBJECT {
-                for (other, other_sign) in sides {
-                    let s = sign * other_sign;
-                    let (first, rows) = columns(other);
-                    for (i, row) in rows.iter().enumerate() {
+        }
+    }
+
+    /// Adds the columns of an object, in the rows of both sides; `k` is the stiffness by its velocity.
+    #[inline(always)]
+    fn add_columns_of_object(
+        &mut self,
+        model: &Model,
+        kinematics: &Kinematics,
+        (object, sign): (usize, f64),
+        sides: [(BodyKind, f64); 2],
+        k: &Stiffness,
+    ) {
+        let start = self.start[object];
+        for (other, other_sign) in sides {
+            let s = sign * other_sign;
+            match other {
+                BodyKind::Hand(other) => {
+                    let first = model.columns[other].start;
+                    for (i, row) in kinematics.columns(model, other).iter().enumerate() {
                         let by_linear = k.ll.tr_mul(&row.linear) + k.al.tr_mul(&row.angular);
                         let by_angular = k.la.tr_mul(&row.linear) + k.aa.tr_mul(&row.angular);
-                        let target = &mut self.derivative.row_mut(first + i)[free..];
+                        let target = &mut self.derivative.row_mut(first + i)[start..];
                         for c in 0..3 {
                             target[c] += s * by_linear[c];
                             target[3 + c] += s * by_angular[c];
                         }
                     }
                 }
-                for i in 0..3 {
-                    let row = &mut self.derivative.row_mut(free + i)[free..];
-                    for c in 0..3 {
-                        row[c] += k.ll[(i, c)];
-                        row[3 + c] += k.la[(i, c)];
-                    }
-                    let row = &mut self.derivative.row_mut(free + 3 + i)[free..];
-                    for c in 0..3 {
-                        row[c] += k.al[(i, c)];
-                        row[3 + c] += k.aa[(i, c)];
+                BodyKind::Object(other) => {
+                    let moved;
+                    let k = match &self.objects[other].lever {
+                        Some(lever) => {
+                            moved = about_center(k, lever);
+                            &moved
+                        }
+                        None => k,
+                    };
+                    let first = self.start[other];
+                    for i in 0..3 {
+                        let row = &mut self.derivative.row_mut(first + i)[start..];
+                        for c in 0..3 {
+                            row[c] += s * k.ll[(i, c)];
+                            row[3 + c] += s * k.la[(i, c)];
+                        }
+                        let row = &mut self.derivative.row_mut(first + 3 + i)[start..];
+                        for c in 0..3 {
+                            row[c] += s * k.al[(i, c)];
+                            row[3 + c] += s * k.aa[(i, c)];
+                        }
                     }
                 }
+                BodyKind::Scenery => {}
             }
         }
     }
@@ -436,107 +586,4 @@ impl Stiffness {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const STICK: f64 = 2e-5;
-
-    /// A ball of 0.2 kg over a table that moves, on two points that press.
-    fn ball() -> (Model, Problem) {
-        let model = Model::of_ball(0.2, 7e-5);
-        let point = |arm: Vector3<f64>, normal: Vector3<f64>| Point {
-            arm,
-            normal,
-            moment: arm.cross(&normal),
-            target: 0.03,
-            stiffness: 2.4,
-            friction: 0.5,
-            impulse: 0.0,
-            bound: 0.0,
-            normal_speed: 0.0,
-            slip: Vector3::zeros(),
-            slip_speed: 0.0,
-        };
-        let points = vec![
-            point(Vector3::new(0.01, 0.0, -0.028), -Vector3::z()),
-            point(Vector3::new(-0.012, 0.005, -0.027), Vector3::new(0.1, 0.2, -1.0).normalize()),
-        ];
-        let prescribed = Twist { linear: Vector3::new(0.01, -0.02, 0.0), angular: Vector3::new(0.0, 0.0, 0.1) };
-        let patch = Patch { a: OBJECT, b: model.scenery_body(), first: 0, last: points.len(), prescribed };
-        let problem = Problem {
-            dt: 0.002,
-            stick_speed: STICK,
-            object_mass: 0.2,
-            object_inertia: Matrix3::identity() * 7e-5,
-            points,
-            patches: vec![patch],
-            ..Problem::new(&model)
-        };
-        (model, problem)
-    }
-
-    /// The contact impulses of the module's documentation, on the second body, point by point.
-    #[test]
-    fn impulses_follow_the_documented_laws() {
-        let (model, mut problem) = ball();
-        let kinematics = Kinematics::default();
-        problem.v.copy_from_slice(&[0.05, 0.0, -0.004, 0.3, -0.2, 0.1]);
-        problem.evaluate(&model, &kinematics, Bounds::Follow);
-        let twist = problem.relative_twist(&model, &kinematics, &problem.patches[0]);
-        let mut force = Vector3::zeros();
-        for point in &problem.points {
-            let u = twist.at(&point.arm);
-            let normal_speed = point.normal.dot(&u);
-            let slip = u - point.normal * normal_speed;
-            let g = (point.stiffness * (point.target - normal_speed)).max(0.0);
-            assert!((point.impulse - g).abs() < 1e-12 && g > 0.0, "{point:?}");
-            force += point.normal * g - slip * (point.friction * g / slip.norm().max(STICK));
-        }
-        // The residual of the object has minus J^T c, whose sign for the first body is minus.
-        for i in 0..3 {
-            let expected = problem.object_mass * problem.v[i] + force[i];
-            assert!((problem.residual[i] - expected).abs() < 1e-12, "axis {i}");
-        }
-    }
-
-    /// Where the object slides and where it sticks, with bounds that follow and that are frozen: the derivative is that of the residual, and
-    /// symmetric if the bounds are frozen. A bug here: a lost coupling of friction to the normal speed, a wrong sign.
-    #[test]
-    fn the_derivative_is_that_of_the_residual() {
-        let (model, mut problem) = ball();
-        let kinematics = Kinematics::default();
-        let n = model.unknowns();
-        // The table's velocity at the points, for the object that sticks.
-        let sticks = [0.01, -0.02, 4e-6, 0.0, 0.0, 0.1];
-        let slides = [0.05, 0.0, -0.004, 0.3, -0.2, 0.1];
-        for (v, h) in [(slides, 1e-7), (sticks, 1e-9)] {
-            for bounds in [Bounds::Follow, Bounds::Frozen] {
-                problem.v.copy_from_slice(&v);
-                problem.evaluate(&model, &kinematics, Bounds::Follow);
-                problem.differentiate(&model, &kinematics, bounds);
-                let derivative = problem.derivative.clone();
-                for j in 0..n {
-                    let mut residual = |step: f64| {
-                        problem.v.copy_from_slice(&v);
-                        problem.evaluate(&model, &kinematics, Bounds::Follow);
-                        problem.v[j] += step;
-                        problem.evaluate(&model, &kinematics, bounds);
-                        problem.residual.clone()
-                    };
-                    let (after, before) = (residual(h), residual(-h));
-                    for i in 0..n {
-                        let expected = (after[i] - before[i]) / (2.0 * h);
-                        let found = derivative.row(i)[j];
-                        assert!(
-                            (found - expected).abs() < 1e-4 * expected.abs().max(1.0),
-                            "{bounds:?} {i} {j}: {found} {expected}"
-                        );
-                        let mirrored = derivative.row(j)[i];
-                        let symmetric = (found - mirrored).abs() < 1e-9 * found.abs().max(1.0);
-                        assert!(symmetric || bounds == Bounds::Follow, "{i} {j}: {found} {mirrored}");
-                    }
-                }
-            }
-        }
-    }
-}
+mod tests;

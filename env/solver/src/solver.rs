@@ -2,16 +2,18 @@
 
 pub(crate) mod saved;
 
-use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 use crate::contact::{Contact, Side};
 use crate::dynamics::{Dynamics, FrameMotion};
 use crate::kinematics::{Kinematics, Twist};
-use crate::model::{BASE, BodyIndex, Model, OBJECT};
+use crate::model::{BodyIndex, BodyKind, Model};
 use crate::problem::Problem;
+use crate::problem::islands::Islands;
 use crate::problem::newton::Newton;
+use crate::problem::objects::{ObjectTerms, own_twist};
 use crate::problem::rows::{self, PointSource};
 use crate::scenery::Surface;
 use crate::search::{Moving, Opposite, Searcher, Situation};
@@ -26,8 +28,8 @@ pub struct StepInput<'a> {
     pub base_from_world_after: Isometry3<f64>,
     /// Motion of the base's frame during the step.
     pub frame: FrameMotion,
-    /// Force on the object's centre of mass, N, base's axes.
-    pub force: Vector3<f64>,
+    /// Force on the centre of mass of each object, N, base's axes; objects beyond the list feel none.
+    pub forces: &'a [Vector3<f64>],
     /// Driven coordinates at the end of the step, rad or m.
     pub driven: &'a [f64],
     /// Command of every cable.
@@ -43,25 +45,44 @@ pub struct CableCommand {
     pub rate: f64,
 }
 
-/// The state that a world carries from step to step.
+/// The state of an object.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct State {
+pub struct ObjectState {
     /// The object in the base's frame.
     pub base_from_object: Isometry3<f64>,
     /// Velocity of its centre of mass in the base's frame, m/s.
     pub linear: Vector3<f64>,
     /// Its angular velocity in the base's frame, rad/s.
     pub angular: Vector3<f64>,
+    /// Factor on its friction.
+    pub friction_factor: f64,
+    /// Factor on its mass and inertia.
+    pub mass_factor: f64,
+}
+
+impl Default for ObjectState {
+    fn default() -> Self {
+        Self {
+            base_from_object: Isometry3::identity(),
+            linear: Vector3::zeros(),
+            angular: Vector3::zeros(),
+            friction_factor: 1.0,
+            mass_factor: 1.0,
+        }
+    }
+}
+
+/// The state that a world carries from step to step.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct State {
+    /// The objects.
+    pub objects: Vec<ObjectState>,
     /// Coordinates, the driven ones last, rad or m.
     pub positions: Vec<f64>,
     /// Their rates, rad/s or m/s.
     pub rates: Vec<f64>,
     /// Forces of the cables, N.
     pub cable_forces: Vec<f64>,
-    /// Factor on the object's friction.
-    pub friction_factor: f64,
-    /// Factor on the object's mass and inertia.
-    pub mass_factor: f64,
     /// Steps in which the iteration did not converge.
     pub unconverged_steps: u64,
 }
@@ -75,32 +96,32 @@ pub struct Solver {
     kinematics: Kinematics,
     dynamics: Dynamics,
     problem: Problem,
+    islands: Islands,
     newton: Newton,
     /// By [`crate::BodyIndex`], at the beginning of the last step.
     poses: Vec<Isometry3<f64>>,
     turns: Vec<Matrix3<f64>>,
+    /// Reference point of the last step.
+    referred: Vector3<f64>,
     /// The candidate behind each point of the problem.
     sources: Vec<PointSource>,
     /// Contacts of a loaded state, until the next step.
     loaded: Vec<Contact>,
     moving: Vec<Moving>,
     accelerations: Vec<f64>,
+    friction_factors: Vec<f64>,
 }
 
 impl Solver {
-    /// A world in which all coordinates are 0 and the object is at the origin.
+    /// A world in which all coordinates are 0 and all objects are at the origin.
     #[must_use]
     pub fn new(model: Arc<Model>) -> Self {
         let count = model.tree.coordinates.len() + model.tree.driven;
         let state = State {
-            base_from_object: Isometry3::identity(),
-            linear: Vector3::zeros(),
-            angular: Vector3::zeros(),
+            objects: vec![ObjectState::default(); model.object_count()],
             positions: vec![0.0; count],
             rates: vec![0.0; count],
             cable_forces: vec![0.0; model.tree.cables.len()],
-            friction_factor: 1.0,
-            mass_factor: 1.0,
             unconverged_steps: 0,
         };
         Self {
@@ -108,13 +129,16 @@ impl Solver {
             kinematics: Kinematics::default(),
             dynamics: Dynamics::default(),
             problem: Problem::new(&model),
-            newton: Newton::new(&model),
+            islands: Islands::default(),
+            newton: Newton::default(),
             poses: Vec::new(),
             turns: Vec::new(),
+            referred: Vector3::zeros(),
             sources: Vec::new(),
             loaded: Vec::new(),
             moving: Vec::new(),
             accelerations: vec![0.0; count],
+            friction_factors: Vec::new(),
             state,
             model,
         }
@@ -141,10 +165,12 @@ impl Solver {
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let state = &self.state;
-        let place = state.base_from_object.translation.vector;
-        let vectors = [&state.linear, &state.angular, &place];
-        let coordinates = state.rates.iter().chain(&state.positions).chain(&state.cable_forces);
-        vectors.iter().flat_map(|v| v.iter()).chain(coordinates).all(|x| x.is_finite())
+        let mut coordinates = state.rates.iter().chain(&state.positions).chain(&state.cable_forces);
+        let finite = |object: &ObjectState| {
+            let place = &object.base_from_object.translation.vector;
+            [&object.linear, &object.angular, place].iter().flat_map(|v| v.iter()).all(|x| x.is_finite())
+        };
+        state.objects.iter().all(finite) && coordinates.all(|x| x.is_finite())
     }
 
     /// Advances by one step.
@@ -152,25 +178,48 @@ impl Solver {
         let model = Arc::clone(&self.model);
         let free = model.tree.coordinates.len();
         self.drive(&model, input);
-        let center = self.object_center();
+        let reference = self.reference();
         self.kinematics.place(&model, &self.state.positions);
-        self.kinematics.differentiate(&model, &center, &self.state.rates[free..]);
-        let mass = &mut self.problem.mass;
+        self.kinematics.differentiate(&model, &reference, &self.state.rates[free..]);
+        let mass = &mut self.problem.hand.mass;
         let (rates, accelerations) = (&self.state.rates, &self.accelerations);
         self.dynamics.update(&model, &self.kinematics, &input.frame, rates, accelerations, mass);
-        self.object_momentum(&model, input, &center);
+        for object in 0..model.object_count() {
+            self.object_momentum(&model, input, object, &reference);
+        }
         self.hand_momentum(&model, input);
-        let scenery = scenery_twist(input, &center);
-        self.find_contacts(&model, input, &center, scenery);
-        let balanced = self.newton.solve(&model, &self.kinematics, &mut self.problem, &scenery);
+        let scenery = scenery_twist(input, &reference);
+        self.find_contacts(&model, input, &reference, scenery);
+        let balanced = self.solve(&model, &scenery);
         self.state.unconverged_steps += u64::from(!balanced);
-        self.integrate(&model, input, &center);
+        self.integrate(&model, input);
     }
 
-    /// Centre of mass of the object, base's frame, metres.
+    /// Centre of mass of object `index`, base's frame, metres.
     #[must_use]
-    pub fn object_center(&self) -> Vector3<f64> {
-        (self.state.base_from_object * self.model.object.center).coords
+    pub fn object_center(&self, index: usize) -> Vector3<f64> {
+        (self.state.objects[index].base_from_object * self.model.objects[index].own.center).coords
+    }
+
+    /// Reference point of all twists, base's frame: the centre of mass of the first object.
+    fn reference(&self) -> Vector3<f64> {
+        if self.state.objects.is_empty() { Vector3::zeros() } else { self.object_center(0) }
+    }
+
+    /// Solves the equations of the step, island by island. Returns false if the iteration did not converge for one of them.
+    fn solve(&mut self, model: &Model, scenery: &Twist) -> bool {
+        self.islands.find(model, &self.problem.patches);
+        self.newton.begin();
+        let mut balanced = true;
+        for island in &self.islands.all {
+            let (objects, patches) = (self.islands.objects(island), self.islands.patches(island));
+            if objects.is_empty() && (!island.hand || model.tree.coordinates.is_empty()) {
+                continue;
+            }
+            let members = (island.hand, objects, patches);
+            balanced &= self.newton.solve(model, &self.kinematics, &mut self.problem, members, scenery);
+        }
+        balanced
     }
 
     /// Computes rates and accelerations of the driven coordinates.
@@ -184,7 +233,7 @@ impl Solver {
         }
     }
 
-    /// Momentum of the object at the end of the step without contacts.
+    /// Momentum of an object at the end of the step without contacts.
     ///
     /// With the spin `s` in the rotating frame of the base, its angular velocity `omega` and acceleration `alpha`, and `w = s + omega`, Euler's
     /// equation `I dw/dt = -w x (I w)` becomes
@@ -194,11 +243,12 @@ impl Solver {
     /// ```
     ///
     /// of which `-s x (I s)` is integrated implicitly (`gyroscopic`), the rest explicitly.
-    fn object_momentum(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
-        let (state, frame, dt) = (&self.state, &input.frame, input.dt);
+    fn object_momentum(&mut self, model: &Model, input: &StepInput, index: usize, reference: &Vector3<f64>) {
+        let center = &self.object_center(index);
+        let (state, own, frame, dt) = (&self.state.objects[index], &model.objects[index].own, &input.frame, input.dt);
         let turn = state.base_from_object.rotation.to_rotation_matrix();
-        let inertia = turn.matrix() * (model.object.inertia * state.mass_factor) * turn.matrix().transpose();
-        let mass = model.object.mass * state.mass_factor;
+        let inertia = turn.matrix() * (own.inertia * state.mass_factor) * turn.matrix().transpose();
+        let mass = own.mass * state.mass_factor;
         let (omega, alpha) = (&frame.omega, &frame.alpha);
         let push =
             frame.gravity - 2.0 * omega.cross(&state.linear) - omega.cross(&omega.cross(center)) - alpha.cross(center);
@@ -209,104 +259,124 @@ impl Solver {
         let pushed = spin + dt * inertia.try_inverse().map_or_else(Vector3::zeros, |i| i * torque);
         let momentum = inertia * gyroscopic(&inertia, &pushed, dt);
         let mut linear = mass * (state.linear + dt * push);
-        if input.force != Vector3::zeros() {
-            linear += dt * input.force;
+        if let Some(force) = input.forces.get(index).filter(|force| **force != Vector3::zeros()) {
+            linear += dt * force;
         }
-        let free = model.tree.coordinates.len();
-        let problem = &mut self.problem;
-        problem.object_mass = mass;
-        problem.object_inertia = inertia;
-        for i in 0..3 {
-            problem.momentum[free + i] = linear[i];
-            problem.momentum[free + 3 + i] = momentum[i];
-            problem.v[free + i] = state.linear[i];
-            problem.v[free + 3 + i] = state.angular[i];
-        }
+        self.problem.objects[index] = ObjectTerms {
+            mass,
+            inertia,
+            center: *center,
+            lever: (index > 0).then(|| reference - center),
+            momentum: six(&linear, &momentum),
+            velocity: six(&state.linear, &state.angular),
+        };
     }
 
     /// Momentum of the free coordinates at the end of the step without damping, cables, stops and contacts; adds the damping to the mass matrix.
     fn hand_momentum(&mut self, model: &Model, input: &StepInput) {
-        let (state, problem, dt) = (&self.state, &mut self.problem, input.dt);
-        problem.dt = dt;
+        let (state, dt) = (&self.state, input.dt);
+        self.problem.dt = dt;
+        let hand = &mut self.problem.hand;
         for (i, coordinate) in model.tree.coordinates.iter().enumerate() {
-            let row = problem.mass.row(i);
+            let row = hand.mass.row(i);
             let block = model.blocks[i].clone();
             let carried: f64 = row[block.clone()].iter().zip(&state.rates[block]).map(|(m, v)| m * v).sum();
             let spring = coordinate.stiffness * (coordinate.spring_reference - state.positions[i]);
-            problem.momentum[i] = carried + dt * (self.dynamics.bias[i] + spring);
-            problem.v[i] = state.rates[i];
-            problem.q[i] = state.positions[i];
+            hand.momentum[i] = carried + dt * (self.dynamics.bias[i] + spring);
+            hand.velocity[i] = state.rates[i];
+            hand.q[i] = state.positions[i];
         }
         for (i, coordinate) in model.tree.coordinates.iter().enumerate() {
-            problem.mass.row_mut(i)[i] += dt * coordinate.damping;
+            hand.mass.row_mut(i)[i] += dt * coordinate.damping;
         }
-        for ((cable, command), own) in model.tree.cables.iter().zip(input.cables).zip(&mut problem.cables) {
+        for ((cable, command), own) in model.tree.cables.iter().zip(input.cables).zip(&mut hand.cables) {
             let taken: f64 = cable.arms.iter().map(|(c, arm)| arm * state.positions[*c]).sum();
             own.stretch = command.length - dt * command.rate - taken;
             own.command_rate = command.rate;
             let damping = own.saturated_damping(cable);
             for (c, arm) in cable.arms.iter().filter(|_| damping > 0.0) {
-                problem.mass.row_mut(*c)[*c] += dt * damping * arm * arm;
+                hand.mass.row_mut(*c)[*c] += dt * damping * arm * arm;
             }
         }
     }
 
-    fn find_contacts(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>, scenery: Twist) {
+    #[inline(never)] // With it inlined, `step` spills so many registers that a step takes 2 % longer.
+    fn find_contacts(&mut self, model: &Model, input: &StepInput, reference: &Vector3<f64>, scenery: Twist) {
+        self.place_bodies(model, input, reference, &scenery);
+        self.referred = *reference;
+        let planes = model.scenery.planes(&input.base_from_world);
+        let now =
+            Situation { dt: input.dt, poses: &self.poses, turns: &self.turns, moving: &self.moving, planes: &planes };
+        self.searcher.search(model, &now);
+        self.friction_factors.clear();
+        self.friction_factors.extend(self.state.objects.iter().map(|object| object.friction_factor));
+        let friction_factors = &self.friction_factors;
+        let scene = rows::Scene { now, reference: *reference, scenery, friction_factors };
+        let pairs = &self.searcher.pairs;
+        rows::collect(model, &scene, &self.kinematics, pairs, &mut self.problem, &mut self.sources);
+    }
+
+    /// Writes poses and motion of all bodies at the beginning of the step.
+    fn place_bodies(&mut self, model: &Model, input: &StepInput, reference: &Vector3<f64>, scenery: &Twist) {
         let kinematics = &self.kinematics;
         self.poses.clear();
         self.moving.clear();
         self.turns.clear();
         self.loaded.clear();
-        self.poses.push(self.state.base_from_object);
+        self.poses.extend(self.state.objects.iter().map(|object| object.base_from_object));
         self.poses.extend(&kinematics.pose);
         self.poses.push(input.base_from_world);
         let matrix = |pose: &Isometry3<f64>| pose.rotation.to_rotation_matrix().into_inner();
-        self.turns.push(matrix(&self.state.base_from_object));
+        self.turns.extend(self.poses[..model.base()].iter().map(matrix));
         self.turns.extend(&kinematics.turn);
         self.turns.push(matrix(&input.base_from_world));
-        let state = &self.state;
         for body in 0..self.poses.len() {
-            let twist = match body {
-                OBJECT => Twist { linear: state.linear, angular: state.angular },
-                _ if body == model.scenery_body() => {
-                    // At the base's origin.
-                    let moved = scenery.at(&-center);
-                    self.moving.push(Moving { center: Vector3::zeros(), velocity: moved, omega: scenery.angular });
-                    continue;
+            let middle = self.turns[body] * model.center.get(body).copied().unwrap_or_else(Vector3::zeros)
+                + self.poses[body].translation.vector;
+            self.moving.push(match model.kind(body) {
+                BodyKind::Object(object) => {
+                    let state = &self.state.objects[object];
+                    let arm = match &self.problem.objects[object].lever {
+                        Some(lever) => middle - reference + lever,
+                        None => middle - reference,
+                    };
+                    let velocity = Twist { linear: state.linear, angular: state.angular }.at(&arm);
+                    Moving { center: middle, velocity, omega: state.angular }
                 }
-                _ => kinematics.twist(model, body - BASE, &state.rates),
-            };
-            let middle = self.turns[body] * model.center[body] + self.poses[body].translation.vector;
-            let velocity = twist.at(&(middle - center));
-            self.moving.push(Moving { center: middle, velocity, omega: twist.angular });
+                BodyKind::Hand(index) => {
+                    let twist = kinematics.twist(model, index, &self.state.rates);
+                    Moving { center: middle, velocity: twist.at(&(middle - reference)), omega: twist.angular }
+                }
+                // At the base's origin.
+                BodyKind::Scenery => {
+                    let moved = scenery.at(&-reference);
+                    Moving { center: Vector3::zeros(), velocity: moved, omega: scenery.angular }
+                }
+            });
         }
-        let planes = model.scenery.planes(&input.base_from_world);
-        let now =
-            Situation { dt: input.dt, poses: &self.poses, turns: &self.turns, moving: &self.moving, planes: &planes };
-        self.searcher.search(model, &now);
-        let scene = rows::Scene { now, center: *center, scenery, mass: self.problem.object_mass };
-        let pairs = &self.searcher.pairs;
-        let factor = self.state.friction_factor;
-        rows::collect(model, &scene, kinematics, pairs, factor, &mut self.problem, &mut self.sources);
     }
 
-    fn integrate(&mut self, model: &Model, input: &StepInput, center: &Vector3<f64>) {
-        let (state, problem, dt) = (&mut self.state, &self.problem, input.dt);
+    fn integrate(&mut self, model: &Model, input: &StepInput) {
+        let (problem, dt) = (&self.problem, input.dt);
+        for (index, own) in model.objects.iter().enumerate() {
+            let terms = &problem.objects[index];
+            let object = &mut self.state.objects[index];
+            let Twist { linear, angular } = own_twist(&terms.velocity);
+            (object.linear, object.angular) = (linear, angular);
+            let turn = UnitQuaternion::from_scaled_axis(angular * dt);
+            let mut rotation = turn * object.base_from_object.rotation;
+            rotation.renormalize();
+            let place = terms.center + dt * linear - rotation * own.own.center.coords;
+            object.base_from_object = Isometry3::from_parts(Translation3::from(place), rotation);
+        }
+        let state = &mut self.state;
         let free = model.tree.coordinates.len();
-        let v = &problem.v[free..];
-        state.linear = Vector3::new(v[0], v[1], v[2]);
-        state.angular = Vector3::new(v[3], v[4], v[5]);
-        let turn = UnitQuaternion::from_scaled_axis(state.angular * dt);
-        let mut rotation = turn * state.base_from_object.rotation;
-        rotation.renormalize();
-        let place = center + dt * state.linear - rotation * model.object.center.coords;
-        state.base_from_object = Isometry3::from_parts(Translation3::from(place), rotation);
         for i in 0..free {
-            state.rates[i] = problem.v[i];
-            state.positions[i] += dt * problem.v[i];
+            state.rates[i] = problem.hand.velocity[i];
+            state.positions[i] += dt * problem.hand.velocity[i];
         }
         state.positions[free..].copy_from_slice(input.driven);
-        for (force, cable) in state.cable_forces.iter_mut().zip(&problem.cables) {
+        for (force, cable) in state.cable_forces.iter_mut().zip(&problem.hand.cables) {
             *force = cable.force;
         }
     }
@@ -331,7 +401,7 @@ impl Solver {
         let shape = |i: usize| candidate.shapes[i].map_or(0, |s| self.model.shape_owner[usize::from(s)].1 as u16);
         let into_a = self.turns[pair.a].tr_mul(&-point.normal);
         let into_b = self.turns[pair.b].tr_mul(&point.normal);
-        let middle = self.poses[OBJECT] * self.model.object.center + point.arm;
+        let middle = Point3::from(self.referred + point.arm);
         let scenery = pair.b == self.model.scenery_body();
         let (on_b, surface) = match candidate.opposite {
             Opposite::Point { on_b, .. } => (on_b, scenery.then_some(Surface::Table)),
@@ -356,11 +426,15 @@ impl Solver {
     }
 }
 
-/// Twist of the scenery in the base's frame during the step, at the object's centre of mass.
-fn scenery_twist(input: &StepInput, center: &Vector3<f64>) -> Twist {
+fn six(linear: &Vector3<f64>, angular: &Vector3<f64>) -> [f64; 6] {
+    [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
+}
+
+/// Twist of the scenery in the base's frame during the step, at the reference point.
+fn scenery_twist(input: &StepInput, reference: &Vector3<f64>) -> Twist {
     let moved = input.base_from_world_after * input.base_from_world.inverse();
-    let after = moved.rotation * center + moved.translation.vector;
-    Twist { linear: (after - center) / input.dt, angular: moved.rotation.scaled_axis() / input.dt }
+    let after = moved.rotation * reference + moved.translation.vector;
+    Twist { linear: (after - reference) / input.dt, angular: moved.rotation.scaled_axis() / input.dt }
 }
 
 /// Angular velocity after one implicit step of torque-free rotation: one Newton step for `I (w - w0) + dt w x (I w) = 0`, from `w0 = spin`.

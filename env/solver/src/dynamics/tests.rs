@@ -91,7 +91,7 @@ fn model(next: &mut Numbers) -> Model {
         friction: 1.0,
     };
     let scenery = Scenery { table_side: 1.0, table_thickness: 0.1, table_height: 0.7, friction: 0.5 };
-    Model::new(tree, object, scenery, NewtonConfig::default()).unwrap()
+    Model::new(tree, vec![object], scenery, NewtonConfig::default()).unwrap()
 }
 
 fn placed(model: &Model, q: &[f64]) -> Kinematics {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// its first one, which nothing reads afterwards.
 const LANES: usize = 4;
 
-/// A square matrix of `n` rows of fixed stride; `n` is set once.
+/// A square matrix of `n` rows of fixed stride.
 #[derive(Clone, Default)]
 pub(crate) struct Matrix {
     n: usize,
@@ -18,6 +18,16 @@ impl Matrix {
     pub fn new(n: usize) -> Self {
         let stride = n.next_multiple_of(LANES);
         Self { n, stride, values: vec![0.0; n * stride] }
+    }
+
+    /// Sets the number of rows; the entries are then arbitrary.
+    pub fn resize(&mut self, n: usize) {
+        if n != self.n {
+            self.n = n;
+            self.stride = n.next_multiple_of(LANES);
+            self.values.clear();
+            self.values.resize(n * self.stride, 0.0);
+        }
     }
 
     #[inline]
@@ -135,13 +145,12 @@ impl Factors {
         regular && self.upper.iter().chain(&self.shares).all(|x| x.is_finite())
     }
 
-    /// True if these factors have the size of `other` and valid row exchanges.
-    pub fn fits(&self, other: &Self) -> bool {
-        let n = other.exchanges.len();
+    /// True if these factors are those of a matrix of `n` rows.
+    pub fn fits(&self, n: usize) -> bool {
         self.exchanges.len() == n
             && self.exchanges.iter().all(|row| *row < n)
-            && self.shares.len() == other.shares.len()
-            && self.upper.len() == other.upper.len()
+            && self.shares.len() == n * n
+            && self.upper.len() == n * n
     }
 
     /// Solves the equations in place for the right-hand side `b`. Returns false if the solution is not finite.

@@ -1,6 +1,6 @@
 //! Newton's method for the equations of a step, with a convex problem as the fallback when it stalls.
 //!
-//! 1. Start at the last velocities, or with the object at rest on the scenery if that leaves a smaller residual.
+//! 1. Start at the last velocities, or with the objects at rest on the scenery if that leaves a smaller residual.
 //! 2. Take steps with the factors of the last derivative while they converge fast: this suffices for most steps of a held object.
 //! 3. Newton's method on `r(v) = 0` with friction bounds that follow the normal impulses. A full step that does not reduce the residual crosses a
 //!    kink of the contact law (contacts open, close, stick or slide); a step of the convex problem, with the bounds frozen, replaces it.
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::StateError;
 use crate::kinematics::{Kinematics, Twist};
-use crate::model::{Model, OBJECT};
+use crate::model::Model;
 use crate::problem::matrix::Factors;
 use crate::problem::{Bounds, Problem};
 
@@ -45,55 +45,99 @@ pub(crate) struct Newton {
     convex: Vec<f64>,
     /// Velocities at the start of the iteration, kept for a step that does not converge.
     first_guess: Vec<f64>,
+    /// Of the island that is being solved.
     last: FactoredDerivative,
+    /// Of the islands of the last step, and of this one.
+    kept: Vec<FactoredDerivative>,
+    solved: Vec<FactoredDerivative>,
 }
 
-/// The factors of the last derivative and its number of contact points, kept from step to step.
+/// The factors of an island's last derivative, kept from step to step.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct FactoredDerivative {
-    factors: Factors,
+    /// Whether the hand was among the unknowns of the island, and which objects.
+    hand: bool,
+    objects: Vec<usize>,
+    /// Number of contact points.
     points: usize,
+    factors: Factors,
+}
+
+impl FactoredDerivative {
+    /// Whether an island of the model can have it.
+    ///
+    /// # Errors
+    /// [`StateError`] if it cannot.
+    fn check(&self, model: &Model) -> Result<(), StateError> {
+        let ascending = self.objects.windows(2).all(|pair| pair[0] < pair[1]);
+        let known = self.objects.last().is_none_or(|last| *last < model.object_count());
+        let unknowns = if self.hand { model.tree.coordinates.len() } else { 0 } + 6 * self.objects.len();
+        if !(ascending && known && self.factors.fits(unknowns)) {
+            return Err(StateError::OtherModel { what: "unknowns" });
+        }
+        if self.factors.is_possible() { Ok(()) } else { Err(StateError::Impossible { what: "factors" }) }
+    }
 }
 
 impl Newton {
-    pub fn new(model: &Model) -> Self {
-        let n = model.unknowns();
-        Self {
-            direction: vec![0.0; n],
-            from: vec![0.0; n],
-            convex: vec![0.0; n],
-            first_guess: vec![0.0; n],
-            last: FactoredDerivative { factors: Factors::new(n), points: 0 },
-        }
-    }
-
     /// The state that the next step depends on.
-    pub fn save(&self) -> FactoredDerivative {
-        self.last.clone()
+    pub fn save(&self) -> Vec<FactoredDerivative> {
+        self.solved.clone()
     }
 
     /// Restores the result of [`Newton::save`].
     ///
     /// # Errors
     /// [`StateError`] for another number of unknowns, or factors that no matrix has; nothing changes then.
-    pub fn load(&mut self, saved: FactoredDerivative) -> Result<(), StateError> {
-        if !saved.factors.fits(&self.last.factors) {
-            return Err(StateError::OtherModel { what: "unknowns" });
-        }
-        if !saved.factors.is_possible() {
-            return Err(StateError::Impossible { what: "factors" });
-        }
-        self.last = saved;
+    pub fn load(&mut self, model: &Model, saved: Vec<FactoredDerivative>) -> Result<(), StateError> {
+        saved.iter().try_for_each(|each| each.check(model))?;
+        self.solved = saved;
         Ok(())
     }
 
-    /// Solves for `problem.v`, starting at its present value; impulses and cable forces are those at the solution.
+    /// Begins a step: the factors of the last one's islands are kept for islands of the same bodies.
+    pub fn begin(&mut self) {
+        std::mem::swap(&mut self.kept, &mut self.solved);
+        self.solved.clear();
+    }
+
+    /// Finds the kept factors of an island, or begins with none.
+    fn recall(&mut self, hand: bool, objects: &[usize], unknowns: usize) {
+        let same = |kept: &FactoredDerivative| kept.hand == hand && kept.objects == objects;
+        self.last = match self.kept.iter().position(same) {
+            Some(index) => self.kept.swap_remove(index),
+            None => FactoredDerivative { hand, objects: objects.to_vec(), points: 0, factors: Factors::new(unknowns) },
+        };
+        for buffer in [&mut self.direction, &mut self.from, &mut self.convex, &mut self.first_guess] {
+            buffer.resize(unknowns, 0.0);
+        }
+    }
+
+    /// Solves for the velocities of an island, starting at those of the beginning of the step; impulses and cable forces are those at the
+    /// solution.
     ///
-    /// * `scenery`: twist of the scenery, for the start with the object at rest on it.
+    /// * `scenery`: twist of the scenery, for the start with the objects at rest on it.
     ///
     /// Returns false if the iteration did not converge. The velocities are then those of the last convex problem, unless its residual is larger
     /// than that of the start: then they are the start's, since a diverged iteration would throw the object.
-    pub fn solve(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> bool {
+    pub fn solve(
+        &mut self,
+        model: &Model,
+        kinematics: &Kinematics,
+        problem: &mut Problem,
+        island: (bool, &[usize], &[usize]),
+        scenery: &Twist,
+    ) -> bool {
+        let (hand, objects, patches) = island;
+        problem.enter(model, hand, objects, patches);
+        self.recall(hand, objects, problem.unknowns());
+        let solved = self.solve_island(model, kinematics, problem, scenery);
+        problem.leave();
+        self.solved.push(std::mem::take(&mut self.last));
+        solved
+    }
+
+    fn solve_island(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> bool {
         let begun = self.start(model, kinematics, problem, scenery);
         self.first_guess.copy_from_slice(&problem.v);
         let (first, done) = self.reuse_factors(model, kinematics, problem, begun);
@@ -117,17 +161,17 @@ impl Newton {
 
     /// Chooses the start of the iteration, and returns the residual's size there.
     ///
-    /// The last velocities are relative to the base. When the base accelerates, the velocity of an object that rests on the table changes in that
-    /// frame; with the last velocity it would seem to slide, and the iteration would have to find its friction anew.
+    /// The last velocities are relative to the base. When the base accelerates, the velocities of objects that rest on the table change in that
+    /// frame; with the last velocities they would seem to slide, and the iteration would have to find their friction anew.
     fn start(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> f64 {
         let now = problem.evaluate(model, kinematics, Bounds::Follow);
-        if !problem.patches.iter().any(|p| p.a == OBJECT && p.b == model.scenery_body()) {
+        if !problem.rests_on_scenery() {
             return now;
         }
         self.from.copy_from_slice(&problem.v);
-        problem.set_object_twist(scenery);
+        problem.set_twist_of_objects(scenery);
         self.direction.iter_mut().zip(&self.from).zip(&problem.v).for_each(|((d, from), v)| *d = v - from);
-        let same = self.step_size(model) <= model.config.stick_speed;
+        let same = self.step_size(problem) <= model.config.stick_speed;
         if !same {
             let then = problem.evaluate(model, kinematics, Bounds::Follow);
             if then < now {
@@ -148,7 +192,7 @@ impl Newton {
         first: f64,
     ) -> (f64, bool) {
         let mut now = first;
-        if !self.last.factors.is_valid() || self.last.points != problem.points.len() {
+        if !self.last.factors.is_valid() || self.last.points != problem.point_count() {
             return (now, false);
         }
         for _ in 0..model.config.max_iterations {
@@ -156,7 +200,7 @@ impl Newton {
             if !self.last.factors.solve(&mut self.direction) {
                 return (now, false);
             }
-            let length = self.step_size(model);
+            let length = self.step_size(problem);
             self.from.copy_from_slice(&problem.v);
             self.move_by(problem, 1.0);
             let then = problem.evaluate(model, kinematics, Bounds::Follow);
@@ -187,12 +231,12 @@ impl Newton {
         for _ in 0..model.config.max_iterations {
             problem.differentiate(model, kinematics, Bounds::Follow);
             self.negate_residual(problem);
-            self.last.points = problem.points.len();
+            self.last.points = problem.point_count();
             if !problem.derivative.factor(&mut self.last.factors) || !self.last.factors.solve(&mut self.direction) {
                 self.last.factors.forget();
                 return false;
             }
-            let length = self.step_size(model);
+            let length = self.step_size(problem);
             self.from.copy_from_slice(&problem.v);
             self.move_by(problem, 1.0);
             let then = problem.evaluate(model, kinematics, Bounds::Follow);
@@ -247,7 +291,7 @@ impl Newton {
                 return size;
             }
             self.from.copy_from_slice(&problem.v);
-            if self.step_size(model) <= model.config.tolerance {
+            if self.step_size(problem) <= model.config.tolerance {
                 self.move_by(problem, 1.0);
                 return problem.evaluate(model, kinematics, Bounds::Frozen);
             }
@@ -300,15 +344,14 @@ impl Newton {
     }
 
     /// Sets the velocities to `from + step * direction`.
-    /// Sets the velocities to `from + step * direction`.
     fn move_by(&self, problem: &mut Problem, step: f64) {
         for ((v, from), d) in problem.v.iter_mut().zip(&self.from).zip(&self.direction) {
             *v = from + step * d;
         }
     }
 
-    /// Largest change of a velocity in a full step along the direction, m/s; angular velocities count by [`Model::levers`].
-    fn step_size(&self, model: &Model) -> f64 {
-        self.direction.iter().zip(&model.levers).fold(0.0, |most, (d, lever)| most.max(d.abs() * lever))
+    /// Largest change of a velocity in a full step along the direction, m/s; angular velocities count by their levers.
+    fn step_size(&self, problem: &Problem) -> f64 {
+        self.direction.iter().zip(&problem.levers).fold(0.0, |most, (d, lever)| most.max(d.abs() * lever))
     }
 }

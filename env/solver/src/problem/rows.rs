@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! tau    = relaxation if d <= 0, else 0
-//! k      = max(contact stiffness, m * support stiffness)   if the object rests on table or palm, m its mass
+//! k      = max(contact stiffness, m * support stiffness)   if an object rests on table or palm, m its mass
 //!        = contact stiffness                               otherwise
 //! depth  = min(-d, cap) + BEYOND_CAP * max(-d - cap, 0)
 //! target = depth / (dt + tau)                              m/s
@@ -17,7 +17,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::{Kinematics, Twist};
-use crate::model::{BASE, Model, OBJECT, Pair};
+use crate::model::{BodyKind, Model, Pair};
 use crate::problem::{Patch, Point, Problem};
 use crate::scenery::Surface;
 use crate::search::{Candidate, Opposite, PairCache, Situation};
@@ -25,12 +25,12 @@ use crate::search::{Candidate, Opposite, PairCache, Situation};
 /// Poses and motion at the beginning of the step.
 pub(crate) struct Scene<'a> {
     pub now: Situation<'a>,
-    /// Reference point of all twists: the object's centre of mass, frame of the base.
-    pub center: Vector3<f64>,
+    /// Reference point of all twists, frame of the base.
+    pub reference: Vector3<f64>,
     /// Twist of the scenery at the reference point.
     pub scenery: Twist,
-    /// Mass of the object, kg.
-    pub mass: f64,
+    /// Factor on the friction of each object.
+    pub friction_factors: &'a [f64],
 }
 
 /// A candidate at the present poses; frame of the base.
@@ -58,7 +58,6 @@ pub(crate) fn collect(
     scene: &Scene,
     kinematics: &Kinematics,
     pairs: &[PairCache],
-    friction_factor: f64,
     problem: &mut Problem,
     sources: &mut Vec<PointSource>,
 ) {
@@ -70,31 +69,52 @@ pub(crate) fn collect(
         if cache.candidates.is_empty() {
             continue;
         }
-        let factor = if pair.a == OBJECT { friction_factor } else { 1.0 };
+        let sides = pair.sides;
+        let factor = friction_factor(scene, sides);
+        let support = support_stiffness(model, problem, sides);
         let relative = Relative::new(scene, pair);
         for (within, candidate) in cache.candidates.iter().enumerate() {
             if relative.distance(candidate) <= cache.reach {
                 let measured = measure(scene, pair, candidate);
-                problem.points.push(point(model, scene, pair, &measured, candidate.friction * factor, problem.dt));
+                let friction = candidate.friction * factor;
+                problem.points.push(point(model, scene, &measured, (support, friction), problem.dt));
                 let (pair, candidate) = (index as u32, within as u32);
                 sources.push(PointSource { pair, candidate, distance: measured.distance });
             }
         }
         let last = problem.points.len();
         if last > first {
-            let prescribed =
-                prescribed_twist(model, scene, kinematics, pair.b) - prescribed_twist(model, scene, kinematics, pair.a);
-            problem.patches.push(Patch { a: pair.a, b: pair.b, first, last, prescribed });
+            let [of_a, of_b] = sides.map(|side| prescribed_twist(scene, kinematics, side));
+            problem.patches.push(Patch { sides, first, last, prescribed: of_b - of_a });
         }
     }
 }
 
 /// The part of a body's twist that is prescribed: the motion of the scenery, and that of driven coordinates.
-fn prescribed_twist(model: &Model, scene: &Scene, kinematics: &Kinematics, body: usize) -> Twist {
+fn prescribed_twist(scene: &Scene, kinematics: &Kinematics, body: BodyKind) -> Twist {
     match body {
-        OBJECT => Twist::default(),
-        _ if body == model.scenery_body() => scene.scenery,
-        _ => kinematics.prescribed[body - BASE],
+        BodyKind::Object(_) => Twist::default(),
+        BodyKind::Hand(body) => kinematics.prescribed[body],
+        BodyKind::Scenery => scene.scenery,
+    }
+}
+
+/// Factor on the friction of a pair: the product of those of its objects.
+fn friction_factor(scene: &Scene, sides: [BodyKind; 2]) -> f64 {
+    match sides {
+        [BodyKind::Object(a), BodyKind::Object(b)] => scene.friction_factors[a] * scene.friction_factors[b],
+        [BodyKind::Object(a), _] => scene.friction_factors[a],
+        _ => 1.0,
+    }
+}
+
+/// Least stiffness of a point that supports an object on table or palm, N/m; 0 for other pairs.
+fn support_stiffness(model: &Model, problem: &Problem, sides: [BodyKind; 2]) -> f64 {
+    match sides {
+        [BodyKind::Object(object), BodyKind::Scenery | BodyKind::Hand(0)] => {
+            problem.objects[object].mass * model.config.support_stiffness
+        }
+        _ => 0.0,
     }
 }
 
@@ -147,14 +167,12 @@ fn measure(scene: &Scene, pair: &Pair, candidate: &Candidate) -> ContactGeometry
     }
 }
 
-fn point(model: &Model, scene: &Scene, pair: &Pair, measured: &ContactGeometry, friction: f64, dt: f64) -> Point {
+fn point(model: &Model, scene: &Scene, measured: &ContactGeometry, (support, friction): (f64, f64), dt: f64) -> Point {
     let config = &model.config;
-    let supports = pair.a == OBJECT && (pair.b == BASE || pair.b == model.scenery_body());
-    let support = if supports { scene.mass * config.support_stiffness } else { 0.0 };
     let stiffness = config.contact_stiffness.max(support);
     let relaxation = if measured.distance > 0.0 { 0.0 } else { config.contact_relaxation };
     let time = dt + relaxation;
-    let arm = measured.middle - scene.center;
+    let arm = measured.middle - scene.reference;
     Point {
         arm,
         normal: measured.normal,
@@ -183,7 +201,6 @@ fn pushing_depth(depth: f64, cap: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::config::NewtonConfig;
-    use crate::model::PairKind;
     use nalgebra::Isometry3;
 
     const DT: f64 = 0.002;
@@ -193,11 +210,13 @@ mod tests {
         let model = Model::of_ball(mass, 1.0);
         let planes = model.scenery.planes(&Isometry3::identity());
         let now = Situation { dt: DT, poses: &[], turns: &[], moving: &[], planes: &planes };
-        let scene = Scene { now, center: Vector3::zeros(), scenery: Twist::default(), mass };
-        let a = if with_object { OBJECT } else { BASE };
-        let pair = Pair { a, b: model.scenery_body(), kind: PairKind::Scenery };
+        let scene = Scene { now, reference: Vector3::zeros(), scenery: Twist::default(), friction_factors: &[1.0] };
+        let a = if with_object { BodyKind::Object(0) } else { BodyKind::Hand(0) };
+        let mut problem = Problem::new(&model);
+        problem.objects[0].mass = mass;
+        let support = support_stiffness(&model, &problem, [a, BodyKind::Scenery]);
         let measured = ContactGeometry { middle: Vector3::x(), normal: -Vector3::z(), distance };
-        point(&model, &scene, &pair, &measured, 0.5, DT)
+        point(&model, &scene, &measured, (support, 0.5), DT)
     }
 
     /// The equations of the module's documentation, with numbers. A bug here: a damped gap, a penetration that throws or sinks in, a light

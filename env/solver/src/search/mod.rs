@@ -3,7 +3,7 @@
 //! | module | purpose |
 //! |---|---|
 //! | `planes` | corners of a body over table and ground |
-//! | `shapes` | shapes of the hand against parts of the object and against each other, by parry |
+//! | `shapes` | shapes of the hand and parts of objects against each other, by parry |
 //! | `manifold` | reduction of a contact manifold to four points |
 //!
 //! The search of a pair is repeated only after its bodies have moved relative to each other by more than a set drift. Until then the candidates move
@@ -19,7 +19,7 @@ use parry3d::query::ContactManifold;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{FARTHEST, StateError, is_place, is_pose, is_unit, is_within};
-use crate::model::{BASE, BodyIndex, Model, OBJECT, Pair, PairKind};
+use crate::model::{BodyIndex, BodyKind, Model, Pair};
 use crate::scenery::{Plane, Surface};
 
 /// Extra range of a search between bodies, metres: one that finds nothing is repeated only after this much motion.
@@ -48,9 +48,9 @@ pub(crate) struct Candidate {
     /// Point in the first body's frame, metres.
     pub on_a: Vector3<f64>,
     pub opposite: Opposite,
-    /// Coefficient of friction, without the scale of the object's friction in this world.
+    /// Coefficient of friction, without the scale of the objects' friction in this world.
     pub friction: f64,
-    /// Shapes of the hand on both sides; `None` for object and scenery.
+    /// Shapes of the hand on both sides; `None` for objects and scenery.
     pub shapes: [Option<u16>; 2],
 }
 
@@ -89,7 +89,7 @@ pub(crate) struct Situation<'a> {
 #[derive(Clone)]
 pub(crate) struct Searcher {
     pub pairs: Vec<PairCache>,
-    /// Last separating direction of each hand shape and object part.
+    /// Last separating direction of each hand shape and part of an object.
     directions: Vec<Vector>,
     manifold: ContactManifold<(), ()>,
 }
@@ -107,7 +107,7 @@ impl SavedSearch {
     /// # Errors
     /// [`StateError`] if it cannot.
     pub fn check(&self, model: &Model) -> Result<(), StateError> {
-        if self.pairs.len() != model.pairs.len() || self.directions.len() != model.shapes.len() * model.parts.len() {
+        if self.pairs.len() != model.pairs.len() || self.directions.len() != directions(model) {
             return Err(StateError::OtherModel { what: "pairs of bodies" });
         }
         let possible = self.pairs.iter().zip(&model.pairs).all(|(cache, pair)| cache.is_possible(model, pair))
@@ -116,11 +116,16 @@ impl SavedSearch {
     }
 }
 
+/// Number of pairs of a hand shape and an object's part.
+fn directions(model: &Model) -> usize {
+    model.shapes.len() * model.objects.iter().map(|object| object.parts.len()).sum::<usize>()
+}
+
 impl Searcher {
     pub fn new(model: &Model) -> Self {
         Self {
             pairs: vec![PairCache::default(); model.pairs.len()],
-            directions: vec![Vector::ZERO; model.shapes.len() * model.parts.len()],
+            directions: vec![Vector::ZERO; directions(model)],
             manifold: ContactManifold::new(),
         }
     }
@@ -138,9 +143,9 @@ impl Searcher {
     /// Updates the candidates of every pair.
     pub fn search(&mut self, model: &Model, now: &Situation) {
         for (index, pair) in model.pairs.iter().enumerate() {
-            match pair.kind {
-                PairKind::Scenery => self.search_scenery(model, now, index),
-                PairKind::Bodies => self.search_bodies(model, now, index),
+            match pair.sides[1] {
+                BodyKind::Scenery => self.search_scenery(model, now, index),
+                BodyKind::Object(_) | BodyKind::Hand(_) => self.search_bodies(model, now, index),
             }
         }
     }
@@ -204,10 +209,15 @@ impl Searcher {
         cache.a_from_b = Some(a_from_b);
         cache.margin = margin;
         cache.candidates.clear();
-        let clearance = if pair.a == OBJECT {
-            self.object_and_body(model, index, pair.b, &a_from_b, margin)
-        } else {
-            self.body_and_body(model, index, (pair.a, pair.b), &a_from_b, margin)
+        let clearance = match pair.sides {
+            [BodyKind::Object(object), BodyKind::Hand(body)] => {
+                self.object_and_body(model, index, (object, body), &a_from_b, margin)
+            }
+            [BodyKind::Object(a), BodyKind::Object(b)] => {
+                self.object_and_object(model, index, (a, b), &a_from_b, margin)
+            }
+            [BodyKind::Hand(a), BodyKind::Hand(b)] => self.body_and_body(model, index, (a, b), &a_from_b, margin),
+            _ => f64::INFINITY,
         };
         self.pairs[index].nothing_within(clearance);
     }
@@ -219,9 +229,11 @@ impl Candidate {
             Opposite::Plane(_) => pair.b == model.scenery_body(),
             Opposite::Point { on_b, normal } => is_place(on_b) && is_unit(normal),
         };
-        let owned = |shape: Option<u16>, body: BodyIndex| match shape {
-            Some(shape) => model.shape_owner.get(usize::from(shape)).is_some_and(|(owner, _)| owner + BASE == body),
-            None => body == OBJECT || body == model.scenery_body(),
+        let owned = |shape: Option<u16>, body: BodyIndex| match (shape, model.kind(body)) {
+            (Some(shape), BodyKind::Hand(body)) => {
+                model.shape_owner.get(usize::from(shape)).is_some_and(|(owner, _)| *owner == body)
+            }
+            (shape, kind) => shape.is_none() && !matches!(kind, BodyKind::Hand(_)),
         };
         let shapes = owned(self.shapes[0], pair.a) && owned(self.shapes[1], pair.b);
         opposite && shapes && is_place(&self.on_a) && (0.0..=FARTHEST).contains(&self.friction)

@@ -6,7 +6,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::manifold::chosen;
 use super::{Candidate, Opposite, Searcher, Situation};
-use crate::model::{BASE, BodyIndex, Corners, Model, OBJECT};
+use crate::model::{BodyIndex, BodyKind, Corners, Model};
 use crate::scenery::{Plane, Surface};
 use crate::units;
 
@@ -132,15 +132,20 @@ impl Searcher {
                 this.pairs[pair].candidates.push(Candidate { on_a, opposite, friction, shapes: [index, None] });
             }
         };
-        if body == OBJECT {
-            for part in &model.parts {
-                one(self, &*part.shape, &part.object_from_part, model.object.friction, None);
+        match model.kind(body) {
+            BodyKind::Object(index) => {
+                let object = &model.objects[index];
+                for part in &object.parts {
+                    one(self, &*part.shape, &part.object_from_part, object.own.friction, None);
+                }
             }
-        } else {
-            for index in model.shapes_of[body - BASE].clone() {
-                let shape = &model.shapes[index];
-                one(self, &*shape.shape, &shape.body_from_shape, shape.friction, Some(index as u16));
+            BodyKind::Hand(index) => {
+                for index in model.shapes_of[index].clone() {
+                    let shape = &model.shapes[index];
+                    one(self, &*shape.shape, &shape.body_from_shape, shape.friction, Some(index as u16));
+                }
             }
+            BodyKind::Scenery => {}
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Contact candidates between shapes of the hand and parts of the object, and between shapes of the hand, by parry.
+//! Contact candidates between shapes of the hand, parts of objects, and both, by parry.
 
 use nalgebra::{Isometry3, Point3};
 use parry3d::bounding_volume::Aabb;
@@ -9,36 +9,37 @@ use parry3d::shape::Shape;
 use super::manifold::chosen;
 use super::{Candidate, Opposite, Searcher};
 use crate::dispatch::Dispatcher;
-use crate::model::{BASE, BodyIndex, HandShape, Model, Part};
+use crate::model::{FreeObject, HandShape, Model, Part};
 use crate::units;
 
 impl Searcher {
-    /// The object against a body of the hand. Returns a lower bound of their distance if nothing was found, metres.
+    /// An object against a body of the hand. Returns a lower bound of their distance if nothing was found, metres.
     pub(super) fn object_and_body(
         &mut self,
         model: &Model,
         pair: usize,
-        body: BodyIndex,
+        (object, body): (usize, usize),
         object_from_body: &Isometry3<f64>,
         margin: f64,
     ) -> f64 {
+        let object = &model.objects[object];
         let reach = units::length(margin);
         let mut clearance = f32::INFINITY;
-        for index in model.shapes_of[body - BASE].clone() {
+        for index in model.shapes_of[body].clone() {
             let shape = &model.shapes[index];
             let pose = units::pose(&(object_from_body * shape.body_from_shape));
             let placed = PlacedBox::new(&pose, shape.half);
-            let apart = placed.apart_outside(&model.object_bounds);
+            let apart = placed.apart_outside(&object.bounds);
             if apart > reach {
                 clearance = clearance.min(apart);
                 continue;
             }
-            for (p, part) in model.parts.iter().enumerate() {
+            for (p, part) in object.parts.iter().enumerate() {
                 let apart = placed.apart(&part.bounds, reach);
                 clearance = clearance.min(apart.max(reach));
                 if apart <= reach {
-                    let of_pair = index * model.parts.len() + p;
-                    self.part_and_shape(pair, (part, model.object.friction), (shape, index), &pose, of_pair, reach);
+                    let of_pair = object.first_direction + index * object.parts.len() + p;
+                    self.part_and_shape(pair, (part, object.own.friction), (shape, index), &pose, of_pair, reach);
                 }
             }
         }
@@ -75,19 +76,85 @@ impl Searcher {
         }
     }
 
+    /// Two objects. Returns a lower bound of their distance if nothing was found, metres.
+    pub(super) fn object_and_object(
+        &mut self,
+        model: &Model,
+        pair: usize,
+        (a, b): (usize, usize),
+        a_from_b: &Isometry3<f64>,
+        margin: f64,
+    ) -> f64 {
+        let (one, two) = (&model.objects[a], &model.objects[b]);
+        let reach = units::length(margin);
+        let place = units::pose(a_from_b);
+        let boxed = |bounds: &Aabb| {
+            PlacedBox::new(&Pose::from_parts(place * bounds.center(), place.rotation), bounds.half_extents())
+        };
+        let mut clearance = boxed(&two.bounds).apart(&one.bounds, reach);
+        if clearance > reach {
+            return units::metres(clearance);
+        }
+        clearance = f32::INFINITY;
+        for second in &two.parts {
+            let placed = boxed(&second.bounds);
+            let apart = placed.apart_outside(&one.bounds);
+            if apart > reach {
+                clearance = clearance.min(apart);
+                continue;
+            }
+            for first in &one.parts {
+                let apart = placed.apart(&first.bounds, reach);
+                clearance = clearance.min(apart.max(reach));
+                if apart <= reach {
+                    self.part_and_part(pair, (first, one), (second, two), &place, reach);
+                }
+            }
+        }
+        units::metres(clearance)
+    }
+
+    fn part_and_part(
+        &mut self,
+        pair: usize,
+        (first, one): (&Part, &FreeObject),
+        (second, two): (&Part, &FreeObject),
+        a_from_b: &Pose,
+        reach: f32,
+    ) {
+        let first_from_second = first.inverse * (*a_from_b * second.pose);
+        if !self.contact(&first_from_second, &*first.shape, &*second.shape, Vector::ZERO, reach) {
+            return;
+        }
+        let manifold = &self.manifold;
+        let (kept, count) = chosen(manifold, reach);
+        let normal = units::direction(first.pose.rotation * manifold.local_n1);
+        let friction = one.own.friction * two.own.friction;
+        let candidates = &mut self.pairs[pair].candidates;
+        for point in kept[..count].iter().map(|i| &manifold.points[*i]) {
+            let on_b = units::metres64(second.pose * point.local_p2);
+            candidates.push(Candidate {
+                on_a: units::metres64(first.pose * point.local_p1),
+                opposite: Opposite::Point { on_b, normal },
+                friction,
+                shapes: [None, None],
+            });
+        }
+    }
+
     /// Two bodies of the hand. Returns a lower bound of their distance if nothing was found, metres.
     pub(super) fn body_and_body(
         &mut self,
         model: &Model,
         pair: usize,
-        (a, b): (BodyIndex, BodyIndex),
+        (a, b): (usize, usize),
         a_from_b: &Isometry3<f64>,
         margin: f64,
     ) -> f64 {
         let reach = units::length(margin);
         let mut clearance = f64::INFINITY;
-        for first in model.shapes_of[a - BASE].clone() {
-            for second in model.shapes_of[b - BASE].clone() {
+        for first in model.shapes_of[a].clone() {
+            for second in model.shapes_of[b].clone() {
                 let (one, two) = (&model.shapes[first], &model.shapes[second]);
                 let place = one.body_from_shape.inv_mul(a_from_b) * two.body_from_shape;
                 let apart = place.translation.vector.norm() - one.radius - two.radius;

@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Solver, State};
+use super::{ObjectState, Solver, State};
 use crate::contact::{Contact, Side};
 use crate::error::{FARTHEST, StateError, is_place, is_pose, is_unit, is_within};
-use crate::model::{BASE, Model, OBJECT};
+use crate::model::{BodyKind, Model};
 use crate::problem::newton::FactoredDerivative;
 use crate::search::SavedSearch;
 
@@ -25,7 +25,7 @@ const MOST_STEPS: u64 = 1 << 53;
 pub struct SavedState {
     state: State,
     search: SavedSearch,
-    newton: FactoredDerivative,
+    newton: Vec<FactoredDerivative>,
     contacts: Vec<Contact>,
 }
 
@@ -50,12 +50,15 @@ impl Solver {
         if !fits {
             return Err(StateError::OtherModel { what: "coordinates" });
         }
+        if new.objects.len() != old.objects.len() {
+            return Err(StateError::OtherModel { what: "objects" });
+        }
         new.check()?;
         saved.search.check(&self.model)?;
         if !saved.contacts.iter().all(|contact| contact_is_possible(contact, &self.model)) {
             return Err(StateError::Impossible { what: "contacts" });
         }
-        self.newton.load(saved.newton)?;
+        self.newton.load(&self.model, saved.newton)?;
         self.searcher.load(saved.search);
         self.state = saved.state;
         self.loaded = saved.contacts;
@@ -66,30 +69,41 @@ impl Solver {
 
 impl State {
     fn check(&self) -> Result<(), StateError> {
-        let factor = |x: f64| (FACTORS[0]..=FACTORS[1]).contains(&x);
-        let checks = [
-            ("object's pose", is_pose(&self.base_from_object)),
-            ("object's velocity", is_within(self.linear.iter().chain(&self.angular), FASTEST)),
+        self.objects.iter().try_for_each(ObjectState::check)?;
+        possible(&[
             ("joint positions", is_within(&self.positions, OPENED)),
             ("joint rates", is_within(&self.rates, FASTEST)),
             ("cable forces", is_within(&self.cable_forces, STRONGEST)),
+            ("unconverged steps", self.unconverged_steps <= MOST_STEPS),
+        ])
+    }
+}
+
+impl ObjectState {
+    fn check(&self) -> Result<(), StateError> {
+        let factor = |x: f64| (FACTORS[0]..=FACTORS[1]).contains(&x);
+        possible(&[
+            ("object's pose", is_pose(&self.base_from_object)),
+            ("object's velocity", is_within(self.linear.iter().chain(&self.angular), FASTEST)),
             ("friction factor", factor(self.friction_factor)),
             ("mass factor", factor(self.mass_factor)),
-            ("unconverged steps", self.unconverged_steps <= MOST_STEPS),
-        ];
-        match checks.iter().find(|(_, possible)| !possible) {
-            Some((what, _)) => Err(StateError::Impossible { what }),
-            None => Ok(()),
-        }
+        ])
+    }
+}
+
+fn possible(checks: &[(&'static str, bool)]) -> Result<(), StateError> {
+    match checks.iter().find(|(_, possible)| !possible) {
+        Some((what, _)) => Err(StateError::Impossible { what }),
+        None => Ok(()),
     }
 }
 
 fn contact_is_possible(contact: &Contact, model: &Model) -> bool {
     let side = |side: &Side| {
-        let known = match side.body {
-            OBJECT => true,
-            body if body == model.scenery_body() => true,
-            body => model.shapes_of.get(body - BASE).is_some_and(|shapes| usize::from(side.shape) < shapes.len()),
+        let known = match model.kind(side.body) {
+            BodyKind::Hand(body) => usize::from(side.shape) < model.shapes_of[body].len(),
+            BodyKind::Object(_) => true,
+            BodyKind::Scenery => side.body == model.scenery_body(),
         };
         known && is_place(&side.point) && is_unit(&side.normal)
     };
