@@ -18,6 +18,7 @@ LEAST = {
     "depth": (20, "graspbox/GraspPose-v0", "depth"),
     "feel": (22, "graspbox/Grasp-v0", "depth-feel"),
     "head": (15, "graspbox/GraspPose-v0", "head"),
+    "inspire": (14, "graspbox/GraspPose-v0", "inspire"),
     "panda": (18, "graspbox/GraspPose-v0", "panda"),
     "robotiq": (17, "graspbox/GraspPose-v0", "robotiq"),
     "study": (5, "graspbox/GraspPose-v0", "study"),
