@@ -8,13 +8,15 @@ use nalgebra::{Point3, Vector3};
 /// [`crate::config::RapierConfig`].
 const TOUCH: f64 = 2.5e-4;
 
-/// Summary of the object's contacts.
+/// Summary of the contacts of the target object.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Contacts {
     /// The object touches the table or the ground.
     pub scenery: bool,
     /// Indices of the links that touch the object, ascending, without duplicates.
     pub links: Vec<usize>,
+    /// Indices of the other objects that touch the object, ascending, without duplicates.
+    pub objects: Vec<usize>,
     /// Deepest penetration between hand and object, metres.
     pub hand_depth: f64,
     /// Deepest penetration between scenery and object, metres.
@@ -44,10 +46,11 @@ pub struct LinkContact {
 }
 
 impl World {
-    /// The object's contacts at present.
+    /// The contacts of the target object at present.
     pub fn contacts(&self) -> Contacts {
         let mut found = Contacts::default();
-        self.engine().contacts(&|parts| parts.contains(&Part::Object), &mut |contact| {
+        let target = self.target();
+        self.engine().contacts(&|parts| parts.contains(&Part::Object(target)), &mut |contact| {
             let depth = (-contact.distance).max(0.0);
             for side in &contact.sides {
                 match side.part {
@@ -62,19 +65,23 @@ impl World {
                             found.links.push(link);
                         }
                     }
-                    Part::Object => {}
+                    Part::Object(other) if other != target && touches(contact) => found.objects.push(other),
+                    Part::Object(_) => {}
                 }
             }
         });
-        found.links.sort_unstable();
-        found.links.dedup();
+        for indices in [&mut found.links, &mut found.objects] {
+            indices.sort_unstable();
+            indices.dedup();
+        }
         found
     }
 
-    /// True if the object touches table or ground: `scenery` of [`World::contacts`], at less cost.
+    /// True if the target object touches table or ground: `scenery` of [`World::contacts`], at less cost.
     pub fn object_on_scenery(&self) -> bool {
         let mut found = false;
-        let wanted = |parts: [Part; 2]| parts.contains(&Part::Object) && parts.into_iter().any(Part::is_scenery);
+        let target = Part::Object(self.target());
+        let wanted = |parts: [Part; 2]| parts.contains(&target) && parts.into_iter().any(Part::is_scenery);
         self.engine().contacts(&wanted, &mut |contact| found |= touches(contact));
         found
     }

@@ -1,6 +1,6 @@
 //! The interface between a world and its physics engine.
 //!
-//! An engine simulates one hand, one object and the scenery in the frame of the hand's base: the hand's root is fixed, table and ground
+//! An engine simulates one hand, objects and the scenery in the frame of the hand's base: the hand's root is fixed, table and ground
 //! move. Actuators belong to the world; the engine gets their states at the end of each step. Units are metres, kilograms, seconds, radians
 //! and newtons. Equal calls on equal engines give equal bits, on any thread.
 
@@ -12,7 +12,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 /// A part of the world that has contacts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
-    Object,
+    /// Index of an object.
+    Object(usize),
     Table,
     Ground,
     /// Index of a link of the hand, and of the collider within it.
@@ -25,6 +26,10 @@ pub(crate) enum Part {
 impl Part {
     pub(crate) fn is_scenery(self) -> bool {
         matches!(self, Part::Table | Part::Ground)
+    }
+
+    pub(crate) fn is_object(self) -> bool {
+        matches!(self, Part::Object(_))
     }
 
     pub(crate) fn is_link(self) -> bool {
@@ -41,8 +46,8 @@ pub(crate) struct StepInput<'a> {
     pub base_from_world_after: Isometry3<f64>,
     /// Gravity and motion of the base during the step, axes of the base before the step.
     pub frame: FrameMotion,
-    /// Force on the object at its centre of mass during the step, N, axes of the base before the step.
-    pub force: Vector3<f64>,
+    /// Force on each object at its centre of mass during the step, N, axes of the base before the step.
+    pub forces: &'a [Vector3<f64>],
     /// State of every actuator at the end of the step, in the order of the hand's actuators.
     pub actuators: &'a [ActuatorState],
 }
@@ -51,7 +56,7 @@ pub(crate) struct StepInput<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContactSide {
     pub part: Part,
-    /// Contact point on the surface of the part, metres, in the frame of the object or the link (not the collider), for scenery the world's.
+    /// Contact point on the surface of the part, metres, in the frame of its object or link (not the collider), for scenery the world's.
     pub point: Point3<f64>,
     /// Unit normal in the same frame, into the part.
     pub normal: Vector3<f64>,
@@ -89,8 +94,10 @@ pub(crate) trait Engine: Send + Sync {
     /// A copy that continues with the same bits.
     fn duplicate(&self) -> Box<dyn Engine>;
 
-    /// Poses an engine before its first step: every joint of the hand at its position in `joints` (rad or m), the object at rest.
-    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, joints: &[f64]);
+    /// Poses an engine before its first step: every joint of the hand at its position in `joints` (rad or m), the objects at rest.
+    ///
+    /// * `base_from_objects`: one per object.
+    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_objects: &[Isometry3<f64>], joints: &[f64]);
 
     /// Advances by one time step.
     fn step(&mut self, input: &StepInput);
@@ -101,20 +108,20 @@ pub(crate) trait Engine: Send + Sync {
     /// State of the hand's joint `joint`; zero for a fixed one.
     fn joint(&self, joint: usize) -> JointState;
 
-    /// Pose of the object.
-    fn base_from_object(&self) -> Isometry3<f64>;
+    /// Pose of an object.
+    fn base_from_object(&self, object: usize) -> Isometry3<f64>;
 
-    /// Velocity of the object's centre of mass (m/s) and its angular velocity (rad/s), base axes.
-    fn object_velocity(&self) -> (Vector3<f64>, Vector3<f64>);
+    /// Velocity of an object's centre of mass (m/s) and its angular velocity (rad/s), base axes.
+    fn object_velocity(&self, object: usize) -> (Vector3<f64>, Vector3<f64>);
 
     /// Sets the velocities that [`Engine::object_velocity`] returns.
-    fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>);
+    fn set_object_velocity(&mut self, object: usize, linear: &Vector3<f64>, angular: &Vector3<f64>);
 
-    /// Multiplies the object's friction factor, and its mass and inertia; both factors are finite and positive.
-    fn scale_object(&mut self, friction: f64, mass: f64);
+    /// Multiplies an object's friction factor, and its mass and inertia; both factors are finite and positive.
+    fn scale_object(&mut self, object: usize, friction: f64, mass: f64);
 
-    /// Height of the lowest point of the object's collision geometry at pose `from_object`, along z of that frame, metres.
-    fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64;
+    /// Height of the lowest point of an object's collision geometry at pose `from_object`, along z of that frame, metres.
+    fn lowest_point(&self, object: usize, from_object: &Isometry3<f64>) -> f64;
 
     /// Visits the contact points of the last step between `wanted` parts, in a reproducible order.
     ///

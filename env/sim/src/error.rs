@@ -12,11 +12,30 @@ pub enum SimError {
     /// The object has no collision geometry.
     #[error("the object has no convex part; decompose its mesh into convex parts first")]
     NoParts,
+    /// A world without an object.
+    #[error("there is no object; give one or more")]
+    NoObjects,
     /// A convex part has no volume.
-    #[error("convex part {part} of the object has no volume; remove it, or thicken the mesh there")]
+    #[error("convex part {part} of object {object} has no volume; remove it, or thicken the mesh there")]
     FlatPart {
-        /// Index of the part.
+        /// Index of the object.
+        object: usize,
+        /// Index of its part.
         part: usize,
+    },
+    /// More objects than a world may have.
+    #[error("{count} objects are too many for one world; the most are {}", graspbox_solver::MAX_OBJECTS)]
+    TooManyObjects {
+        /// Their number.
+        count: usize,
+    },
+    /// The poses are not one for each object.
+    #[error("there are {poses} poses for {objects} objects; give one for each")]
+    WrongPoses {
+        /// Number of poses.
+        poses: usize,
+        /// Number of objects.
+        objects: usize,
     },
     /// Mass or inertia is not finite and positive.
     #[error("the object's {what} is {value}, but it must be finite and positive")]

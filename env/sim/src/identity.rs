@@ -6,20 +6,22 @@ use crate::object::{Geometry, ObjectModel};
 use graspbox_hand::Hand;
 use graspbox_mesh::TriMesh;
 
-/// Identifies the hand, object and settings of a template, and so the snapshots that it can restore.
+/// Identifies the hand, objects and settings of a template, and so the snapshots that it can restore.
 pub(crate) type Identity = [u8; 32];
 
 /// Hash of everything that a template is built from. A snapshot can be restored if the identities are equal.
-pub(crate) fn identity(hand: &Hand, object: &ObjectModel, config: &PhysicsConfig) -> Result<Identity, SimError> {
+pub(crate) fn identity(hand: &Hand, objects: &[ObjectModel], config: &PhysicsConfig) -> Result<Identity, SimError> {
     let mut hasher = blake3::Hasher::new();
-    let bytes = postcard::to_allocvec(&(object.mass(), object.center_of_mass(), object.inertia(), config))
-        .map_err(|_| SimError::BadSnapshot { why: "the physics settings could not be written".into() })?;
-    hasher.update(&bytes);
-    match object.geometry() {
-        Geometry::Parts(parts) => parts.iter().for_each(|part| hash_mesh(&mut hasher, part)),
-        // The debug format writes every number exactly.
-        primitive => {
-            hasher.update(format!("{primitive:?}").as_bytes());
+    for object in objects {
+        let bytes = postcard::to_allocvec(&(object.mass(), object.center_of_mass(), object.inertia(), config))
+            .map_err(|_| SimError::BadSnapshot { why: "the physics settings could not be written".into() })?;
+        hasher.update(&bytes);
+        match object.geometry() {
+            Geometry::Parts(parts) => parts.iter().for_each(|part| hash_mesh(&mut hasher, part)),
+            // The debug format writes every number exactly.
+            primitive => {
+                hasher.update(format!("{primitive:?}").as_bytes());
+            }
         }
     }
     hasher.update(format!("{hand:?}").as_bytes());

@@ -1,9 +1,9 @@
-//! One world: a table, one object and one hand, simulated by a physics engine.
+//! One world: a table, one object or several, and one hand, simulated by a physics engine.
 //!
 //! | module | purpose |
 //! |---|---|
 //! | [`config`] | physics settings, friction of table and object, with the reason for each number |
-//! | [`object`] | the object: collision geometry, mass, inertia |
+//! | [`object`] | an object: collision geometry, mass, inertia |
 //! | [`world`] | the world itself: step, observe, clone, snapshot |
 //! | [`contacts`] | contacts of the object and of the hand's links; tactile forces |
 //! | [`scenery`] | dimensions of table and ground |

@@ -1,17 +1,17 @@
-//! Contact forces of object and scenery on the hand, and their sum.
+//! Contact forces of objects and scenery on the hand, and their sum.
 
 use crate::engine::Part;
 use crate::world::World;
 use nalgebra::{Point3, Vector3};
 
-/// A contact point of object, table or ground that presses on the hand; hand frame.
+/// A contact point of an object, table or ground that presses on the hand; hand frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandContact {
     /// Index of the link.
     pub link: usize,
     /// Index of the collider within the link.
     pub shape: usize,
-    /// True for the object, false for table and ground.
+    /// True for an object, false for table and ground.
     pub with_object: bool,
     /// Position, metres.
     pub point: Point3<f64>,
@@ -32,7 +32,7 @@ pub struct HandLoad {
     pub force: Vector3<f64>,
     /// Mean of the contact points weighted by force, metres; the origin if there are none.
     pub at: Point3<f64>,
-    /// True if the object presses.
+    /// True if an object presses.
     pub object: bool,
     /// True if table or ground presses.
     pub scenery: bool,
@@ -77,7 +77,7 @@ impl World {
             visit(HandContact {
                 link,
                 shape,
-                with_object: other == Part::Object,
+                with_object: other.is_object(),
                 point: hand_from_base * contact.point,
                 normal: hand_from_base * (sign * contact.normal),
                 force: contact.force,

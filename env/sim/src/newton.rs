@@ -12,9 +12,6 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 use translate::Translation;
 
-/// The object of the world among those of the solver.
-const OBJECT: usize = 0;
-
 /// One world of the engine.
 #[derive(Clone)]
 pub(crate) struct Newton {
@@ -32,17 +29,18 @@ struct Shared {
 }
 
 impl Newton {
-    /// Translates hand, object and scenery into the solver's model.
+    /// Translates hand, objects and scenery into the solver's model.
     ///
     /// # Errors
-    /// [`SimError::FlatPart`] or [`SimError::BadHand`].
-    pub(crate) fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
+    /// [`SimError::FlatPart`], [`SimError::BadHand`] or [`SimError::TooManyObjects`].
+    pub(crate) fn new(hand: Arc<Hand>, objects: &[ObjectModel], config: PhysicsConfig) -> Result<Self, SimError> {
         let (tree, translation) = translate::hand(&hand);
-        let object = translate::object(object, config.friction.object);
+        let objects = objects.iter().map(|object| translate::object(object, config.friction.object)).collect();
         let scenery = translate::scenery(config.friction.table);
-        let model = solver::Model::new(tree, vec![object], scenery, config.newton).map_err(|error| match error {
-            solver::ModelError::FlatPart { part, .. } => SimError::FlatPart { part },
-            error @ (solver::ModelError::BadTree { .. } | solver::ModelError::TooManyObjects { .. }) => {
+        let model = solver::Model::new(tree, objects, scenery, config.newton).map_err(|error| match error {
+            solver::ModelError::FlatPart { object, part } => SimError::FlatPart { object, part },
+            solver::ModelError::TooManyObjects { count } => SimError::TooManyObjects { count },
+            error @ solver::ModelError::BadTree { .. } => {
                 SimError::BadHand { hand: hand.name.clone(), engine: "newton", why: error.to_string() }
             }
         })?;
@@ -55,7 +53,7 @@ impl Newton {
 
     fn part(&self, side: &solver::Side, surface: Option<solver::Surface>) -> Part {
         match self.solver.model().kind(side.body) {
-            solver::BodyKind::Object(_) => Part::Object,
+            solver::BodyKind::Object(object) => Part::Object(object),
             solver::BodyKind::Hand(body) => {
                 let (link, shape) = self.shared.translation.owner(body, side.shape.into());
                 Part::Link { link, shape }
@@ -85,11 +83,13 @@ impl Engine for Newton {
         Box::new(self.clone())
     }
 
-    fn pose(&mut self, _base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, joints: &[f64]) {
+    fn pose(&mut self, _base_from_world: &Isometry3<f64>, base_from_objects: &[Isometry3<f64>], joints: &[f64]) {
         let Shared { hand, translation, .. } = &*self.shared;
         let positions = translation.positions(hand, joints);
         let state = self.solver.state_mut();
-        state.objects[OBJECT].base_from_object = *base_from_object;
+        for (object, pose) in state.objects.iter_mut().zip(base_from_objects) {
+            object.base_from_object = *pose;
+        }
         state.positions.copy_from_slice(&positions);
     }
 
@@ -101,7 +101,7 @@ impl Engine for Newton {
             base_from_world: input.base_from_world,
             base_from_world_after: input.base_from_world_after,
             frame: input.frame,
-            forces: &[input.force],
+            forces: input.forces,
             driven: &self.driven,
             cables: &self.commands,
         });
@@ -122,34 +122,34 @@ impl Engine for Newton {
         }
     }
 
-    fn base_from_object(&self) -> Isometry3<f64> {
-        self.solver.state().objects[OBJECT].base_from_object
+    fn base_from_object(&self, object: usize) -> Isometry3<f64> {
+        self.solver.state().objects[object].base_from_object
     }
 
-    fn object_velocity(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let object = &self.solver.state().objects[OBJECT];
+    fn object_velocity(&self, object: usize) -> (Vector3<f64>, Vector3<f64>) {
+        let object = &self.solver.state().objects[object];
         (object.linear, object.angular)
     }
 
-    fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>) {
-        let object = &mut self.solver.state_mut().objects[OBJECT];
+    fn set_object_velocity(&mut self, object: usize, linear: &Vector3<f64>, angular: &Vector3<f64>) {
+        let object = &mut self.solver.state_mut().objects[object];
         (object.linear, object.angular) = (*linear, *angular);
     }
 
-    fn scale_object(&mut self, friction: f64, mass: f64) {
-        let object = &mut self.solver.state_mut().objects[OBJECT];
+    fn scale_object(&mut self, object: usize, friction: f64, mass: f64) {
+        let object = &mut self.solver.state_mut().objects[object];
         object.friction_factor *= friction;
         object.mass_factor *= mass;
     }
 
-    fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {
-        self.solver.model().lowest_point(OBJECT, from_object)
+    fn lowest_point(&self, object: usize, from_object: &Isometry3<f64>) -> f64 {
+        self.solver.model().lowest_point(object, from_object)
     }
 
     fn contacts(&self, wanted: &dyn Fn([Part; 2]) -> bool, visit: &mut dyn FnMut(&Contact)) {
         // The kind of a body, before its shape is known.
         let kind = |body| match self.solver.model().kind(body) {
-            solver::BodyKind::Object(_) => Part::Object,
+            solver::BodyKind::Object(object) => Part::Object(object),
             solver::BodyKind::Scenery => Part::Table,
             solver::BodyKind::Hand(_) => Part::Link { link: 0, shape: 0 },
         };

@@ -1,4 +1,4 @@
-//! The object to grasp: collision geometry, mass and inertia, in the object frame.
+//! An object: collision geometry, mass and inertia, in the object frame.
 
 use crate::SimError;
 use graspbox_mesh::TriMesh;

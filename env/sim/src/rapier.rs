@@ -53,9 +53,12 @@ impl Rapier {
     /// Assembles rapier's world.
     ///
     /// # Errors
-    /// [`SimError::NoParts`], [`SimError::FlatPart`] or [`SimError::BadHand`].
-    pub(crate) fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
-        let (physics, handles) = build::build(&hand, object, &config)?;
+    /// [`SimError::NoParts`], [`SimError::FlatPart`], [`SimError::BadHand`] or [`SimError::TooManyObjects`].
+    pub(crate) fn new(hand: Arc<Hand>, objects: &[ObjectModel], config: PhysicsConfig) -> Result<Self, SimError> {
+        if objects.len() > graspbox_solver::MAX_OBJECTS {
+            return Err(SimError::TooManyObjects { count: objects.len() });
+        }
+        let (physics, handles) = build::build(&hand, objects, &config)?;
         let tensions = vec![0.0; hand.tendons.len()];
         Ok(Self { physics, tensions, shared: Arc::new(Shared { hand, handles, config }) })
     }
@@ -64,8 +67,8 @@ impl Rapier {
         &self.physics.bodies[handle]
     }
 
-    fn object(&self) -> &RigidBody {
-        self.body(self.shared.handles.object)
+    fn object(&self, object: usize) -> &RigidBody {
+        self.body(self.shared.handles.objects[object].body)
     }
 
     fn drive_joints(&mut self, input: &StepInput) {
@@ -74,10 +77,12 @@ impl Rapier {
         joints::drive_rigid(&mut self.physics, hand, handles, input, config.dt);
     }
 
-    /// True while the hand touches nothing and does not move, and the object does not tumble: at most an object on the table is left to solve.
+    /// True while the hand touches nothing and does not move, and the only object does not tumble: at most an object on the table is left to
+    /// solve.
     fn idles(&self, input: &StepInput) -> bool {
         let still = |joint| joints::joint_state(&self.physics, joint).speed.abs() < STILL;
-        let spin = frames::vector64(self.object().angvel());
+        let [object] = self.shared.handles.objects[..] else { return false };
+        let spin = frames::vector64(self.body(object.body).angvel());
         let spin_in_world = input.base_from_world_after.rotation.inverse() * spin
             + input.base_from_world.rotation.inverse() * input.frame.omega;
         input.actuators.iter().all(|actuator| actuator.velocity == 0.0)
@@ -104,9 +109,10 @@ impl Engine for Rapier {
         })
     }
 
-    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_object: &Isometry3<f64>, joints: &[f64]) {
+    fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_objects: &[Isometry3<f64>], joints: &[f64]) {
         let Shared { hand, handles, .. } = &*self.shared;
-        for (body, pose) in [(handles.scenery, base_from_world), (handles.object, base_from_object)] {
+        let objects = handles.objects.iter().map(|object| object.body).zip(base_from_objects);
+        for (body, pose) in objects.chain([(handles.scenery, base_from_world)]) {
             if let Some(body) = self.physics.bodies.get_mut(body) {
                 body.set_position(frames::pose(pose), true);
             }
@@ -119,7 +125,7 @@ impl Engine for Rapier {
         self.drive_joints(input);
         let forces = FrameForces::new(&input.frame);
         self.physics.gravity = forces.gravity;
-        let pushed = input.force != Vector3::zeros();
+        let pushed = input.forces.iter().any(|force| *force != Vector3::zeros());
         if pushed || forces.turning() || self.bears_forces() {
             for body in self.shared.handles.moving_bodies() {
                 if let Some(body) = self.physics.bodies.get_mut(body) {
@@ -127,8 +133,12 @@ impl Engine for Rapier {
                 }
             }
         }
-        if pushed && let Some(object) = self.physics.bodies.get_mut(self.shared.handles.object) {
-            object.add_force(frames::lengths(&input.force), true);
+        for (object, force) in self.shared.handles.objects.iter().zip(input.forces) {
+            if *force != Vector3::zeros()
+                && let Some(body) = self.physics.bodies.get_mut(object.body)
+            {
+                body.add_force(frames::lengths(force), true);
+            }
         }
         if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.scenery) {
             body.set_next_kinematic_position(frames::pose(&input.base_from_world_after));
@@ -150,31 +160,31 @@ impl Engine for Rapier {
         }
     }
 
-    fn base_from_object(&self) -> Isometry3<f64> {
-        frames::isometry(self.object().position())
+    fn base_from_object(&self, object: usize) -> Isometry3<f64> {
+        frames::isometry(self.object(object).position())
     }
 
-    fn object_velocity(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let body = self.object();
+    fn object_velocity(&self, object: usize) -> (Vector3<f64>, Vector3<f64>) {
+        let body = self.object(object);
         (frames::metres64(body.linvel()), frames::vector64(body.angvel()))
     }
 
-    fn set_object_velocity(&mut self, linear: &Vector3<f64>, angular: &Vector3<f64>) {
-        if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.object) {
+    fn set_object_velocity(&mut self, object: usize, linear: &Vector3<f64>, angular: &Vector3<f64>) {
+        if let Some(body) = self.physics.bodies.get_mut(self.shared.handles.objects[object].body) {
             body.set_linvel(frames::lengths(linear), true);
             body.set_angvel(frames::vector(angular), true);
         }
     }
 
-    fn scale_object(&mut self, friction: f64, mass: f64) {
-        let handles = &self.shared.handles;
+    fn scale_object(&mut self, object: usize, friction: f64, mass: f64) {
+        let handle = self.shared.handles.objects[object];
         if friction != 1.0
-            && let Some(collider) = self.physics.colliders.get_mut(handles.object_collider)
+            && let Some(collider) = self.physics.colliders.get_mut(handle.collider)
         {
             collider.set_friction(collider.friction() * friction as f32);
         }
         if mass != 1.0
-            && let Some(body) = self.physics.bodies.get_mut(handles.object)
+            && let Some(body) = self.physics.bodies.get_mut(handle.body)
         {
             let mut properties = body.mass_properties().local_mprops;
             if properties.inv_mass == 0.0 {
@@ -187,8 +197,8 @@ impl Engine for Rapier {
         }
     }
 
-    fn lowest_point(&self, from_object: &Isometry3<f64>) -> f64 {
-        let shape = self.physics.colliders[self.shared.handles.object_collider].shape();
+    fn lowest_point(&self, object: usize, from_object: &Isometry3<f64>) -> f64 {
+        let shape = self.physics.colliders[self.shared.handles.objects[object].collider].shape();
         frames::metres(shape.compute_aabb(&frames::pose(from_object)).mins.z)
     }
 

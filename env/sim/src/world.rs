@@ -1,4 +1,6 @@
-//! Templates, built once per object and hand, and the worlds that are cloned from them.
+//! Templates, built once per hand and set of objects, and the worlds that are cloned from them.
+//!
+//! One object of a world is its target, the first one unless [`World::set_target`] names another: "the object" of the other methods.
 
 use crate::SimError;
 use crate::config::{EngineKind, PhysicsConfig};
@@ -25,10 +27,12 @@ pub(crate) struct State {
     motion: BaseMotion,
     /// Gravity in the world's frame, m/s2.
     gravity: Vector3<f64>,
-    /// Force on the object, world's axes, N.
-    force: Vector3<f64>,
-    /// Factor on the object's mass.
-    mass_factor: f64,
+    /// Force on each object, world's axes, N.
+    forces: Vec<Vector3<f64>>,
+    /// Factor on the mass of each object.
+    mass_factors: Vec<f64>,
+    /// Index of the target object.
+    target: usize,
     actuators: Vec<ActuatorState>,
     steps: u64,
 }
@@ -48,8 +52,9 @@ impl State {
         all_within("motion.linear", self.motion.linear.iter().copied(), FASTEST, "m/s")?;
         all_within("motion.angular", self.motion.angular.iter().copied(), FASTEST, "rad/s")?;
         all_within("gravity", self.gravity.iter().copied(), HEAVIEST, "m/s2")?;
-        all_within("force", self.force.iter().copied(), STRONGEST, "N")?;
-        in_range("mass_factor", self.mass_factor, 1e-6..=1e6, "")?;
+        all_within("forces", self.forces.iter().flatten().copied(), STRONGEST, "N")?;
+        self.mass_factors.iter().try_for_each(|factor| in_range("mass_factors", *factor, 1e-6..=1e6, ""))?;
+        in_range("target", self.target as f64, 0.0..=(self.forces.len().max(1) - 1) as f64, "")?;
         in_range("steps", self.steps as f64, 0.0..=1e15, "")?;
         for (state, actuator) in self.actuators.iter().zip(&hand.actuators) {
             let [low, high] = actuator.travel;
@@ -71,41 +76,79 @@ pub struct Template {
 struct Shared {
     hand: Arc<Hand>,
     config: PhysicsConfig,
-    mass: f64,
-    object_from_center: Vector3<f64>,
+    /// By object.
+    masses: Vec<f64>,
+    objects_from_centers: Vec<Vector3<f64>>,
     identity: Identity,
 }
 
-/// A table, one object and one hand, simulated in the frame of the hand's base.
+/// A table, objects and one hand, simulated in the frame of the hand's base.
 pub struct World {
     engine: Box<dyn Engine>,
     shared: Arc<Shared>,
     state: State,
+    /// Forces on the objects in the base's frame, kept from step to step.
+    forces: Vec<Vector3<f64>>,
 }
 
 impl Template {
-    /// Builds the world of `object` and `hand`.
+    /// Builds the world of one object and `hand`.
     ///
     /// # Errors
-    /// [`SimError`] for a setting out of range, or an object or a hand that cannot be simulated.
+    /// As [`Template::of_objects`].
     pub fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
+        Self::of_objects(hand, std::slice::from_ref(object), config)
+    }
+
+    /// Builds the world of `objects` and `hand`.
+    ///
+    /// # Errors
+    /// [`SimError`] for a setting out of range, an object or a hand that cannot be simulated, no object, or too many.
+    pub fn of_objects(hand: Arc<Hand>, objects: &[ObjectModel], config: PhysicsConfig) -> Result<Self, SimError> {
         config.validate()?;
+        if objects.is_empty() {
+            return Err(SimError::NoObjects);
+        }
         let engine: Box<dyn Engine> = match config.engine {
-            EngineKind::Newton => Box::new(Newton::new(Arc::clone(&hand), object, config)?),
-            EngineKind::Rapier => Box::new(Rapier::new(Arc::clone(&hand), object, config)?),
+            EngineKind::Newton => Box::new(Newton::new(Arc::clone(&hand), objects, config)?),
+            EngineKind::Rapier => Box::new(Rapier::new(Arc::clone(&hand), objects, config)?),
         };
         let shared = Shared {
-            identity: identity(&hand, object, &config)?,
+            identity: identity(&hand, objects, &config)?,
             hand,
             config,
-            mass: object.mass(),
-            object_from_center: object.center_of_mass().coords,
+            masses: objects.iter().map(ObjectModel::mass).collect(),
+            objects_from_centers: objects.iter().map(|object| object.center_of_mass().coords).collect(),
         };
         Ok(Self { engine, shared: Arc::new(shared) })
     }
 
-    /// A new world: the hand open at `world_from_hand` with its preshape (rad), the object at rest at `world_from_object`.
+    /// A new world: the hand open at `world_from_hand` with its preshape (rad), the first object at rest at `world_from_object`, all others at
+    /// the origin.
     pub fn spawn(&self, world_from_hand: &Isometry3<f64>, world_from_object: &Isometry3<f64>, preshape: f64) -> World {
+        let mut poses = vec![Isometry3::identity(); self.object_count()];
+        poses[0] = *world_from_object;
+        self.place(world_from_hand, &poses, preshape)
+    }
+
+    /// A new world: the hand open at `world_from_hand` with its preshape (rad), every object at rest at its pose.
+    ///
+    /// # Errors
+    /// [`SimError::WrongPoses`] if there is not one pose for each object.
+    pub fn spawn_objects(
+        &self,
+        world_from_hand: &Isometry3<f64>,
+        world_from_objects: &[Isometry3<f64>],
+        preshape: f64,
+    ) -> Result<World, SimError> {
+        let (poses, objects) = (world_from_objects.len(), self.object_count());
+        if poses != objects {
+            return Err(SimError::WrongPoses { poses, objects });
+        }
+        Ok(self.place(world_from_hand, world_from_objects, preshape))
+    }
+
+    fn place(&self, world_from_hand: &Isometry3<f64>, world_from_objects: &[Isometry3<f64>], preshape: f64) -> World {
         let hand = &self.shared.hand;
         let world_from_base = world_from_hand * hand.base_from_hand.inverse();
         let base_from_world = world_from_base.inverse();
@@ -113,30 +156,34 @@ impl Template {
         // A preshape that is NaN gives joints that are NaN, which `is_finite` reports.
         let joints = hand.joint_positions(&hand.open_configuration(preshape));
         let joints = joints.unwrap_or_else(|_| vec![f64::NAN; hand.joints.len()]);
-        engine.pose(&base_from_world, &(base_from_world * world_from_object), &joints);
+        let base_from_objects: Vec<_> = world_from_objects.iter().map(|pose| base_from_world * pose).collect();
+        engine.pose(&base_from_world, &base_from_objects, &joints);
         let start = hand.actuators.iter().zip(hand.open_positions(preshape));
         let actuators = start.map(|(actuator, position)| ActuatorState::new(actuator, position)).collect();
         let state = State {
             gravity: Vector3::new(0.0, 0.0, -self.shared.config.gravity),
-            force: Vector3::zeros(),
+            forces: vec![Vector3::zeros(); self.object_count()],
             motion: BaseMotion::at_rest(world_from_base),
-            mass_factor: 1.0,
+            mass_factors: vec![1.0; self.object_count()],
+            target: 0,
             actuators,
             steps: 0,
         };
-        World { engine, shared: Arc::clone(&self.shared), state }
+        World { engine, shared: Arc::clone(&self.shared), state, forces: Vec::new() }
     }
 
     /// A world from a saved state of an equal template.
     pub(crate) fn resume(&self, identity: &Identity, state: State, engine_state: &[u8]) -> Result<World, SimError> {
-        if *identity != self.shared.identity || state.actuators.len() != self.shared.hand.actuators.len() {
+        let counts = [state.forces.len(), state.mass_factors.len(), state.actuators.len()];
+        let expected = [self.object_count(), self.object_count(), self.shared.hand.actuators.len()];
+        if *identity != self.shared.identity || counts != expected {
             let why = "it belongs to another hand, object or physics setting".to_owned();
             return Err(SimError::BadSnapshot { why });
         }
         state.check(&self.shared.hand).map_err(|error| SimError::BadSnapshot { why: error.to_string() })?;
         let mut engine = self.engine.duplicate();
         engine.load(engine_state)?;
-        let world = World { engine, shared: Arc::clone(&self.shared), state };
+        let world = World { engine, shared: Arc::clone(&self.shared), state, forces: Vec::new() };
         // The bytes of our own solver were checked number by number. Those of rapier are its arenas, which name each other by index.
         if self.shared.config.engine == EngineKind::Rapier && !world.survives_a_step() {
             return Err(SimError::BadSnapshot { why: "the engine cannot step from it".to_owned() });
@@ -144,9 +191,19 @@ impl Template {
         Ok(world)
     }
 
-    /// Height above the table of the lowest point of the collision geometry at pose `world_from_object`, metres.
+    /// Height above the table of the lowest point of the first object's collision geometry at pose `world_from_object`, metres.
     pub fn lowest_point(&self, world_from_object: &Isometry3<f64>) -> f64 {
-        self.engine.lowest_point(world_from_object)
+        self.lowest_point_of(0, world_from_object)
+    }
+
+    /// Height above the table of the lowest point of an object's collision geometry at pose `world_from_object`, metres.
+    pub fn lowest_point_of(&self, object: usize, world_from_object: &Isometry3<f64>) -> f64 {
+        self.engine.lowest_point(object, world_from_object)
+    }
+
+    /// Number of objects.
+    pub fn object_count(&self) -> usize {
+        self.shared.masses.len()
     }
 
     /// The hand of this template.
@@ -162,7 +219,8 @@ impl Template {
 
 impl Clone for World {
     fn clone(&self) -> Self {
-        Self { engine: self.engine.duplicate(), shared: Arc::clone(&self.shared), state: self.state.clone() }
+        let (engine, shared) = (self.engine.duplicate(), Arc::clone(&self.shared));
+        Self { engine, shared, state: self.state.clone(), forces: Vec::new() }
     }
 }
 
@@ -180,11 +238,13 @@ impl World {
         let target = world_from_hand * self.shared.hand.base_from_hand.inverse();
         let frame = self.state.motion.advance(target, dt, &self.state.gravity);
         let base_from_world_after = target.inverse();
+        self.forces.clear();
+        self.forces.extend(self.state.forces.iter().map(|force| base_from_world.rotation * force));
         self.engine.step(&StepInput {
             base_from_world,
             base_from_world_after,
             frame,
-            force: base_from_world.rotation * self.state.force,
+            forces: &self.forces,
             actuators: &self.state.actuators,
         });
         self.state.steps += 1;
@@ -230,7 +290,7 @@ impl World {
     /// * `force`: finite; another counts as none.
     pub fn set_object_force(&mut self, force: &Vector3<f64>) {
         let finite = force.iter().all(|x| x.is_finite());
-        self.state.force = if finite { *force } else { Vector3::zeros() };
+        self.state.forces[self.state.target] = if finite { *force } else { Vector3::zeros() };
     }
 
     /// Sets the object's velocity in the world's frame (m/s, of the centre of mass, and rad/s), for physics tests.
@@ -240,7 +300,7 @@ impl World {
         let frame = self.state.motion.linear + self.state.motion.angular.cross(&arm);
         let (linear, angular) =
             (base_from_world * (linear - frame), base_from_world * (angular - self.state.motion.angular));
-        self.engine.set_object_velocity(&linear, &angular);
+        self.engine.set_object_velocity(self.state.target, &linear, &angular);
     }
 
     /// Multiplies the object's friction factor, and its mass and inertia: domain randomization of one world.
@@ -249,8 +309,17 @@ impl World {
     pub fn scale_object(&mut self, friction: f64, mass: f64) {
         let factor = |factor: f64| if factor.is_finite() && factor > 0.0 { factor } else { 1.0 };
         let (friction, mass) = (factor(friction), factor(mass));
-        self.engine.scale_object(friction, mass);
-        self.state.mass_factor *= mass;
+        self.engine.scale_object(self.state.target, friction, mass);
+        self.state.mass_factors[self.state.target] *= mass;
+    }
+
+    /// Makes an object the target, to which the other methods refer as "the object".
+    ///
+    /// * `object`: another index than that of an object changes nothing.
+    pub fn set_target(&mut self, object: usize) {
+        if object < self.object_count() {
+            self.state.target = object;
+        }
     }
 
     pub(crate) fn engine(&self) -> &dyn Engine {

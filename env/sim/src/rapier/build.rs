@@ -1,4 +1,4 @@
-//! Assembly of rapier's world: the hand's fixed root, one multibody per chain, the object, the moving table.
+//! Assembly of rapier's world: the hand's fixed root, one multibody per chain, the objects, the moving table.
 
 use super::{frames, shape};
 use crate::SimError;
@@ -20,23 +20,30 @@ const FIRST_CHAIN_GROUP: u32 = 4;
 /// Most chains of a hand: rapier has 32 collision groups.
 const MAX_CHAINS: usize = 13;
 
+/// Tags of parts: table, ground, from here on objects, and from [`FIRST_LINK`] on links.
+const FIRST_OBJECT: u128 = 2;
+const FIRST_LINK: u128 = 1 << 16;
+
 /// A part as the number in a collider's user data.
 fn tag(part: Part) -> u128 {
     match part {
-        Part::Object => 0,
-        Part::Table => 1,
-        Part::Ground => 2,
-        Part::Link { link, shape } => 16 + ((link as u128) << 32 | shape as u128),
+        Part::Table => 0,
+        Part::Ground => 1,
+        Part::Object(object) => FIRST_OBJECT + object as u128,
+        Part::Link { link, shape } => FIRST_LINK + ((link as u128) << 32 | shape as u128),
     }
 }
 
 /// The part that a collider belongs to.
 pub(crate) fn part_of(collider: &Collider) -> Part {
     match collider.user_data {
-        0 => Part::Object,
-        1 => Part::Table,
-        2 => Part::Ground,
-        n => Part::Link { link: ((n - 16) >> 32) as usize, shape: ((n - 16) & 0xffff_ffff) as usize },
+        0 => Part::Table,
+        1 => Part::Ground,
+        n if n < FIRST_LINK => Part::Object((n - FIRST_OBJECT) as usize),
+        n => {
+            let n = n - FIRST_LINK;
+            Part::Link { link: (n >> 32) as usize, shape: (n & 0xffff_ffff) as usize }
+        }
     }
 }
 
@@ -48,11 +55,17 @@ pub(crate) struct JointHandle {
     body: RigidBodyHandle,
 }
 
+/// Rapier's body and collider of an object.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ObjectHandle {
+    pub body: RigidBodyHandle,
+    pub collider: ColliderHandle,
+}
+
 /// Handles of the bodies, colliders and joints in rapier's world.
 #[derive(Clone, Debug)]
 pub(crate) struct Handles {
-    pub object: RigidBodyHandle,
-    pub object_collider: ColliderHandle,
+    pub objects: Vec<ObjectHandle>,
     pub scenery: RigidBodyHandle,
     /// Rapier's joint for each joint of the hand; `None` for a fixed one.
     pub joints: Vec<Option<JointHandle>>,
@@ -65,9 +78,9 @@ pub(crate) struct Handles {
 }
 
 impl Handles {
-    /// The bodies on which fictitious forces act: the links of free joints, and the object.
+    /// The bodies on which fictitious forces act: the links of free joints, and the objects.
     pub(crate) fn moving_bodies(&self) -> impl Iterator<Item = RigidBodyHandle> {
-        self.free_joints().map(|joint| joint.body).chain([self.object])
+        self.free_joints().map(|joint| joint.body).chain(self.objects.iter().map(|object| object.body))
     }
 
     /// Handles of the free joints.
@@ -113,10 +126,10 @@ fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
     }
 }
 
-/// Builds the world with the hand's base, object and scenery all at the origin and all joints at 0.
+/// Builds the world with the hand's base, objects and scenery all at the origin and all joints at 0.
 pub(crate) fn build(
     hand: &Hand,
-    object: &ObjectModel,
+    objects: &[ObjectModel],
     config: &PhysicsConfig,
 ) -> Result<(PhysicsWorld, Handles), SimError> {
     let mut world = PhysicsWorld {
@@ -125,6 +138,31 @@ pub(crate) fn build(
         ..PhysicsWorld::default()
     };
     let scenery = insert_scenery(&mut world, config);
+    let mut inserted = Vec::with_capacity(objects.len());
+    for (index, object) in objects.iter().enumerate() {
+        inserted.push(insert_object(&mut world, object, index, config.friction.object)?);
+    }
+    insert_base(&mut world, hand);
+    let link_from_shape =
+        hand.links.iter().map(|link| link.colliders.iter().map(shape::link_from_engine).collect()).collect();
+    let mut handles = Handles {
+        objects: inserted,
+        scenery,
+        joints: vec![None; hand.joints.len()],
+        free: Vec::new(),
+        rigid: Vec::new(),
+        link_from_shape,
+    };
+    insert_chains(&mut world, hand, &mut handles)?;
+    Ok((world, handles))
+}
+
+fn insert_object(
+    world: &mut PhysicsWorld,
+    object: &ObjectModel,
+    index: usize,
+    friction: f64,
+) -> Result<ObjectHandle, SimError> {
     let mass_properties = MassProperties::with_inertia_matrix(
         frames::point(&object.center_of_mass()),
         object.mass() as f32,
@@ -134,24 +172,14 @@ pub(crate) fn build(
         .additional_mass_properties(mass_properties)
         .gyroscopic_forces_enabled(true)
         .can_sleep(false);
-    let object_body = world.bodies.insert(body);
-    let shape = object.shapes(shape::object)?;
-    let collider = surface(SharedShape::clone(&shape), config.friction.object, Part::Object, OBJECT, Group::ALL);
-    let object_collider = world.colliders.insert_with_parent(collider, object_body, &mut world.bodies);
-    insert_base(&mut world, hand);
-    let link_from_shape =
-        hand.links.iter().map(|link| link.colliders.iter().map(shape::link_from_engine).collect()).collect();
-    let mut handles = Handles {
-        object: object_body,
-        object_collider,
-        scenery,
-        joints: vec![None; hand.joints.len()],
-        free: Vec::new(),
-        rigid: Vec::new(),
-        link_from_shape,
-    };
-    insert_chains(&mut world, hand, &mut handles)?;
-    Ok((world, handles))
+    let body = world.bodies.insert(body);
+    let shape = object.shapes(shape::object).map_err(|error| match error {
+        SimError::FlatPart { part, .. } => SimError::FlatPart { object: index, part },
+        other => other,
+    })?;
+    let collider = surface(SharedShape::clone(&shape), friction, Part::Object(index), OBJECT, Group::ALL);
+    let collider = world.colliders.insert_with_parent(collider, body, &mut world.bodies);
+    Ok(ObjectHandle { body, collider })
 }
 
 /// Table and ground on one kinematic body, since both have the same motion in the hand's frame.

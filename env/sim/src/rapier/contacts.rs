@@ -50,7 +50,7 @@ struct Pair<'a> {
 impl<'a> Pair<'a> {
     fn new(colliders: [&'a Collider; 2], parts: [Part; 2], handles: &Handles, dt: f32) -> Self {
         let frame = |i: usize| match parts[i] {
-            Part::Object => Isometry3::identity(),
+            Part::Object(_) => Isometry3::identity(),
             Part::Link { link, shape } => handles.link_from_shape[link][shape],
             Part::Table | Part::Ground => {
                 colliders[i].position_wrt_parent().map_or_else(Isometry3::identity, frames::isometry)

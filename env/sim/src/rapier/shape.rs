@@ -12,7 +12,7 @@ use std::f64::consts::FRAC_PI_2;
 /// The object's collision shape in its own frame.
 ///
 /// # Errors
-/// [`SimError::NoParts`] or [`SimError::FlatPart`].
+/// [`SimError::NoParts`], or [`SimError::FlatPart`] as of object 0.
 pub(crate) fn object(geometry: &Geometry) -> Result<SharedShape, SimError> {
     let cylinder_up = Pose::from_rotation(Rotation::from_rotation_x(std::f32::consts::FRAC_PI_2));
     Ok(match geometry {
@@ -30,7 +30,8 @@ pub(crate) fn object(geometry: &Geometry) -> Result<SharedShape, SimError> {
             for (part, hull) in parts.iter().enumerate() {
                 // Parry's own hull of the vertices drops vertices of flat sides.
                 let vertices = hull.vertices().iter().map(frames::point).collect();
-                let hull = SharedShape::convex_mesh(vertices, hull.faces()).ok_or(SimError::FlatPart { part })?;
+                let hull =
+                    SharedShape::convex_mesh(vertices, hull.faces()).ok_or(SimError::FlatPart { object: 0, part })?;
                 shapes.push((Pose::IDENTITY, hull));
             }
             match shapes.len() {

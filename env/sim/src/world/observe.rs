@@ -32,9 +32,25 @@ impl World {
         &self.shared.hand
     }
 
+    /// Number of objects.
+    pub fn object_count(&self) -> usize {
+        self.shared.masses.len()
+    }
+
+    /// Index of the target object, to which the other methods refer as "the object".
+    pub fn target(&self) -> usize {
+        self.state.target
+    }
+
+    /// Every object in the world.
+    pub fn world_from_objects(&self) -> impl Iterator<Item = Isometry3<f64>> {
+        let world_from_base = self.state.motion.world_from_base;
+        (0..self.object_count()).map(move |object| world_from_base * self.engine.base_from_object(object))
+    }
+
     /// Simulated mass of the object, with the factors of [`World::scale_object`], kg.
     pub fn object_mass(&self) -> f64 {
-        self.shared.mass * self.state.mass_factor
+        self.shared.masses[self.target()] * self.state.mass_factors[self.target()]
     }
 
     /// Grasp frame in the world.
@@ -44,23 +60,23 @@ impl World {
 
     /// Object in the world.
     pub fn world_from_object(&self) -> Isometry3<f64> {
-        self.state.motion.world_from_base * self.engine.base_from_object()
+        self.state.motion.world_from_base * self.engine.base_from_object(self.target())
     }
 
     /// Object in the grasp frame.
     pub fn hand_from_object(&self) -> Isometry3<f64> {
-        self.shared.hand.base_from_hand.inverse() * self.engine.base_from_object()
+        self.shared.hand.base_from_hand.inverse() * self.engine.base_from_object(self.target())
     }
 
     /// Centre of mass of the object in the world, metres.
     pub fn object_center(&self) -> Point3<f64> {
-        self.world_from_object() * Point3::from(self.shared.object_from_center)
+        self.world_from_object() * Point3::from(self.shared.objects_from_centers[self.target()])
     }
 
     /// Velocity of the object's centre of mass (m/s) and its angular velocity (rad/s), relative to the moving hand frame.
     pub fn object_velocity_in_hand(&self) -> (Vector3<f64>, Vector3<f64>) {
         let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
-        let (linear, angular) = self.engine.object_velocity();
+        let (linear, angular) = self.engine.object_velocity(self.target());
         (hand_from_base * linear, hand_from_base * angular)
     }
 
