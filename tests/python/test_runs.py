@@ -46,6 +46,37 @@ def test_a_run_is_continued_with_the_same_settings_alone(tmp_path: Path) -> None
         read_settings(tmp_path / "none")
 
 
+def test_a_run_grows(tmp_path: Path) -> None:
+    """With more rounds, what follows them is done again; its earlier results move aside. Fewer rounds are refused."""
+    growing = {"sizes.rounds": ("evaluate*", "export*")}
+
+    def go(rounds: int, seed: int = 0) -> list[str]:
+        made: list[str] = []
+
+        def work(stage: Run) -> dict[str, Any]:
+            made.append(stage.folder.name)
+            (stage.folder / "file").write_text(stage.folder.name)
+            return {"rounds": rounds}
+
+        with Run(tmp_path, {"seed": seed, "sizes": {"rounds": rounds}}, growing=growing) as run:
+            for name in (*(f"round-{n}" for n in range(rounds)), "export", "evaluate-all"):
+                run.stage(name, 60.0, work)
+        return made
+
+    assert go(2) == ["round-0", "round-1", "export", "evaluate-all"]
+    with pytest.raises(ConfigError, match="seed was 0, is now 1; name another folder"):
+        go(3, seed=1)
+    assert go(2) == []
+    assert go(4) == ["round-2", "round-3", "export", "evaluate-all"]
+    aside = tmp_path / "with-2-rounds"
+    assert {path.name for path in aside.iterdir()} == {"export", "export.json", "evaluate-all", "evaluate-all.json"}
+    assert json.loads((aside / "export.json").read_text())["rounds"] == 2
+    assert json.loads((tmp_path / "export.json").read_text())["rounds"] == 4
+    with pytest.raises(ConfigError, match=r"sizes.rounds was 4, is now 3"):
+        go(3)
+    assert go(4) == []
+
+
 def test_other_settings_start_another_clock(tmp_path: Path) -> None:
     """As long as nothing was made, a run may change its settings; the time taken was that of the old ones."""
     for seed, before in ((0, 0.0), (0, 500.0), (1, 0.0)):

@@ -168,11 +168,15 @@ class DepthSettings(HandOption):
     9. evaluate: the exported policy in GraspPose-v0 on objects excluded from training, and its calibration
        there.
 
-    The same command resumes after an interruption, even after SIGKILL. --quick runs all stages in minutes, as a check
-    of the pipeline; such a policy grasps badly. Needs the extras cli, data, ycb and train.
+    The same command resumes after an interruption, even after SIGKILL. With a larger --sizes.rounds it adds rounds to a
+    finished run. --quick runs all stages in minutes, as a check of the pipeline; such a policy grasps badly. Needs the
+    extras cli, data, ycb and train.
     """
 
     free: ClassVar[tuple[str, ...]] = (*Options.free, "hours", "publish")
+    growing: ClassVar[dict[str, tuple[str, ...]]] = {
+        "sizes.rounds": ("member-*", "calibrate-*", "export*", "ablations*", "evaluate*")
+    }
 
     data: tuple[Path, ...] = ()
     """Existing data sets of trials, with this hand; by default one is made in the run's folder."""
@@ -296,11 +300,13 @@ class AnyHandSettings(Options):
     6. evaluate-HAND: the exported policy with each hand in GraspPose-v0, on objects excluded from training. Nothing was
        learned from the hands of --without.
 
-    The same command resumes after an interruption, even after SIGKILL. --quick runs all stages in minutes, as a check
+    The same command resumes after an interruption, even after SIGKILL. With a larger --sizes.rounds it adds rounds to a
+    finished run. --quick runs all stages in minutes, as a check
     of the pipeline. Needs the extras cli, ycb and train.
     """
 
     free: ClassVar[tuple[str, ...]] = (*Options.free, "hours", "publish")
+    growing: ClassVar[dict[str, tuple[str, ...]]] = {"sizes.rounds": ("calibrate*", "export*", "evaluate*")}
 
     hands: tuple[str, ...] = tuple(Hand.names())
     """Hands by name, whose policies are evaluated."""

@@ -32,6 +32,8 @@ class Options:
 
     #: Options on which no result depends, or which a later call may change.
     free: ClassVar[tuple[str, ...]] = ("out", "resume", "device", "torch_threads", "json")
+    #: Options that a later call may increase, and patterns of the stages that are then done again; see `Run`.
+    growing: ClassVar[dict[str, tuple[str, ...]]] = {}
 
     def __post_init__(self) -> None:
         self._at_least(seed=0, torch_threads=1)
@@ -57,7 +59,8 @@ class Options:
 
     def run(self, echo: Callable[[str], None], settings: dict[str, Any] | None = None) -> Run:
         """Open the run of these options, or of other settings, in its folder."""
-        return Run(self.out, self.kept() if settings is None else settings, resume=self.resume, echo=echo)
+        kept = self.kept() if settings is None else settings
+        return Run(self.out, kept, growing=self.growing, resume=self.resume, echo=echo)
 
 
 @dataclass(frozen=True, kw_only=True)

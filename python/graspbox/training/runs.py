@@ -47,6 +47,9 @@ class Run:
     settings : mapping, optional
         Settings that determine the results, as JSON holds them. Time limits do not belong here: a run continues with
         more time.
+    growing : mapping of str to tuple of str
+        Settings, by paths with dots, that may be greater than before; and the stages that are then done again, as
+        patterns such as "evaluate*". Their earlier results move to the folder ``with-VALUE-NAME``.
     resume : bool
         Continue the run in the directory; otherwise the directory must not have one.
     limit : float
@@ -66,12 +69,13 @@ class Run:
         folder: Path,
         settings: Mapping[str, Any] | None = None,
         *,
+        growing: Mapping[str, tuple[str, ...]] | None = None,
         resume: bool = True,
         limit: float = float("inf"),
         echo: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.folder, self.limit = Path(folder), limit
-        self._settings, self._resume, self._echo = settings, resume, echo
+        self._settings, self._growing, self._resume, self._echo = settings, growing or {}, resume, echo
         self._parent: Run | None = None
         #: Results of the stages that are done, by name.
         self.stages: dict[str, dict[str, Any]] = {}
@@ -86,7 +90,7 @@ class Run:
             if made and path.exists():
                 if not self._resume:
                     raise ConfigError(f"{str(self.folder)!r} holds a run; resume it, or name another folder")
-                refuse_changes(self.folder, read_settings(self.folder), self._settings or {})
+                self._grow(read_settings(self.folder))
             text = dumps(json.loads(json.dumps(self._settings or {}))) + "\n"
             if not made and not (path.exists() and path.read_bytes() == text.encode()):
                 # The clock of a run with other settings does not apply.
@@ -101,6 +105,23 @@ class Run:
     ) -> None:
         self.record()
         self._opened.close()
+
+    def _grow(self, before: dict[str, Any]) -> None:
+        """Refuse other settings than before, except greater ones of those that may grow."""
+        now = json.loads(json.dumps(self._settings or {}))
+        grown: dict[str, Any] = {}
+        for path in self._growing:
+            *outer, name = path.split(".")
+            old, new = _inner(before, outer), _inner(now, outer)
+            if _is_greater(new.get(name), old.get(name)):
+                grown[path], old[name] = old[name], new[name]
+        refuse_changes(self.folder, before, now)
+        for path, value in grown.items():
+            aside = self.folder / f"with-{value}-{path.rpartition('.')[2]}"
+            for pattern in self._growing[path]:
+                for done in sorted(self.folder.glob(pattern)):
+                    aside.mkdir(exist_ok=True)
+                    done.replace(aside / done.name)
 
     def _start(self) -> None:
         """Start the clock where an earlier process left it."""
@@ -297,6 +318,19 @@ def changes(before: Any, now: Any, name: str = "") -> Iterator[str]:
         yield from changes({}, now, name)
     elif before != now:
         yield f"{name} was {before!r}, is now {now!r}"
+
+
+def _inner(settings: dict[str, Any], path: Sequence[str]) -> dict[str, Any]:
+    """Return the settings at a path; new ones if there are none."""
+    for name in path:
+        found = settings.get(name)
+        settings = found if isinstance(found, dict) else {}
+    return settings
+
+
+def _is_greater(now: Any, before: Any) -> bool:
+    """Whether a number has grown."""
+    return isinstance(now, int | float) and isinstance(before, int | float) and now > before
 
 
 class _Absent:
