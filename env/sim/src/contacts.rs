@@ -11,7 +11,7 @@ const TOUCH: f64 = 2.5e-4;
 /// Summary of the contacts of the target object.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Contacts {
-    /// The object touches the table or the ground.
+    /// The object touches the table, the ground or a wall.
     pub scenery: bool,
     /// Indices of the links that touch the object, ascending, without duplicates.
     pub links: Vec<usize>,
@@ -54,7 +54,7 @@ impl World {
             let depth = (-contact.distance).max(0.0);
             for side in &contact.sides {
                 match side.part {
-                    Part::Table | Part::Ground => {
+                    Part::Table | Part::Ground | Part::Wall => {
                         found.scenery |= touches(contact);
                         found.scenery_depth = found.scenery_depth.max(depth);
                     }
@@ -77,7 +77,7 @@ impl World {
         found
     }
 
-    /// True if the target object touches table or ground: `scenery` of [`World::contacts`], at less cost.
+    /// True if the target object touches table, ground or a wall: `scenery` of [`World::contacts`], at less cost.
     pub fn object_on_scenery(&self) -> bool {
         let mut found = false;
         let target = Part::Object(self.target());

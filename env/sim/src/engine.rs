@@ -16,6 +16,7 @@ pub(crate) enum Part {
     Object(usize),
     Table,
     Ground,
+    Wall,
     /// Index of a link of the hand, and of the collider within it.
     Link {
         link: usize,
@@ -25,7 +26,7 @@ pub(crate) enum Part {
 
 impl Part {
     pub(crate) fn is_scenery(self) -> bool {
-        matches!(self, Part::Table | Part::Ground)
+        matches!(self, Part::Table | Part::Ground | Part::Wall)
     }
 
     pub(crate) fn is_object(self) -> bool {

@@ -29,6 +29,12 @@ pub enum SimError {
         /// Their number.
         count: usize,
     },
+    /// More walls than a world may have.
+    #[error("{count} walls are too many for one world; the most are {}", graspbox_solver::MAX_WALLS)]
+    TooManyWalls {
+        /// Their number.
+        count: usize,
+    },
     /// The poses are not one for each object.
     #[error("there are {poses} poses for {objects} objects; give one for each")]
     WrongPoses {

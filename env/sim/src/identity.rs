@@ -3,14 +3,20 @@
 use crate::SimError;
 use crate::config::PhysicsConfig;
 use crate::object::{Geometry, ObjectModel};
+use crate::scenery::Wall;
 use graspbox_hand::Hand;
 use graspbox_mesh::TriMesh;
 
-/// Identifies the hand, objects and settings of a template, and so the snapshots that it can restore.
+/// Identifies the hand, objects, walls and settings of a template, and so the snapshots that it can restore.
 pub(crate) type Identity = [u8; 32];
 
 /// Hash of everything that a template is built from. A snapshot can be restored if the identities are equal.
-pub(crate) fn identity(hand: &Hand, objects: &[ObjectModel], config: &PhysicsConfig) -> Result<Identity, SimError> {
+pub(crate) fn identity(
+    hand: &Hand,
+    objects: &[ObjectModel],
+    walls: &[Wall],
+    config: &PhysicsConfig,
+) -> Result<Identity, SimError> {
     let mut hasher = blake3::Hasher::new();
     for object in objects {
         let bytes = postcard::to_allocvec(&(object.mass(), object.center_of_mass(), object.inertia(), config))
@@ -18,13 +24,13 @@ pub(crate) fn identity(hand: &Hand, objects: &[ObjectModel], config: &PhysicsCon
         hasher.update(&bytes);
         match object.geometry() {
             Geometry::Parts(parts) => parts.iter().for_each(|part| hash_mesh(&mut hasher, part)),
-            // The debug format writes every number exactly.
             primitive => {
                 hasher.update(format!("{primitive:?}").as_bytes());
             }
         }
     }
-    hasher.update(format!("{hand:?}").as_bytes());
+    // The debug format writes every number exactly.
+    hasher.update(format!("{walls:?}{hand:?}").as_bytes());
     Ok(*hasher.finalize().as_bytes())
 }
 

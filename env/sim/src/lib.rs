@@ -6,7 +6,7 @@
 //! | [`object`] | an object: collision geometry, mass, inertia |
 //! | [`world`] | the world itself: step, observe, clone, snapshot |
 //! | [`contacts`] | contacts of the object and of the hand's links; tactile forces |
-//! | [`scenery`] | dimensions of table and ground |
+//! | [`scenery`] | dimensions of table and ground; walls, bins |
 //! | [`load`] | contact forces on the hand, and their sum |
 //! | `engine` | the interface between a world and its engine |
 //! | `newton` | the engine `newton` ([`graspbox_solver`]), the default |
@@ -60,4 +60,5 @@ pub use contacts::{Contacts, LinkContact, Tactile};
 pub use error::SimError;
 pub use load::{HandContact, HandLoad};
 pub use object::{Geometry, ObjectModel};
+pub use scenery::{Wall, bin};
 pub use world::{JointState, Template, World};

@@ -6,6 +6,7 @@ use crate::SimError;
 use crate::config::PhysicsConfig;
 use crate::engine::{Contact, ContactSide, Engine, JointState, Part, StepInput};
 use crate::object::ObjectModel;
+use crate::scenery::Wall;
 use graspbox_hand::Hand;
 use graspbox_solver as solver;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -33,13 +34,19 @@ impl Newton {
     ///
     /// # Errors
     /// [`SimError::FlatPart`], [`SimError::BadHand`] or [`SimError::TooManyObjects`].
-    pub(crate) fn new(hand: Arc<Hand>, objects: &[ObjectModel], config: PhysicsConfig) -> Result<Self, SimError> {
+    pub(crate) fn new(
+        hand: Arc<Hand>,
+        objects: &[ObjectModel],
+        walls: &[Wall],
+        config: PhysicsConfig,
+    ) -> Result<Self, SimError> {
         let (tree, translation) = translate::hand(&hand);
         let objects = objects.iter().map(|object| translate::object(object, config.friction.object)).collect();
-        let scenery = translate::scenery(config.friction.table);
+        let scenery = translate::scenery(walls, config.friction.table);
         let model = solver::Model::new(tree, objects, scenery, config.newton).map_err(|error| match error {
             solver::ModelError::FlatPart { object, part } => SimError::FlatPart { object, part },
             solver::ModelError::TooManyObjects { count } => SimError::TooManyObjects { count },
+            solver::ModelError::TooManyWalls { count } => SimError::TooManyWalls { count },
             error @ solver::ModelError::BadTree { .. } => {
                 SimError::BadHand { hand: hand.name.clone(), engine: "newton", why: error.to_string() }
             }
@@ -58,8 +65,11 @@ impl Newton {
                 let (link, shape) = self.shared.translation.owner(body, side.shape.into());
                 Part::Link { link, shape }
             }
-            solver::BodyKind::Scenery if surface == Some(solver::Surface::Ground) => Part::Ground,
-            solver::BodyKind::Scenery => Part::Table,
+            solver::BodyKind::Scenery => match surface {
+                Some(solver::Surface::Ground) => Part::Ground,
+                Some(solver::Surface::Wall) => Part::Wall,
+                Some(solver::Surface::Table) | None => Part::Table,
+            },
         }
     }
 

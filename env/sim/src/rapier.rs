@@ -20,6 +20,7 @@ use crate::SimError;
 use crate::config::PhysicsConfig;
 use crate::engine::{Contact, Engine, JointState, Part, StepInput};
 use crate::object::ObjectModel;
+use crate::scenery::Wall;
 use build::Handles;
 use forces::FrameForces;
 use graspbox_hand::Hand;
@@ -54,11 +55,16 @@ impl Rapier {
     ///
     /// # Errors
     /// [`SimError::NoParts`], [`SimError::FlatPart`], [`SimError::BadHand`] or [`SimError::TooManyObjects`].
-    pub(crate) fn new(hand: Arc<Hand>, objects: &[ObjectModel], config: PhysicsConfig) -> Result<Self, SimError> {
+    pub(crate) fn new(
+        hand: Arc<Hand>,
+        objects: &[ObjectModel],
+        walls: &[Wall],
+        config: PhysicsConfig,
+    ) -> Result<Self, SimError> {
         if objects.len() > graspbox_solver::MAX_OBJECTS {
             return Err(SimError::TooManyObjects { count: objects.len() });
         }
-        let (physics, handles) = build::build(&hand, objects, &config)?;
+        let (physics, handles) = build::build(&hand, objects, walls, &config)?;
         let tensions = vec![0.0; hand.tendons.len()];
         Ok(Self { physics, tensions, shared: Arc::new(Shared { hand, handles, config }) })
     }

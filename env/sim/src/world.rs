@@ -10,6 +10,7 @@ use crate::motion::BaseMotion;
 use crate::newton::Newton;
 use crate::object::ObjectModel;
 use crate::rapier::Rapier;
+use crate::scenery::{self, Wall};
 use graspbox_hand::{ActuatorCommand, ActuatorState, Hand};
 use graspbox_mesh::range::{OutOfRange, all_within, in_range, is_pose};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -97,24 +98,30 @@ impl Template {
     /// # Errors
     /// As [`Template::of_objects`].
     pub fn new(hand: Arc<Hand>, object: &ObjectModel, config: PhysicsConfig) -> Result<Self, SimError> {
-        Self::of_objects(hand, std::slice::from_ref(object), config)
+        Self::of_objects(hand, std::slice::from_ref(object), &[], config)
     }
 
-    /// Builds the world of `objects` and `hand`.
+    /// Builds the world of `objects`, `walls` and `hand`.
     ///
     /// # Errors
-    /// [`SimError`] for a setting out of range, an object or a hand that cannot be simulated, no object, or too many.
-    pub fn of_objects(hand: Arc<Hand>, objects: &[ObjectModel], config: PhysicsConfig) -> Result<Self, SimError> {
+    /// [`SimError`] for a setting or a wall out of range, an object or a hand that cannot be simulated, no object, too many objects or walls.
+    pub fn of_objects(
+        hand: Arc<Hand>,
+        objects: &[ObjectModel],
+        walls: &[Wall],
+        config: PhysicsConfig,
+    ) -> Result<Self, SimError> {
         config.validate()?;
+        scenery::check(walls)?;
         if objects.is_empty() {
             return Err(SimError::NoObjects);
         }
         let engine: Box<dyn Engine> = match config.engine {
-            EngineKind::Newton => Box::new(Newton::new(Arc::clone(&hand), objects, config)?),
-            EngineKind::Rapier => Box::new(Rapier::new(Arc::clone(&hand), objects, config)?),
+            EngineKind::Newton => Box::new(Newton::new(Arc::clone(&hand), objects, walls, config)?),
+            EngineKind::Rapier => Box::new(Rapier::new(Arc::clone(&hand), objects, walls, config)?),
         };
         let shared = Shared {
-            identity: identity(&hand, objects, &config)?,
+            identity: identity(&hand, objects, walls, &config)?,
             hand,
             config,
             masses: objects.iter().map(ObjectModel::mass).collect(),

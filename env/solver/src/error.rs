@@ -19,6 +19,12 @@ pub enum ModelError {
         /// Their number.
         count: usize,
     },
+    /// More walls than a world may have.
+    #[error("{count} walls are too many; the most are {}", crate::model::MAX_WALLS)]
+    TooManyWalls {
+        /// Their number.
+        count: usize,
+    },
     /// The tree breaks a rule of [`crate::tree`].
     #[error("{why} (index {index})")]
     BadTree {

@@ -3,7 +3,7 @@
 //! | module | purpose |
 //! |---|---|
 //! | [`tree`] | the hand: bodies, joints, coordinates, cables |
-//! | [`object`], [`scenery`] | an object; table and ground |
+//! | [`object`], [`scenery`] | an object; table, ground and walls |
 //! | [`config`] | settings, with the reason for each number |
 //! | [`model`] | data shared by all worlds of one template |
 //! | [`solver`] | the state of a world, and one time step |
@@ -33,7 +33,7 @@
 //!     inertia: Matrix3::identity() * (0.4 * 0.2 * 0.03 * 0.03),
 //!     friction: 1.0,
 //! };
-//! let table = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
+//! let table = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls: vec![], friction: 0.5 };
 //! let mut solver = Solver::new(Model::new(hand, vec![ball], table, Default::default())?.into());
 //! let world = Isometry3::translation(0.0, 0.0, -1.0); // the base is 1 m above the table
 //! solver.state_mut().objects[0].base_from_object = Isometry3::translation(0.0, 0.0, -0.9);
@@ -74,9 +74,9 @@ pub use config::NewtonConfig;
 pub use contact::{Contact, Side};
 pub use dynamics::FrameMotion;
 pub use error::{ModelError, StateError};
-pub use model::{BodyIndex, BodyKind, MAX_OBJECTS, Model};
+pub use model::{BodyIndex, BodyKind, MAX_OBJECTS, MAX_WALLS, Model};
 pub use object::{Object, ObjectPart};
-pub use scenery::{Scenery, Surface};
+pub use scenery::{Scenery, Surface, Wall};
 pub use solver::saved::SavedState;
 pub use solver::{CableCommand, ObjectState, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

@@ -13,7 +13,7 @@ use crate::scenery::Scenery;
 use crate::tree::{BodyShape, JointKind, Tree};
 use crate::units;
 
-/// Index of a body in contacts: the objects, the bodies of the hand (base first), then the scenery (table and ground).
+/// Index of a body in contacts: the objects, the bodies of the hand (base first), then the scenery (table, ground and walls).
 pub type BodyIndex = usize;
 
 /// What a [`BodyIndex`] refers to.
@@ -23,7 +23,7 @@ pub enum BodyKind {
     Object(usize),
     /// A body of the tree, by its index; 0 is the base.
     Hand(usize),
-    /// Table and ground.
+    /// Table, ground and walls.
     Scenery,
 }
 
@@ -49,6 +49,9 @@ pub(crate) struct HandShape {
     pub radius: f64,
     pub friction: f64,
 }
+
+/// Most walls of a world.
+pub const MAX_WALLS: usize = 64;
 
 /// An object, ready for simulation.
 pub(crate) struct FreeObject {
@@ -111,9 +114,12 @@ impl Model {
     /// Prepares a hand and any number of objects, up to [`MAX_OBJECTS`].
     ///
     /// # Errors
-    /// [`ModelError`] for a tree or an object that breaks the rules of [`Tree`] and [`Object`], and for too many objects.
+    /// [`ModelError`] for a tree or an object that breaks the rules of [`Tree`] and [`Object`], and for too many objects or walls.
     pub fn new(tree: Tree, objects: Vec<Object>, scenery: Scenery, config: NewtonConfig) -> Result<Self, ModelError> {
         tree.check()?;
+        if scenery.walls.len() > MAX_WALLS {
+            return Err(ModelError::TooManyWalls { count: scenery.walls.len() });
+        }
         if objects.len() > MAX_OBJECTS {
             return Err(ModelError::TooManyObjects { count: objects.len() });
         }
@@ -367,7 +373,8 @@ impl Model {
     }
 
     fn for_test(tree: Tree, objects: Vec<Object>) -> Self {
-        let scenery = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
+        let scenery =
+            Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls: vec![], friction: 0.5 };
         Self::new(tree, objects, scenery, NewtonConfig::default()).unwrap()
     }
 }
@@ -432,7 +439,8 @@ mod tests {
     fn too_many_objects_are_refused() {
         let hand = Tree { bodies: vec![body(None)], ..Tree::default() };
         let objects = vec![ball(0.1, 1e-4); MAX_OBJECTS + 1];
-        let scenery = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: 0.5 };
+        let scenery =
+            Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls: vec![], friction: 0.5 };
         let found = Model::new(hand, objects, scenery, NewtonConfig::default()).err();
         assert_eq!(found, Some(ModelError::TooManyObjects { count: MAX_OBJECTS + 1 }));
     }

@@ -1,9 +1,18 @@
-//! Table and ground, and their planes in the frame of the hand's base.
+//! Table, ground and walls, and their places in the frame of the hand's base.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
-/// A table (top at z = 0 of the world, centred at the origin) above an unbounded ground.
+/// A box that does not move in the world, such as the side of a bin.
 #[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wall {
+    /// Its pose in the world.
+    pub world_from_wall: Isometry3<f64>,
+    /// Half extents, metres.
+    pub half: Vector3<f64>,
+}
+
+/// A table (top at z = 0 of the world, centred at the origin) above an unbounded ground, and walls.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scenery {
     /// Side of the table top, metres.
     pub table_side: f64,
@@ -11,7 +20,9 @@ pub struct Scenery {
     pub table_thickness: f64,
     /// Height of the table top above the ground, metres.
     pub table_height: f64,
-    /// Friction factor of both surfaces.
+    /// Walls.
+    pub walls: Vec<Wall>,
+    /// Friction factor of all surfaces.
     pub friction: f64,
 }
 
@@ -37,6 +48,8 @@ pub enum Surface {
     Table,
     /// The ground.
     Ground,
+    /// A wall.
+    Wall,
 }
 
 impl Scenery {
@@ -54,6 +67,14 @@ impl Scenery {
             half,
         };
         [plane(0.0, self.table_side / 2.0), plane(-self.table_height, f64::INFINITY)]
+    }
+}
+
+impl Wall {
+    /// Distance of a point in the world from the wall, metres; 0 inside it.
+    pub(crate) fn distance(&self, point: &Point3<f64>) -> f64 {
+        let local = self.world_from_wall.inverse_transform_point(point).coords.abs();
+        (local - self.half).sup(&Vector3::zeros()).norm()
     }
 }
 

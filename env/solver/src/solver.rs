@@ -398,13 +398,16 @@ impl Solver {
         let pair = &self.model.pairs[source.pair as usize];
         let candidate = &self.searcher.pairs[source.pair as usize].candidates[source.candidate as usize];
         let point = &self.problem.points[index];
-        let shape = |i: usize| candidate.shapes[i].map_or(0, |s| self.model.shape_owner[usize::from(s)].1 as u16);
+        let shape = |i: usize| match (pair.sides[i], candidate.shapes[i]) {
+            (BodyKind::Hand(_), Some(s)) => self.model.shape_owner[usize::from(s)].1 as u16,
+            _ => 0,
+        };
         let into_a = self.turns[pair.a].tr_mul(&-point.normal);
         let into_b = self.turns[pair.b].tr_mul(&point.normal);
         let middle = Point3::from(self.referred + point.arm);
-        let scenery = pair.b == self.model.scenery_body();
+        let surface_of_box = if candidate.shapes[1].is_some() { Surface::Wall } else { Surface::Table };
         let (on_b, surface) = match candidate.opposite {
-            Opposite::Point { on_b, .. } => (on_b, scenery.then_some(Surface::Table)),
+            Opposite::Point { on_b, .. } => (on_b, (pair.sides[1] == BodyKind::Scenery).then_some(surface_of_box)),
             Opposite::Plane(surface) => {
                 let on_plane = middle + point.normal * (0.5 * source.distance);
                 (self.poses[pair.b].inverse_transform_point(&on_plane).coords, Some(surface))

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{DT, GRAVITY, Scene, at, ball, can, cuboid, hull, numbers, turned};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 const HALF: f64 = 0.025;
 
@@ -223,4 +223,32 @@ fn snapshots_continue_with_the_same_bits() {
     assert_eq!(expected, other.centers());
     let fewer = heap(5).solver.save();
     assert!(other.solver.load(fewer).is_err(), "a state of fewer objects was taken");
+}
+
+/// A bug here: a wall felt at the wrong place, or from one side alone.
+#[test]
+fn a_wall_carries_and_stops() {
+    use graspbox_solver::{Surface, Wall};
+    let half = Vector3::new(0.1, 0.1, 0.02);
+    let shelf = Wall { world_from_wall: turned(0.1, 0.2, 0.3, [0.0, 0.0, 1.0], 30.0), half };
+    // On top of the shelf, and thrown against its side.
+    let on_top = Vector3::new(0.1, 0.2, 0.32 + HALF);
+    let side = shelf.world_from_wall * Point3::new(-0.2, 0.0, 0.0);
+    let objects = vec![(cube(0.2), Isometry3::from(on_top)), (ball(0.02, 0.1, 0.5), Isometry3::from(side.coords))];
+    let mut scene = Scene::with_walls(objects, vec![shelf]);
+    // Upwards too, so that it is as high as the shelf when it arrives after 0.08 s.
+    let towards = shelf.world_from_wall * Vector3::x();
+    scene.solver.state_mut().objects[1].linear = towards + Vector3::z() * (0.04 * GRAVITY);
+    let mut nearest = f64::INFINITY;
+    for _ in 0..(0.15 / DT) as usize {
+        scene.step();
+        let local = shelf.world_from_wall.inverse_transform_point(&Point3::from(scene.center(1)));
+        nearest = nearest.min(-local.x);
+    }
+    assert!((nearest - 0.12).abs() < 2e-3, "the ball came to {nearest} m of the middle of the shelf");
+    scene.run(0.5);
+    assert!((scene.center(0) - on_top).norm() < 1e-3, "the box left the shelf: {}", scene.center(0));
+    let mut surfaces = Vec::new();
+    scene.solver.contacts(|a, _| a == 0, |contact| surfaces.push(contact.surface));
+    assert!(!surfaces.is_empty() && surfaces.iter().all(|surface| *surface == Some(Surface::Wall)), "{surfaces:?}");
 }

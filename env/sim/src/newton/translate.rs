@@ -1,7 +1,7 @@
 //! Translation of hand, object and scenery into the solver's model.
 
 use crate::object::{Geometry, ObjectModel};
-use crate::scenery::{TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
+use crate::scenery::{TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS, Wall};
 use graspbox_hand::{ActuatorState, Drive, Hand, JointKind, Link, Shape, Transmission};
 use graspbox_solver as solver;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
@@ -245,6 +245,12 @@ pub(crate) fn object(object: &ObjectModel, friction: f64) -> solver::Object {
     solver::Object { parts, mass: object.mass(), center: object.center_of_mass(), inertia: object.inertia(), friction }
 }
 
-pub(crate) fn scenery(friction: f64) -> solver::Scenery {
-    solver::Scenery { table_side: TABLE_SIDE, table_thickness: TABLE_THICKNESS, table_height: TABLE_HEIGHT, friction }
+pub(crate) fn scenery(walls: &[Wall], friction: f64) -> solver::Scenery {
+    solver::Scenery {
+        table_side: TABLE_SIDE,
+        table_thickness: TABLE_THICKNESS,
+        table_height: TABLE_HEIGHT,
+        walls: walls.to_vec(),
+        friction,
+    }
 }

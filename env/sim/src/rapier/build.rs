@@ -5,7 +5,7 @@ use crate::SimError;
 use crate::config::PhysicsConfig;
 use crate::engine::Part;
 use crate::object::ObjectModel;
-use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
+use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS, Wall};
 use graspbox_hand::{Hand, JointKind};
 use graspbox_solver::dispatch::Dispatcher;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -20,8 +20,8 @@ const FIRST_CHAIN_GROUP: u32 = 4;
 /// Most chains of a hand: rapier has 32 collision groups.
 const MAX_CHAINS: usize = 13;
 
-/// Tags of parts: table, ground, from here on objects, and from [`FIRST_LINK`] on links.
-const FIRST_OBJECT: u128 = 2;
+/// Tags of parts: table, ground, walls, from here on objects, and from [`FIRST_LINK`] on links.
+const FIRST_OBJECT: u128 = 3;
 const FIRST_LINK: u128 = 1 << 16;
 
 /// A part as the number in a collider's user data.
@@ -29,6 +29,7 @@ fn tag(part: Part) -> u128 {
     match part {
         Part::Table => 0,
         Part::Ground => 1,
+        Part::Wall => 2,
         Part::Object(object) => FIRST_OBJECT + object as u128,
         Part::Link { link, shape } => FIRST_LINK + ((link as u128) << 32 | shape as u128),
     }
@@ -39,6 +40,7 @@ pub(crate) fn part_of(collider: &Collider) -> Part {
     match collider.user_data {
         0 => Part::Table,
         1 => Part::Ground,
+        2 => Part::Wall,
         n if n < FIRST_LINK => Part::Object((n - FIRST_OBJECT) as usize),
         n => {
             let n = n - FIRST_LINK;
@@ -130,6 +132,7 @@ fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
 pub(crate) fn build(
     hand: &Hand,
     objects: &[ObjectModel],
+    walls: &[Wall],
     config: &PhysicsConfig,
 ) -> Result<(PhysicsWorld, Handles), SimError> {
     let mut world = PhysicsWorld {
@@ -137,7 +140,7 @@ pub(crate) fn build(
         narrow_phase: NarrowPhase::with_query_dispatcher(Dispatcher),
         ..PhysicsWorld::default()
     };
-    let scenery = insert_scenery(&mut world, config);
+    let scenery = insert_scenery(&mut world, walls, config);
     let mut inserted = Vec::with_capacity(objects.len());
     for (index, object) in objects.iter().enumerate() {
         inserted.push(insert_object(&mut world, object, index, config.friction.object)?);
@@ -182,8 +185,8 @@ fn insert_object(
     Ok(ObjectHandle { body, collider })
 }
 
-/// Table and ground on one kinematic body, since both have the same motion in the hand's frame.
-fn insert_scenery(world: &mut PhysicsWorld, config: &PhysicsConfig) -> RigidBodyHandle {
+/// Table, ground and walls on one kinematic body, since all have the same motion in the hand's frame.
+fn insert_scenery(world: &mut PhysicsWorld, walls: &[Wall], config: &PhysicsConfig) -> RigidBodyHandle {
     let body = RigidBodyBuilder::kinematic_position_based().can_sleep(false);
     let body = world.bodies.insert(body);
     let half = frames::length(TABLE_SIDE / 2.0);
@@ -195,7 +198,13 @@ fn insert_scenery(world: &mut PhysicsWorld, config: &PhysicsConfig) -> RigidBody
     let ground_half = SharedShape::cuboid(ground_side, ground_side, thick);
     let ground = surface(ground_half, config.friction.table, Part::Ground, GROUND, Group::ALL)
         .translation(Vector::new(0.0, 0.0, frames::length(-TABLE_HEIGHT) - thick));
-    for collider in [table, ground] {
+    let walls = walls.iter().map(|wall| {
+        let half = frames::lengths(&wall.half);
+        let shape = SharedShape::cuboid(half.x, half.y, half.z);
+        let built = surface(shape, config.friction.table, Part::Wall, GROUND, Group::ALL);
+        built.position(frames::pose(&wall.world_from_wall))
+    });
+    for collider in [table, ground].into_iter().chain(walls) {
         world.colliders.insert_with_parent(collider, body, &mut world.bodies);
     }
     body

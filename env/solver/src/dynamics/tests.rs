@@ -90,7 +90,7 @@ fn model(next: &mut Numbers) -> Model {
         inertia: Matrix3::identity() * 1e-4,
         friction: 1.0,
     };
-    let scenery = Scenery { table_side: 1.0, table_thickness: 0.1, table_height: 0.7, friction: 0.5 };
+    let scenery = Scenery { table_side: 1.0, table_thickness: 0.1, table_height: 0.7, walls: vec![], friction: 0.5 };
     Model::new(tree, vec![object], scenery, NewtonConfig::default()).unwrap()
 }
 

@@ -2,7 +2,7 @@
 //!
 //! | module | purpose |
 //! |---|---|
-//! | `planes` | corners of a body over table and ground |
+//! | `planes` | corners of a body over table and ground; edges of the table, and walls |
 //! | `shapes` | shapes of the hand and parts of objects against each other, by parry |
 //! | `manifold` | reduction of a contact manifold to four points |
 //!
@@ -50,7 +50,7 @@ pub(crate) struct Candidate {
     pub opposite: Opposite,
     /// Coefficient of friction, without the scale of the objects' friction in this world.
     pub friction: f64,
-    /// Shapes of the hand on both sides; `None` for objects and scenery.
+    /// Shapes of the hand on both sides, and the wall for one of the scenery's; `None` for objects, table and ground.
     pub shapes: [Option<u16>; 2],
 }
 
@@ -116,6 +116,20 @@ impl SavedSearch {
     }
 }
 
+/// Whether the centre of a body's bounding sphere is within `far` of a wall.
+fn near_wall(model: &Model, now: &Situation, body: BodyIndex, far: f64) -> bool {
+    let walls = &model.scenery.walls;
+    !walls.is_empty() && {
+        let center = world_center(model, now, body);
+        walls.iter().any(|wall| wall.distance(&center) < far)
+    }
+}
+
+/// Centre of a body's bounding sphere in the world.
+fn world_center(model: &Model, now: &Situation, body: BodyIndex) -> Point3<f64> {
+    now.poses[model.scenery_body()].inverse_transform_point(&Point3::from(now.moving[body].center))
+}
+
 /// Number of pairs of a hand shape and an object's part.
 fn directions(model: &Model) -> usize {
     model.shapes.len() * model.objects.iter().map(|object| object.parts.len()).sum::<usize>()
@@ -158,7 +172,8 @@ impl Searcher {
         let reach = model.config.prediction + now.dt * speed;
         let cache = &mut self.pairs[index];
         cache.reach = reach;
-        if now.planes.iter().all(|p| p.gap(&a.center) >= radius + reach) {
+        let far = radius + reach;
+        if now.planes.iter().all(|p| p.gap(&a.center) >= far) && !near_wall(model, now, pair.a, far) {
             cache.forget();
             return;
         }
@@ -233,6 +248,7 @@ impl Candidate {
             (Some(shape), BodyKind::Hand(body)) => {
                 model.shape_owner.get(usize::from(shape)).is_some_and(|(owner, _)| *owner == body)
             }
+            (Some(wall), BodyKind::Scenery) => usize::from(wall) < model.scenery.walls.len(),
             (shape, kind) => shape.is_none() && !matches!(kind, BodyKind::Hand(_)),
         };
         let shapes = owned(self.shapes[0], pair.a) && owned(self.shapes[1], pair.b);

@@ -1,13 +1,13 @@
-//! Contact candidates with table and ground: corners over their planes, and the table as a box near its edges.
+//! Contact candidates with the scenery: corners over the planes of table and ground, and boxes, which are walls and the table near its edges.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::shape::{Cuboid, Shape};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::manifold::chosen;
-use super::{Candidate, Opposite, Searcher, Situation};
+use super::{Candidate, Opposite, Searcher, Situation, world_center};
 use crate::model::{BodyIndex, BodyKind, Corners, Model};
-use crate::scenery::{Plane, Surface};
+use crate::scenery::{Plane, Surface, Wall};
 use crate::units;
 
 /// Directions in the plane along which the farthest corners are kept: every 45 degrees.
@@ -78,7 +78,7 @@ impl Searcher {
         let body = model.pairs[pair].a;
         let edge = over_edge(model, now, body);
         let margin = self.pairs[pair].margin;
-        let mut clearance = f64::INFINITY;
+        let mut clearance = self.walls(model, now, pair);
         for (plane, surface) in now.planes.iter().zip([Surface::Table, Surface::Ground]) {
             if surface == Surface::Table && edge {
                 self.table_as_box(model, now, pair);
@@ -110,26 +110,51 @@ impl Searcher {
 
     /// The table as a box: its edges support bodies that have no corner over the table.
     fn table_as_box(&mut self, model: &Model, now: &Situation, pair: usize) {
-        let body = model.pairs[pair].a;
         let (side, thick) = (model.scenery.table_side / 2.0, model.scenery.table_thickness / 2.0);
-        let table = Cuboid::new(units::lengths(&Vector3::new(side, side, thick)));
-        let world_from_box = Isometry3::translation(0.0, 0.0, -thick);
-        let base_from_box = now.poses[model.scenery_body()] * world_from_box;
+        let table =
+            Wall { world_from_wall: Isometry3::translation(0.0, 0.0, -thick), half: Vector3::new(side, side, thick) };
+        self.body_and_box(model, now, pair, &table, None);
+    }
+
+    /// Walls within the margin. Returns a lower bound of the distance of the others, or the margin if there are none nearer, metres.
+    fn walls(&mut self, model: &Model, now: &Situation, pair: usize) -> f64 {
+        let mut clearance = f64::INFINITY;
+        if model.scenery.walls.is_empty() {
+            return clearance;
+        }
+        let body = model.pairs[pair].a;
+        let margin = self.pairs[pair].margin;
+        let center = world_center(model, now, body);
+        for (index, wall) in model.scenery.walls.iter().enumerate() {
+            let apart = wall.distance(&center) - model.radius[body];
+            clearance = clearance.min(apart.max(margin));
+            if apart <= margin {
+                self.body_and_box(model, now, pair, wall, Some(index as u16));
+            }
+        }
+        clearance
+    }
+
+    /// The shapes of a body against a box of the scenery; `index` is that of a wall.
+    fn body_and_box(&mut self, model: &Model, now: &Situation, pair: usize, wall: &Wall, index: Option<u16>) {
+        let body = model.pairs[pair].a;
+        let solid = Cuboid::new(units::lengths(&wall.half));
+        let base_from_box = now.poses[model.scenery_body()] * wall.world_from_wall;
         let box_from_body = base_from_box.inv_mul(&now.poses[body]);
         let reach = units::length(self.pairs[pair].margin);
-        let one = |this: &mut Self, shape: &dyn Shape, body_from_shape: &Isometry3<f64>, friction, index| {
+        let one = |this: &mut Self, shape: &dyn Shape, body_from_shape: &Isometry3<f64>, friction, own| {
             let place = units::pose(&(box_from_body * body_from_shape).inverse());
-            if !this.contact(&place, shape, &table, parry3d::math::Vector::ZERO, reach) {
+            if !this.contact(&place, shape, &solid, parry3d::math::Vector::ZERO, reach) {
                 return;
             }
             let (kept, count) = chosen(&this.manifold, reach);
             let normal = body_from_shape.rotation * units::direction(this.manifold.local_n1);
             for point in kept[..count].iter().map(|i| &this.manifold.points[*i]) {
                 let on_a = (body_from_shape * Point3::from(units::metres64(point.local_p1))).coords;
-                let on_b = (world_from_box * Point3::from(units::metres64(point.local_p2))).coords;
+                let on_b = (wall.world_from_wall * Point3::from(units::metres64(point.local_p2))).coords;
                 let opposite = Opposite::Point { on_b, normal };
                 let friction = friction * model.scenery.friction;
-                this.pairs[pair].candidates.push(Candidate { on_a, opposite, friction, shapes: [index, None] });
+                this.pairs[pair].candidates.push(Candidate { on_a, opposite, friction, shapes: [own, index] });
             }
         };
         match model.kind(body) {

@@ -1,6 +1,8 @@
 //! Worlds without a hand, for truths about objects.
 
-use graspbox_solver::{Body, FrameMotion, Model, Object, ObjectPart, Primitive, Scenery, Solver, StepInput, Tree};
+use graspbox_solver::{
+    Body, FrameMotion, Model, Object, ObjectPart, Primitive, Scenery, Solver, StepInput, Tree, Wall,
+};
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 
 pub const DT: f64 = 0.002;
@@ -81,6 +83,10 @@ pub struct Scene {
 
 impl Scene {
     pub fn new(objects: Vec<(Object, Isometry3<f64>)>) -> Self {
+        Self::with_walls(objects, vec![])
+    }
+
+    pub fn with_walls(objects: Vec<(Object, Isometry3<f64>)>, walls: Vec<Wall>) -> Self {
         let base = Body {
             center: Point3::origin(),
             inertia: Matrix3::zeros(),
@@ -89,7 +95,8 @@ impl Scene {
             joint: None,
             shapes: vec![],
         };
-        let table = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, friction: TABLE_FRICTION };
+        let table =
+            Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls, friction: TABLE_FRICTION };
         let (objects, poses): (Vec<Object>, Vec<Isometry3<f64>>) = objects.into_iter().unzip();
         let hand = Tree { bodies: vec![base], ..Tree::default() };
         let model = Model::new(hand, objects.clone(), table, Default::default()).unwrap();
