@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`body`] | from a mesh to convex parts, mass and inertia |
 //! | [`scene`] | an object at rest on the table, from which episodes are cloned |
+//! | [`layout`] | several objects at rest: packed, in a pile, in a bin |
 //! | [`episode`] | the state machine: reset, advance, verdict |
 //! | [`judge`] | the one definition of success, and the quantities that describe a grasp |
 //! | [`trial`] | the scripted driver: close, lift, hold, shake |
@@ -44,6 +45,7 @@ pub mod episode;
 mod error;
 pub mod forces;
 pub mod judge;
+pub mod layout;
 pub mod observer;
 pub mod sample;
 pub mod scene;
@@ -57,6 +59,7 @@ pub use episode::Episode;
 pub use error::EpisodeError;
 pub use forces::{ForceConfig, ForceOutcome, Motion, Moved, run_forces};
 pub use judge::{FailureKind, Judge, SuccessCriterion, Verdict};
+pub use layout::{Arrangement, Layout};
 pub use observer::Observer;
 pub use sample::Sample;
 pub use scene::Scene;
