@@ -35,6 +35,7 @@ from graspbox.configs import (
 )
 from graspbox.envs import register
 from graspbox.errors import GraspboxError
+from graspbox.layouts import Arrangement, arrange
 from graspbox.meshes import Mesh, load_mesh, mesh_from_arrays
 from graspbox.planning import Box, BoxTree, Grasp, Plan, decompose, plan
 from graspbox.simulation import Hand, Outcome, Outcomes, Scene, Trace, load_hand, simulate
@@ -42,6 +43,7 @@ from graspbox.views import ViewPlan, Views, depth_millimetres, occupancy, views
 from graspbox.voxels import Voxels, load_binvox, save_binvox, voxelize
 
 __all__ = [
+    "Arrangement",
     "Box",
     "BoxTree",
     "CameraConfig",
@@ -73,6 +75,7 @@ __all__ = [
     "Views",
     "Voxels",
     "__version__",
+    "arrange",
     "dataset",
     "decompose",
     "depth_millimetres",

@@ -512,6 +512,23 @@ def views(
 ) -> ViewArrays: ...
 
 @type_check_only
+class ArrangementArrays(TypedDict):
+    objects: NDArray[np.int64]
+    world_from_objects: NDArray[np.float64]
+    world_from_walls: NDArray[np.float64]
+    wall_half_extents: NDArray[np.float64]
+
+def arrange(
+    meshes: Sequence[Mesh],
+    hand: Hand,
+    layout: str,
+    physics: str,
+    seed: int,
+    cache: str | PathLike[str] | None,
+) -> ArrangementArrays:
+    """Let meshes come to rest in a layout: those that stayed (k,), their poses (k, 4, 4), and the walls."""
+
+@type_check_only
 class SceneImageArrays(TypedDict):
     depth: NDArray[np.float32]
     rgb: NotRequired[NDArray[np.uint8]]

@@ -23,7 +23,7 @@ fn bodies(count: usize) -> Vec<Body> {
 }
 
 fn arrange(layout: Layout, bodies: &[Body], seed: u64) -> Arrangement {
-    layout.arrange(bodies, &hand(), PhysicsConfig::default(), seed).unwrap()
+    layout.arrange(&bodies.iter().collect::<Vec<_>>(), &hand(), PhysicsConfig::default(), seed).unwrap()
 }
 
 /// Greatest shift of an object's centre of mass within half a second, metres.
@@ -89,7 +89,8 @@ fn equal_seeds_give_equal_bits() {
 #[test]
 fn impossible_layouts_are_refused() {
     let refused = |layout: Layout, bodies: &[Body]| {
-        let found: Result<_, EpisodeError> = layout.arrange(bodies, &hand(), PhysicsConfig::default(), 0);
+        let found: Result<_, EpisodeError> =
+            layout.arrange(&bodies.iter().collect::<Vec<_>>(), &hand(), PhysicsConfig::default(), 0);
         found.err().unwrap().to_string()
     };
     assert!(refused(Layout::Pile, &[]).contains("there is no object"));

@@ -73,7 +73,7 @@ impl Layout {
     /// [`EpisodeError::NoRest`] if the simulation diverges.
     pub fn arrange(
         &self,
-        bodies: &[Body],
+        bodies: &[&Body],
         hand: &Arc<Hand>,
         physics: PhysicsConfig,
         seed: u64,
@@ -106,7 +106,7 @@ impl Layout {
 
 /// A layout in the making: the objects that were added, at rest at their poses.
 struct Heap<'a> {
-    bodies: &'a [Body],
+    bodies: &'a [&'a Body],
     hand: &'a Arc<Hand>,
     physics: PhysicsConfig,
     walls: Vec<Wall>,

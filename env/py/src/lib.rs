@@ -11,6 +11,7 @@
 //! | [`gil`] | releases the GIL, catches panics, checks for Ctrl-C, owns the thread pools |
 //! | [`hand`] | the handle on a hand |
 //! | [`images`] | pictures, images of scenes, candidates of grasps in them, voxels |
+//! | [`layout`] | several objects at rest |
 //! | [`log`] | log events of the core, for Python's `logging` |
 //! | [`mesh`] | the handle on a mesh |
 //! | [`plan`] | box trees and plans |
@@ -26,6 +27,7 @@ pub mod errors;
 pub mod gil;
 pub mod hand;
 pub mod images;
+pub mod layout;
 pub mod log;
 pub mod mesh;
 pub mod plan;
@@ -68,6 +70,8 @@ mod _core {
     use crate::images::vision::{image_kinds, image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
     #[pymodule_export]
     use crate::images::voxel::{load_binvox, save_binvox, voxelize};
+    #[pymodule_export]
+    use crate::layout::arrange;
     #[pymodule_export]
     use crate::mesh::Mesh;
     #[pymodule_export]

@@ -33,6 +33,7 @@ from graspbox.programs import run_program
 typer_app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 typer_app.command("objects")(objects.objects)
 typer_app.command("prepare")(objects.prepare)
+typer_app.command("scenes")(objects.scenes)
 typer_app.command("plan")(plan.plan)
 typer_app.command("view")(view.view)
 typer_app.command("voxelize")(voxelize.voxelize)

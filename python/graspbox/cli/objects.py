@@ -1,18 +1,24 @@
-"""``graspbox objects`` and ``graspbox prepare``: the contents of a set, and its cache filled in advance."""
+"""``graspbox objects``, ``prepare`` and ``scenes``: a set's contents, its cache filled in advance, layouts of it."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from graspbox import layouts
 from graspbox._common.refusals import reason
 from graspbox.cli.common import (
+    HandName,
     Json,
     Mass,
+    Objects,
     Scale,
+    Seed,
     Split,
     Threads,
     end_with,
     find,
+    hand_like,
     print_json,
     print_table,
     progress,
@@ -68,3 +74,71 @@ def prepare(
     else:
         typer.echo(f"{len(prepared)} of {len(found)} objects of {found.name} are prepared")
     end_with(refused)
+
+
+def scenes(
+    objects: Objects = None,
+    layout: Annotated[str, typer.Option("--layout", help="packed, pile or bin.")] = "pile",
+    each: Annotated[int, typer.Option("--objects-per-scene", min=1, max=64, help="Objects of a scene.")] = 5,
+    count: Annotated[int, typer.Option("--scenes", min=1, max=10_000, help="Number of scenes.")] = 6,
+    inside: Annotated[
+        tuple[float, float, float], typer.Option("--inside", help="Length, width and height of the bin, metres.")
+    ] = (0.3, 0.25, 0.12),
+    picture: Annotated[
+        Path | None, typer.Option("--picture", help="Write a picture of the first 12 scenes into this file.")
+    ] = None,
+    split: Split = None,
+    scale: Scale = 1.0,
+    hand: HandName = "reflex",
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Make scenes of several objects, packed, in piles or in bins, and draw them.
+
+    Objects and their sizes are drawn at random, as in VGN: 0.7 to 0.9 of their size when packed, 0.8 to 1.0 in piles.
+    """
+    found, named = find(objects, split, scale), layouts.layout_named(layout)
+    if picture is not None:
+        from graspbox.pictures.arrangements import save_arrangements
+        from graspbox.pictures.files import check_path
+
+        check_path(picture)
+    made: list[layouts.Arrangement] = []
+    drawn: list[list[str]] = []
+    with progress() as bar:
+        task = bar.add_task("scenes", total=count)
+        for number in range(count):
+            specs = layouts.draw_objects(found, each, named, seed + number)
+            meshes = [spec.load() for spec in specs]
+            made.append(layouts.arrange(meshes, named, seed=seed + number, inside=inside, hand=hand_like(hand)))
+            drawn.append([spec.name for spec in specs])
+            bar.update(task, completed=number + 1)
+    if as_json:
+        print_json(
+            [_scene_row(names, scene, seed + n) for n, (names, scene) in enumerate(zip(drawn, made, strict=True))]
+        )
+    else:
+        rows: list[tuple[str, ...]] = [
+            (str(seed + n), ", ".join(mesh.name for mesh in scene.meshes), str(len(names) - len(scene)))
+            for n, (names, scene) in enumerate(zip(drawn, made, strict=True))
+        ]
+        print_table(f"{layout}: {count} scenes", ("seed", "objects", "left out"), rows)
+    if picture is not None:
+        save_arrangements(picture, made[:12])
+
+
+def _scene_row(names: list[str], scene: layouts.Arrangement, seed: int) -> dict[str, object]:
+    """Write a scene as JSON."""
+    return {
+        "layout": scene.layout,
+        "seed": seed,
+        "objects": [
+            {"name": mesh.name, "mass": mesh.mass, "world_from_object": pose.tolist()}
+            for mesh, pose in zip(scene.meshes, scene.world_from_objects, strict=True)
+        ],
+        "left_out": [name for index, name in enumerate(names) if index not in scene.objects],
+        "walls": [
+            {"world_from_wall": pose.tolist(), "half_extents": half.tolist()}
+            for pose, half in zip(scene.world_from_walls, scene.wall_half_extents, strict=True)
+        ],
+    }

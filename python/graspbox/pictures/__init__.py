@@ -7,6 +7,7 @@
 | `save_sweep`    | boxes for each pair of the planner's thresholds (figures 2.3 and 2.4 of the reference study) |
 | `save_kindness` | relative speed of hand and object in a failed and a firm grasp (its figures 3.17 and 3.18) |
 | `save_stages`   | stages of grasps: open, closed, lifting, held |
+| `save_arrangements` | several objects at rest: packed, in a pile, in a bin |
 | `save_grasp_image` | a depth image with the grasps that a policy found in it, and the best one in 3D |
 | `save_hand_frames` | hands with their grasp frame and the frames of formats of grasps |
 | `save_hand_motion` | a hand open, half closed and closed, with its pads and grasp frame |
@@ -49,6 +50,7 @@ def _import_matplotlib() -> None:
 _import_matplotlib()
 
 # The imports below need matplotlib.
+from graspbox.pictures.arrangements import save_arrangements  # noqa: E402
 from graspbox.pictures.episodes import save_episode  # noqa: E402
 from graspbox.pictures.evaluations import save_rates, save_reliability  # noqa: E402
 from graspbox.pictures.files import SUFFIXES, check_path  # noqa: E402
@@ -74,6 +76,7 @@ __all__ = [
     "View",
     "check_path",
     "firm_and_failed",
+    "save_arrangements",
     "save_episode",
     "save_gallery",
     "save_grasp_image",

@@ -1,0 +1,47 @@
+//! Several objects at rest on the table: packed, in a pile, in a bin.
+
+use crate::convert::{array, config, matrices, table};
+use crate::gil::detached;
+use crate::hand::Hand;
+use crate::mesh::Mesh;
+use graspbox_episode::{Body, Layout};
+use graspbox_sim::PhysicsConfig;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Lets the meshes come to rest in a layout. Indices of those that stayed (k,), their poses (k, 4, 4), and poses (w, 4, 4) and half extents (w, 3)
+/// of the walls; `layout` and `physics` are JSON.
+#[pyfunction]
+#[pyo3(signature = (meshes, hand, layout, physics, seed, cache))]
+pub fn arrange<'py>(
+    py: Python<'py>,
+    meshes: Vec<PyRef<'py, Mesh>>,
+    hand: &Hand,
+    layout: &str,
+    physics: &str,
+    seed: i128,
+    cache: Option<PathBuf>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let layout: Layout = config(layout, "layout")?;
+    let physics: PhysicsConfig = config(physics, "PhysicsConfig")?;
+    let seed = crate::convert::seed(seed)?;
+    let (data, hand): (Vec<_>, _) = (meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect(), Arc::clone(&hand.0));
+    let found = detached(py, None, move || {
+        let bodies = data.iter().map(|mesh| mesh.body(cache.as_deref())).collect::<Result<Vec<_>, _>>()?;
+        let bodies: Vec<&Body> = bodies.iter().map(|body| &**body).collect();
+        Ok::<_, crate::errors::CoreError>(layout.arrange(&bodies, &hand, physics, seed)?)
+    })?;
+    let dict = PyDict::new(py);
+    let objects: Vec<i64> = found.objects.iter().map(|index| *index as i64).collect();
+    let count = objects.len();
+    dict.set_item("objects", array(py, objects, &[count])?)?;
+    dict.set_item("world_from_objects", matrices(py, found.world_from_objects.into_iter())?)?;
+    dict.set_item("world_from_walls", matrices(py, found.walls.iter().map(|wall| wall.world_from_wall))?)?;
+    dict.set_item(
+        "wall_half_extents",
+        table(py, found.walls.iter().map(|wall| [wall.half.x, wall.half.y, wall.half.z]))?,
+    )?;
+    Ok(dict)
+}

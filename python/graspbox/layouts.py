@@ -1,0 +1,183 @@
+"""Several objects at rest on the table: packed, in a pile, in a bin.
+
+Packed scenes and piles are made as in VGN (Breyer et al., "Volumetric Grasping Network", 2020; ``ethz-asl/vgn``,
+``simulation.py``), in a workspace of 0.3 m about the middle of the table:
+
+| layout | how it is made | scale of the objects |
+|---|---|---|
+| ``packed`` | upright, turned about z, one by one where nothing is touched; left out after 12 attempts | 0.7 to 0.9 |
+| ``pile`` | dropped one by one, in any orientation, from 0.2 m into a box that is then removed | 0.8 to 1.0 |
+| ``bin`` | the same into a bin, which stays | 1.0 |
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core
+from graspbox._common.arguments import natural, to_json
+from graspbox.configs import PhysicsConfig
+from graspbox.errors import ConfigError
+from graspbox.hands import HandLike, load_hand
+from graspbox.hands.caching import cache_folder
+from graspbox.meshes import Mesh, MeshLike, as_mesh
+from graspbox.object_sets import ObjectSpec
+
+__all__ = ["SCALES", "Arrangement", "Layout", "arrange", "draw_objects", "layout_named"]
+
+Layout = Literal["packed", "pile", "bin"]
+
+#: Least and greatest scale of the objects of each layout.
+SCALES: dict[Layout, tuple[float, float]] = {"packed": (0.7, 0.9), "pile": (0.8, 1.0), "bin": (1.0, 1.0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Arrangement:
+    """Objects at rest on the table; the world's frame has its origin in the middle of the table top, z up.
+
+    Attributes
+    ----------
+    layout : str
+        ``packed``, ``pile`` or ``bin``.
+    objects : tuple of int
+        Indices of the objects that stayed, ascending; the others found no place, or fell out of the workspace.
+    meshes : tuple of Mesh
+        The objects that stayed.
+    world_from_objects : (k, 4, 4) array
+        Their poses.
+    world_from_walls : (w, 4, 4) array
+        Poses of the walls of a bin.
+    wall_half_extents : (w, 3) array
+        Half extents of these boxes, metres.
+    """
+
+    layout: Layout
+    objects: tuple[int, ...]
+    meshes: tuple[Mesh, ...]
+    world_from_objects: NDArray[np.float64]
+    world_from_walls: NDArray[np.float64]
+    wall_half_extents: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+    def __repr__(self) -> str:
+        names = ", ".join(mesh.name for mesh in self.meshes)
+        return f"Arrangement({self.layout!r}, {len(self)} objects: {names})"
+
+
+def arrange(
+    objects: Sequence[MeshLike],
+    layout: Layout = "pile",
+    *,
+    seed: int = 0,
+    inside: Sequence[float] = (0.3, 0.25, 0.12),
+    hand: HandLike = "reflex",
+    physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
+) -> Arrangement:
+    """Let objects come to rest in a layout; equal arguments give equal bits.
+
+    Parameters
+    ----------
+    objects : sequence of Mesh
+        1 to 64 objects; meshes of other libraries are converted (`graspbox.meshes.as_mesh`).
+    layout : str
+        ``packed``, ``pile`` or ``bin``.
+    seed : int
+        Seed of places and orientations.
+    inside : (3,) sequence of float
+        Sides of the bin's floor along x and y, and height of its walls, metres, 0.02 to 1.
+    hand : str, Hand or pair of paths
+        The hand, which stays out of the way.
+    physics : PhysicsConfig
+        Settings of the physics engine.
+
+    Raises
+    ------
+    ConfigError
+        For another layout, or sides out of range.
+    SimulationError
+        For no object, too many objects, or one that cannot be simulated.
+    """
+    layout = layout_named(layout)
+    meshes = [as_mesh(mesh) for mesh in objects]
+    shape: Any = {"bin": {"inside": _sides(inside)}} if layout == "bin" else layout
+    found = _core.arrange(
+        meshes,
+        load_hand(hand),
+        json.dumps(shape),
+        to_json(physics, PhysicsConfig, "physics"),
+        natural(seed, "seed", 64),
+        cache_folder(),
+    )
+    kept = tuple(int(index) for index in found["objects"])
+    return Arrangement(
+        layout=layout,
+        objects=kept,
+        meshes=tuple(meshes[index] for index in kept),
+        world_from_objects=found["world_from_objects"],
+        world_from_walls=found["world_from_walls"],
+        wall_half_extents=found["wall_half_extents"],
+    )
+
+
+def draw_objects(specs: Sequence[ObjectSpec], count: int, layout: Layout, seed: int) -> list[ObjectSpec]:
+    """Draw objects at random, each at a random scale in the range of the layout (`SCALES`).
+
+    Parameters
+    ----------
+    specs : sequence of ObjectSpec
+        Objects to choose from; one is chosen twice only if there are fewer than `count`.
+    count : int
+        Their number, 1 or more.
+    layout : str
+        ``packed``, ``pile`` or ``bin``.
+    seed : int
+        Seed of the choice.
+
+    Raises
+    ------
+    ConfigError
+        For another layout, a count below 1, or no object to choose from.
+    """
+    layout = layout_named(layout)
+    if count < 1 or not specs:
+        raise ConfigError(f"{count} of {len(specs)} objects cannot be drawn; give 1 or more of each")
+    random = np.random.default_rng([seed, 1])
+    chosen = random.choice(len(specs), size=count, replace=count > len(specs))
+    scales = random.uniform(*SCALES[layout], size=count)
+    return [_scaled(specs[int(index)], float(scale)) for index, scale in zip(chosen, scales, strict=True)]
+
+
+def layout_named(name: str) -> Layout:
+    """Check the name of a layout.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+    """
+    for layout in get_args(Layout):
+        if name == layout:
+            return cast("Layout", layout)
+    raise ConfigError(f"layout is {name!r}; choose from {', '.join(get_args(Layout))}")
+
+
+def _scaled(spec: ObjectSpec, factor: float) -> ObjectSpec:
+    """Scale an object and, where its mass does not follow from its volume, its mass."""
+    mass = None if spec.mass is None else spec.mass * factor**3
+    return replace(spec, scale=spec.scale * factor, mass=mass)
+
+
+def _sides(inside: Sequence[float]) -> list[float]:
+    try:
+        x, y, z = (float(side) for side in inside)
+    except (TypeError, ValueError):
+        raise ConfigError(f"inside is {inside!r}; give three numbers: two sides and a height, metres") from None
+    if not all(np.isfinite([x, y, z])):
+        raise ConfigError(f"inside is {inside!r}; give finite numbers, metres")
+    return [x, y, z]

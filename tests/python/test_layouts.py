@@ -1,0 +1,116 @@
+"""Layouts of several objects: `graspbox.arrange`, ``graspbox scenes``, pictures of them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import graspbox
+from graspbox import object_sets
+from graspbox.cli import typer_app
+from graspbox.errors import ConfigError, SimulationError
+from graspbox.layouts import SCALES, Layout, draw_objects
+
+SETS = ["procedural:can:0-1", "procedural:mug:0-1", "procedural:banana:0"]
+LAYOUTS: tuple[Layout, ...] = ("packed", "pile", "bin")
+
+
+@pytest.fixture(scope="module")
+def meshes() -> list[graspbox.Mesh]:
+    return [spec.load() for spec in object_sets.load(SETS)]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_objects_rest_on_the_table(meshes: list[graspbox.Mesh], layout: Layout) -> None:
+    """They stay in the workspace, above the table; equal seeds give equal bits, on any hand's template."""
+    found = graspbox.arrange(meshes, layout, seed=3)
+    assert 1 <= len(found) == len(found.meshes) == len(found.world_from_objects) <= len(meshes)
+    assert [mesh.name for mesh in found.meshes] == [meshes[index].name for index in found.objects]
+    for mesh, pose in zip(found.meshes, found.world_from_objects, strict=True):
+        heights = mesh.vertices @ pose[2, :3] + pose[2, 3]
+        assert -0.002 < heights.min() < 0.3
+        assert np.abs(pose[:2, 3]).max() < 0.25
+        assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-9)
+    assert found.world_from_walls.shape == ((4 if layout == "bin" else 0), 4, 4)
+    assert found.wall_half_extents.shape == ((4 if layout == "bin" else 0), 3)
+    again = graspbox.arrange(meshes, layout, seed=3)
+    assert again.objects == found.objects
+    assert np.array_equal(again.world_from_objects, found.world_from_objects)
+    other = graspbox.arrange(meshes, layout, seed=4)
+    assert other.objects != found.objects or not np.array_equal(other.world_from_objects, found.world_from_objects)
+    assert repr(found).startswith(f"Arrangement('{layout}', {len(found)} objects: ")
+
+
+def test_a_bin_has_its_sides(meshes: list[graspbox.Mesh]) -> None:
+    found = graspbox.arrange(meshes[:2], "bin", inside=(0.4, 0.2, 0.1))
+    along = found.world_from_walls[:, 0, 3]
+    assert np.isclose(along.max(), 0.4 / 2 + 0.01)
+    assert np.isclose(found.world_from_walls[:, 1, 3].min(), -0.2 / 2 - 0.01)
+    assert np.allclose(2 * found.wall_half_extents[:, 2], 0.1)
+
+
+def test_wrong_arguments_are_named(meshes: list[graspbox.Mesh]) -> None:
+    with pytest.raises(ConfigError, match="layout is 'heap'; choose from packed, pile, bin"):
+        graspbox.arrange(meshes, "heap")  # type: ignore[arg-type]
+    with pytest.raises(SimulationError, match="there is no object"):
+        graspbox.arrange([])
+    with pytest.raises(SimulationError, match="65 objects are too many"):
+        graspbox.arrange([meshes[0]] * 65)
+    for inside in ((0.3, 0.2), (0.3, 0.2, float("nan")), "wide"):
+        with pytest.raises(ConfigError, match="inside is"):
+            graspbox.arrange(meshes, "bin", inside=inside)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="inside"):
+        graspbox.arrange(meshes, "bin", inside=(300.0, 200.0, 100.0))
+    with pytest.raises(ConfigError, match="seed"):
+        graspbox.arrange(meshes, seed=-1)
+    with pytest.raises(ConfigError, match="0 of 5 objects cannot be drawn"):
+        draw_objects(object_sets.load(SETS), 0, "pile", 0)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_objects_are_drawn_at_a_scale(layout: Layout) -> None:
+    """Each once where there are enough; a known mass grows with the volume."""
+    specs = object_sets.load("procedural:can:0-9")
+    drawn = draw_objects(specs, 5, layout, 1)
+    assert len({spec.name for spec in drawn}) == 5
+    low, high = SCALES[layout]
+    assert all(low <= spec.scale <= high for spec in drawn)
+    assert len(draw_objects(specs[:2], 5, layout, 1)) == 5
+    assert [spec.scale for spec in draw_objects(specs, 5, layout, 1)] == [spec.scale for spec in drawn]
+    ball = draw_objects(object_sets.load("ycb:055_baseball"), 1, layout, 0)[0]
+    whole = object_sets.load("ycb:055_baseball")[0]
+    assert ball.mass is not None
+    assert whole.mass is not None
+    assert np.isclose(ball.mass, whole.mass * ball.scale**3)
+
+
+def test_the_command_lists_and_draws_scenes(tmp_path: Path) -> None:
+    picture = tmp_path / "scenes.png"
+    command = ["scenes", "--objects", "procedural:can:0-4", "--layout", "bin", "--scenes", "2", "--seed", "5"]
+    found = CliRunner().invoke(typer_app, [*command, "--objects-per-scene", "3", "--json", "--picture", str(picture)])
+    assert found.exit_code == 0, found.output
+    scenes = json.loads(found.stdout)
+    assert [scene["seed"] for scene in scenes] == [5, 6]
+    for scene in scenes:
+        assert scene["layout"] == "bin"
+        assert len(scene["objects"]) + len(scene["left_out"]) == 3
+        assert len(scene["walls"]) == 4
+        assert all(np.shape(thing["world_from_object"]) == (4, 4) for thing in scene["objects"])
+    assert picture.stat().st_size > 10_000
+    table = CliRunner().invoke(typer_app, command)
+    assert table.exit_code == 0
+    assert "bin: 2 scenes" in table.stdout
+
+
+def test_pictures_show_a_few_scenes(tmp_path: Path, meshes: list[graspbox.Mesh]) -> None:
+    from graspbox.pictures import save_arrangements
+
+    scene = graspbox.arrange(meshes[:1], "packed")
+    with pytest.raises(ConfigError, match="13 arrangements; give 1 to 12"):
+        save_arrangements(tmp_path / "a.png", [scene] * 13)
+    with pytest.raises(ConfigError, match="extension"):
+        save_arrangements(tmp_path / "a.txt", [scene])
+    save_arrangements(tmp_path / "a.png", [scene])
+    assert (tmp_path / "a.png").exists()
