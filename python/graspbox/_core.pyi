@@ -33,6 +33,7 @@ __all__ = [
     "_time_reset",
     "add_depth_noise",
     "agent_tables",
+    "arrange",
     "camera_poses",
     "channel_names",
     "crops",

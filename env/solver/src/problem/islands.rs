@@ -34,10 +34,11 @@ pub(crate) struct Islands {
 impl Islands {
     /// Finds the islands that the patches connect: the hand's first, then by their first object.
     pub fn find(&mut self, model: &Model, patches: &[Patch]) {
-        let hand = model.object_count();
+        let objects = model.object_count();
+        let hand = objects;
         self.earlier.clear();
         self.earlier.extend(0..=hand);
-        if hand == 1 {
+        if objects == 1 {
             self.join(0, hand);
         }
         self.roots.clear();
@@ -53,7 +54,7 @@ impl Islands {
         self.patches.clear();
         let of_hand = self.root(hand);
         self.collect(model, of_hand, true);
-        for object in 0..hand {
+        for object in 0..objects {
             if self.root(object) == object && object != of_hand {
                 self.collect(model, object, false);
             }
