@@ -27,6 +27,7 @@ WRITERS = {
     "gallery": lambda path: pictures.save_gallery(path, NOTHING),
     "sweep": lambda path: pictures.save_sweep(path, NOTHING),
     "kindness": lambda path: pictures.save_kindness(path, "object", NOTHING, NOTHING),
+    "arrangements": lambda path: pictures.save_arrangements(path, NOTHING),
     "stages": lambda path: pictures.save_stages(path, NOTHING, NOTHING),
     "episode": lambda path: pictures.save_episode(path, NOTHING),
     "grasp_image": lambda path: pictures.save_grasp_image(path, NOTHING),
