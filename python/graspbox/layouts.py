@@ -1,7 +1,8 @@
 """Several objects at rest on the table: packed, in a pile, in a bin.
 
-Packed scenes and piles are made as in VGN (Breyer et al., "Volumetric Grasping Network", 2020; ``ethz-asl/vgn``,
-``simulation.py``), in a workspace of 0.3 m about the middle of the table:
+Packed scenes and piles follow those of VGN (Breyer et al., "Volumetric Grasping Network", 2020; ``ethz-asl/vgn``,
+``simulation.py``), in a workspace of 0.3 m about the middle of the table; the sizes of the box and of the packed area
+are our choice:
 
 | layout | how it is made | scale of the objects |
 |---|---|---|

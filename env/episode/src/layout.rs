@@ -1,7 +1,7 @@
 //! Layouts: several objects at rest on the table, packed, in a pile or in a bin.
 //!
-//! Piles and packed scenes are made as in VGN (Breyer et al., "Volumetric Grasping Network", 2020; `ethz-asl/vgn`, `simulation.py`), in a
-//! workspace of 0.3 m about the middle of the table:
+//! Piles and packed scenes follow those of VGN (Breyer et al., "Volumetric Grasping Network", 2020; `ethz-asl/vgn`, `simulation.py`), in a
+//! workspace of 0.3 m about the middle of the table; the sizes of the box and of the packed area are our choice:
 //!
 //! | layout | how it is made |
 //! |---|---|
