@@ -6,13 +6,15 @@
 #![allow(clippy::unwrap_used)]
 
 use graspbox_episode::trial::minimum_jerk;
-use graspbox_episode::{Body, Episode, Progress, Scene, SuccessCriterion, TrialConfig, run_trials};
+use graspbox_episode::{Body, Episode, ObjectSpec, Progress, Scene, SuccessCriterion, TrialConfig, run_trials};
 use graspbox_hand::GraspPose;
+use graspbox_hand::assets::asset;
+use graspbox_mesh::convex_hull;
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig};
 use graspbox_tests::bench::{at, closing, palm_down, reflex};
 use graspbox_tests::scenes::{from_file, planned, procedural, scene};
-use nalgebra::{Isometry3, Point3, Translation3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -159,6 +161,41 @@ fn procedural_objects_are_held_firmly() {
     assert!(bad.len() <= 1, "not firm: {bad:?}");
     assert!(passed_over <= 6, "{passed_over} grasps succeed in a trial and are not firm");
     assert!(4 * Family::ALL.len() <= 5 * held, "only {held} families are held");
+}
+
+/// A prism of `sides` that lies on one of them, its axis along y.
+fn lying_prism(sides: u32) -> (Body, f64) {
+    let (radius, half) = (0.025, 0.035);
+    let ring = |y: f64| {
+        (0..sides).map(move |i| {
+            let angle = (f64::from(i) + 0.5) * std::f64::consts::TAU / f64::from(sides);
+            Point3::new(radius * angle.sin(), y, -radius * angle.cos())
+        })
+    };
+    let mesh = convex_hull(&ring(-half).chain(ring(half)).collect::<Vec<_>>()).unwrap();
+    let spec = ObjectSpec { name: format!("prism of {sides} sides"), mesh, mass: Some(0.3), parts: None };
+    (Body::prepare(&spec, None).unwrap(), radius * (std::f64::consts::PI / f64::from(sides)).cos())
+}
+
+/// Flat jaws hold flat ends beside the middle as well, with any number of corners.
+/// A bug here: of a face with many corners only some are kept, and the object rocks on a single point.
+#[test]
+fn flat_jaws_hold_flat_ends_beside_their_middle() {
+    let hand = Arc::new(asset("panda_gripper").unwrap().read().unwrap());
+    let down = UnitQuaternion::from_matrix(&Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0));
+    for sides in [4, 6, 12, 32] {
+        let (body, height) = lying_prism(sides);
+        let pose = Isometry3::translation(0.0, 0.0, height);
+        let scene =
+            Scene::of_objects(&[&body], &[pose], &[], None, Arc::clone(&hand), PhysicsConfig::default()).unwrap();
+        let grasps = [0.0, 0.005, -0.005, 0.01, -0.01].map(|x| GraspPose {
+            object_from_hand: Isometry3::from_parts(Translation3::new(x, 0.0, 0.045), down),
+            preshape: 0.0,
+        });
+        let outcomes = run_trials(&Arc::new(scene), &grasps, TrialConfig::default(), &Progress::default()).unwrap();
+        let failures: Vec<_> = outcomes.iter().map(|outcome| outcome.failure).collect();
+        assert!(outcomes.iter().all(|outcome| outcome.success), "{sides} sides: {failures:?}");
+    }
 }
 
 /// Objects and masses (kg) as published: Calli and others, "Benchmarking in manipulation research: the YCB object and model set

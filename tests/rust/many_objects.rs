@@ -69,6 +69,8 @@ fn contacts_name_the_other_objects() {
             assert_eq!((found.objects, found.scenery), (others, on_scenery), "{engine:?}: box {target}");
             assert_eq!(world.object_on_scenery(), on_scenery, "{engine:?}: box {target}");
         }
+        assert_eq!(world.carried_by_scenery(), [true; 3], "{engine:?}: the table carries the whole stack");
+        assert_eq!(world.most_pressed(), None);
     }
 }
 

@@ -35,13 +35,14 @@ pub(crate) mod islands;
 pub(crate) mod matrix;
 pub(crate) mod newton;
 pub(crate) mod objects;
+pub(crate) mod ordering;
 pub(crate) mod rows;
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::{Kinematics, Twist};
 use crate::laws::{CableState, stop};
-use crate::model::{BodyKind, LEVER, Model};
+use crate::model::{BodyKind, Model};
 use crate::problem::matrix::Matrix;
 use crate::problem::objects::{ObjectTerms, about_center, by_velocity, own_twist};
 
@@ -102,6 +103,8 @@ const SIGNS: [f64; 2] = [-1.0, 1.0];
 pub(crate) enum Bounds {
     /// They follow the normal impulses.
     Follow,
+    /// They move halfway to those of the normal impulses.
+    Halfway,
     /// They keep the values of the last evaluation that let them follow; the problem is then convex.
     Frozen,
 }
@@ -147,6 +150,8 @@ pub(crate) struct Problem {
     start: Vec<usize>,
     /// The island's patches.
     touching: Vec<Patch>,
+    /// Friction bounds of the island's points, see [`Problem::keep_bounds`].
+    kept_bounds: Vec<f64>,
 }
 
 /// The negative derivative of a patch's wrench with respect to its relative twist, in 3 x 3 blocks: `force = -(ll linear + la angular)`,
@@ -175,39 +180,6 @@ impl Problem {
             objects: vec![ObjectTerms::default(); model.object_count()],
             start: vec![usize::MAX; model.object_count()],
             ..Self::default()
-        }
-    }
-
-    /// Makes the velocities of an island the unknowns, and starts at those of the beginning of the step.
-    pub fn enter(&mut self, model: &Model, with_hand: bool, objects: &[usize], patches: &[usize]) {
-        self.free = if with_hand { self.hand.q.len() } else { 0 };
-        self.v.clear();
-        self.momentum.clear();
-        self.levers.clear();
-        self.v.extend(&self.hand.velocity[..self.free]);
-        self.momentum.extend(&self.hand.momentum[..self.free]);
-        self.levers.extend(&model.levers[..self.free]);
-        self.start.fill(usize::MAX);
-        for &object in objects {
-            self.start[object] = self.v.len();
-            self.v.extend(&self.objects[object].velocity);
-            self.momentum.extend(&self.objects[object].momentum);
-            self.levers.extend([1.0, 1.0, 1.0, LEVER, LEVER, LEVER]);
-        }
-        self.members.clear();
-        self.members.extend(objects);
-        self.touching.clear();
-        self.touching.extend(patches.iter().map(|index| self.patches[*index]));
-        self.residual.resize(self.v.len(), 0.0);
-        self.derivative.resize(self.v.len());
-    }
-
-    /// Hands the island's velocities back to hand and objects.
-    pub fn leave(&mut self) {
-        self.hand.velocity[..self.free].copy_from_slice(&self.v[..self.free]);
-        for &object in &self.members {
-            let start = self.start[object];
-            self.objects[object].velocity.copy_from_slice(&self.v[start..start + 6]);
         }
     }
 
@@ -324,8 +296,10 @@ impl Problem {
             let normal_speed = point.normal.dot(&twist.linear) + point.moment.dot(&twist.angular);
             point.normal_speed = normal_speed;
             point.impulse = ((point.target - normal_speed) * point.stiffness).max(0.0);
-            if bounds == Bounds::Follow {
-                point.bound = point.friction * point.impulse;
+            match bounds {
+                Bounds::Follow => point.bound = point.friction * point.impulse,
+                Bounds::Halfway => point.bound = 0.5 * (point.bound + point.friction * point.impulse),
+                Bounds::Frozen => {}
             }
             if point.impulse <= 0.0 && point.bound <= 0.0 {
                 continue;

@@ -5,8 +5,9 @@
 
 use std::ops::Range;
 
-use super::Patch;
-use crate::model::{BodyKind, Model};
+use super::ordering::{Set, only, order};
+use super::{Patch, Problem};
+use crate::model::{BodyKind, LEVER, Model};
 
 /// An island: ranges of the lists in [`Islands`].
 #[derive(Clone, Debug, Default)]
@@ -29,6 +30,10 @@ pub(crate) struct Islands {
     earlier: Vec<usize>,
     /// Root of each patch.
     roots: Vec<usize>,
+    /// By object: the objects that it touches.
+    neighbours: Vec<Set>,
+    /// The objects that touch the hand's movable bodies.
+    touch_hand: Set,
 }
 
 impl Islands {
@@ -42,10 +47,14 @@ impl Islands {
             self.join(0, hand);
         }
         self.roots.clear();
+        self.neighbours.clear();
+        self.neighbours.resize(objects, 0);
+        self.touch_hand = 0;
         for patch in patches {
             let [a, b] = patch.sides.map(|side| node(model, side));
             if let (Some(a), Some(b)) = (a, b) {
                 self.join(a, b);
+                self.note_contact(a, b);
             }
             self.roots.push(a.or(b).unwrap_or(hand));
         }
@@ -61,7 +70,7 @@ impl Islands {
         }
     }
 
-    /// Objects of an island, in their order.
+    /// Objects of an island, in the order of their unknowns.
     pub fn objects(&self, island: &Island) -> &[usize] {
         &self.objects[island.objects.clone()]
     }
@@ -83,7 +92,20 @@ impl Islands {
                 self.patches.push(index);
             }
         }
+        order(&mut self.objects[objects..], &self.neighbours, if hand { self.touch_hand } else { 0 });
         self.all.push(Island { hand, objects: objects..self.objects.len(), patches: patches..self.patches.len() });
+    }
+
+    /// Nodes `a` and `b` touch; the last node is the hand.
+    fn note_contact(&mut self, a: usize, b: usize) {
+        let hand = self.neighbours.len();
+        for (one, other) in [(a, b), (b, a)] {
+            match (one == hand, other == hand) {
+                (false, false) => self.neighbours[one] |= only(other),
+                (false, true) => self.touch_hand |= only(one),
+                _ => {}
+            }
+        }
     }
 
     fn root(&self, mut node: usize) -> usize {
@@ -97,6 +119,64 @@ impl Islands {
     fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
         self.earlier[a.max(b)] = a.min(b);
+    }
+}
+
+impl Problem {
+    /// Makes the velocities of an island the unknowns, and starts at those of the beginning of the step.
+    pub fn enter(&mut self, model: &Model, with_hand: bool, objects: &[usize], patches: &[usize]) {
+        self.free = if with_hand { self.hand.q.len() } else { 0 };
+        self.v.clear();
+        self.momentum.clear();
+        self.levers.clear();
+        self.v.extend(&self.hand.velocity[..self.free]);
+        self.momentum.extend(&self.hand.momentum[..self.free]);
+        self.levers.extend(&model.levers[..self.free]);
+        self.start.fill(usize::MAX);
+        for &object in objects {
+            self.start[object] = self.v.len();
+            self.v.extend(&self.objects[object].velocity);
+            self.momentum.extend(&self.objects[object].momentum);
+            self.levers.extend([1.0, 1.0, 1.0, LEVER, LEVER, LEVER]);
+        }
+        self.members.clear();
+        self.members.extend(objects);
+        self.touching.clear();
+        self.touching.extend(patches.iter().map(|index| self.patches[*index]));
+        self.residual.resize(self.v.len(), 0.0);
+        self.derivative.resize(self.v.len());
+    }
+
+    /// Hands the island's velocities back to hand and objects.
+    pub fn leave(&mut self) {
+        self.hand.velocity[..self.free].copy_from_slice(&self.v[..self.free]);
+        for &object in &self.members {
+            let start = self.start[object];
+            self.objects[object].velocity.copy_from_slice(&self.v[start..start + 6]);
+        }
+    }
+
+    /// Whether several objects are among the unknowns.
+    pub fn has_several_objects(&self) -> bool {
+        self.members.len() > 1
+    }
+
+    /// Keeps the friction bounds for [`Problem::restore_bounds`].
+    pub fn keep_bounds(&mut self) {
+        self.kept_bounds.clear();
+        for patch in &self.touching {
+            self.kept_bounds.extend(self.points[patch.first..patch.last].iter().map(|point| point.bound));
+        }
+    }
+
+    /// Restores the friction bounds that were kept last for this island.
+    pub fn restore_bounds(&mut self) {
+        let mut kept = self.kept_bounds.iter();
+        for patch in &self.touching {
+            for (point, bound) in self.points[patch.first..patch.last].iter_mut().zip(&mut kept) {
+                point.bound = *bound;
+            }
+        }
     }
 }
 

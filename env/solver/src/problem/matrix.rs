@@ -63,7 +63,7 @@ impl Matrix {
             }
             factors.exchanges[i] = best;
             let (above, below) = self.values.split_at_mut((i + 1) * stride);
-            let pivot = &above[i * stride..];
+            let pivot = &above[i * stride..][..occupied(&above[i * stride..][..n])];
             let inverse = 1.0 / pivot[i];
             let shares = &mut factors.shares[i * n..(i + 1) * n][i + 1..];
             for (row, share) in below.chunks_exact_mut(stride).zip(shares) {
@@ -95,8 +95,8 @@ impl Matrix {
                 *x *= inverse;
             }
             let (above, below) = self.values.split_at_mut((i + 1) * stride);
-            let above = &above[i * stride..];
-            for (k, row) in (i + 1..).zip(below.chunks_exact_mut(stride)) {
+            let above = &above[i * stride..][..occupied(&above[i * stride..][..n])];
+            for (k, row) in (i + 1..above.len()).zip(below.chunks_exact_mut(stride)) {
                 if above[k] != 0.0 {
                     subtract(row, above, above[k], k);
                 }
@@ -175,6 +175,11 @@ fn back_substitute(values: &[f64], stride: usize, b: &mut [f64]) {
         let sum: f64 = row[i + 1..].iter().zip(&b[i + 1..]).map(|(a, x)| a * x).sum();
         b[i] = (b[i] - sum) / row[i];
     }
+}
+
+/// Number of entries of a row up to the last one that is not 0, in whole [`LANES`]: distant objects of a heap do not touch each other.
+fn occupied(row: &[f64]) -> usize {
+    row.iter().rposition(|x| *x != 0.0).map_or(0, |last| last + 1).next_multiple_of(LANES)
 }
 
 /// `row -= x * other`, from entry `first` (see [`LANES`]).

@@ -4,8 +4,9 @@
 //! 2. Take steps with the factors of the last derivative while they converge fast: this suffices for most steps of a held object.
 //! 3. Newton's method on `r(v) = 0` with friction bounds that follow the normal impulses. A full step that does not reduce the residual crosses a
 //!    kink of the contact law (contacts open, close, stick or slide); a step of the convex problem, with the bounds frozen, replaces it.
-//! 4. Where that stalls: solve the convex problem, and run 3 again from its solution.
-//! 5. Where that stalls too: solve the convex problem with more updates of the bounds, and report that the step did not converge.
+//! 4. Where that stalls: solve the convex problem several times, each time with friction bounds from the last solution, and run 3 from each of
+//!    these solutions. Among many objects some contact opens, closes, sticks or slides in nearly every step, and 3 seldom descends before.
+//! 5. Where that stalls too: keep the last solution of the convex problem, and report that the step did not converge.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,6 +14,7 @@ use crate::error::StateError;
 use crate::kinematics::{Kinematics, Twist};
 use crate::model::Model;
 use crate::problem::matrix::Factors;
+use crate::problem::ordering::only;
 use crate::problem::{Bounds, Problem};
 
 /// A Newton step is accepted if it reduces the residual's size (its squared norm) by this share, dimensionless: 2 % of the norm. A smooth
@@ -21,11 +23,19 @@ const MIN_DECREASE: f64 = 0.04;
 /// Factors are reused for another step if they reduced the residual's norm to this share, dimensionless. Slower convergence costs more
 /// evaluations than a new factorization.
 const REUSE_CONTRACTION: f64 = 0.2;
-/// Most convex steps before Newton's method counts as stalled; it bounds the cost of a step, and the convex fallback takes over.
+/// Most convex steps before Newton's method counts as stalled; it bounds the cost of a step, and the convex problem takes over.
 const MAX_CONVEX_STEPS: usize = 12;
-/// Iterations of the convex problem in which the friction bounds still follow, in the first and in the last fallback. Later iterations freeze
-/// them, since only the convex problem is sure to converge.
-const BOUND_UPDATES: [usize; 2] = [3, 6];
+/// Islands of several objects with more unknowns than this begin with the convex problem, since Newton's method mostly stalls there: four objects
+/// fit, or three and a hand of up to six coordinates.
+const FEW_UNKNOWNS: usize = 24;
+/// Most solutions of the convex problem in a step; it bounds the cost of a step that does not converge.
+const ROUNDS: usize = 6;
+/// Convex steps of Newton's method from each of these solutions.
+const CONVEX_STEPS_OF_ROUND: usize = 2;
+/// The bounds swing if the residual's size is more than this share of that of the last round, dimensionless.
+const SWINGING: f64 = 0.25;
+/// The convex problem is solved once its step changes no velocity by more than this many tolerances: the next bounds change more.
+const ROUND_TOLERANCE: f64 = 50.0;
 /// A line search ends where the slope has fallen to this share of the first slope, dimensionless: Newton's next step corrects the rest.
 const SLOPE_REDUCTION: f64 = 0.1;
 /// Most evaluations of a line search: bisection alone would shrink the bracket to 1e-6 of the step.
@@ -69,10 +79,12 @@ impl FactoredDerivative {
     /// # Errors
     /// [`StateError`] if it cannot.
     fn check(&self, model: &Model) -> Result<(), StateError> {
-        let ascending = self.objects.windows(2).all(|pair| pair[0] < pair[1]);
-        let known = self.objects.last().is_none_or(|last| *last < model.object_count());
+        let known = self.objects.iter().all(|object| *object < model.object_count());
+        let distinct = known
+            && self.objects.iter().fold(0, |set, object| set | only(*object)).count_ones() as usize
+                == self.objects.len();
         let unknowns = if self.hand { model.tree.coordinates.len() } else { 0 } + 6 * self.objects.len();
-        if !(ascending && known && self.factors.fits(unknowns)) {
+        if !(distinct && self.factors.fits(unknowns)) {
             return Err(StateError::OtherModel { what: "unknowns" });
         }
         if self.factors.is_possible() { Ok(()) } else { Err(StateError::Impossible { what: "factors" }) }
@@ -141,21 +153,36 @@ impl Newton {
         let begun = self.start(model, kinematics, problem, scenery);
         self.first_guess.copy_from_slice(&problem.v);
         let (first, done) = self.reuse_factors(model, kinematics, problem, begun);
-        if done || self.newton(model, kinematics, problem, first) {
-            return true;
+        let few = problem.unknowns() <= FEW_UNKNOWNS || !problem.has_several_objects();
+        done || (few && self.newton(model, kinematics, problem, first, MAX_CONVEX_STEPS))
+            || self.solve_in_rounds(model, kinematics, problem, begun)
+    }
+
+    /// Solves the convex problem several times, each time with friction bounds from the last solution, and tries to end each time with Newton's
+    /// method. Returns false if that does not converge. The velocities are then those of the last solution, or those of the first guess, where
+    /// the residual has the size `begun`, if it is smaller there.
+    ///
+    /// Where the bounds swing from one solution to the next, the residual falls slowly or not at all; then they move halfway.
+    fn solve_in_rounds(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, begun: f64) -> bool {
+        let (mut bounds, mut last) = (Bounds::Follow, f64::INFINITY);
+        for _ in 0..ROUNDS {
+            problem.evaluate(model, kinematics, bounds);
+            self.solve_convex(model, kinematics, problem);
+            self.convex.copy_from_slice(&problem.v);
+            problem.keep_bounds();
+            let now = problem.evaluate(model, kinematics, Bounds::Follow);
+            if self.newton(model, kinematics, problem, now, CONVEX_STEPS_OF_ROUND) {
+                return true;
+            }
+            problem.v.copy_from_slice(&self.convex);
+            problem.restore_bounds();
+            bounds = if now < SWINGING * last { Bounds::Follow } else { Bounds::Halfway };
+            last = now;
         }
-        self.solve_convex(model, kinematics, problem, BOUND_UPDATES[0]);
-        self.convex.copy_from_slice(&problem.v);
-        let first = problem.evaluate(model, kinematics, Bounds::Follow);
-        if self.newton(model, kinematics, problem, first) {
-            return true;
-        }
-        problem.v.copy_from_slice(&self.convex);
-        let last = self.solve_convex(model, kinematics, problem, BOUND_UPDATES[1]);
         if last > begun || last.is_nan() {
             problem.v.copy_from_slice(&self.first_guess);
-            problem.evaluate(model, kinematics, Bounds::Follow);
         }
+        problem.evaluate(model, kinematics, Bounds::Follow);
         false
     }
 
@@ -224,8 +251,16 @@ impl Newton {
 
     /// Newton's method with friction bounds that follow, from a residual of size `now`. Returns false if it stalls.
     ///
-    /// Where a Newton step does not descend, contacts are about to open, close, stick or slide: a step of the convex problem crosses these kinks.
-    fn newton(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, mut now: f64) -> bool {
+    /// Where a Newton step does not descend, contacts are about to open, close, stick or slide: a step of the convex problem crosses these kinks,
+    /// `crossings` times at most.
+    fn newton(
+        &mut self,
+        model: &Model,
+        kinematics: &Kinematics,
+        problem: &mut Problem,
+        mut now: f64,
+        crossings: usize,
+    ) -> bool {
         let tolerance = model.config.tolerance;
         let mut convex_steps = 0;
         for _ in 0..model.config.max_iterations {
@@ -251,7 +286,7 @@ impl Newton {
                 continue;
             }
             convex_steps += 1;
-            if convex_steps > MAX_CONVEX_STEPS {
+            if convex_steps > crossings {
                 return false;
             }
             problem.v.copy_from_slice(&self.from);
@@ -276,28 +311,22 @@ impl Newton {
         true
     }
 
-    /// Newton's method with line search on the convex problem. The friction bounds follow for `updates` iterations, then stay frozen.
-    /// Returns the size of the remaining residual.
-    fn solve_convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, updates: usize) -> f64 {
-        let mut size = f64::INFINITY;
-        for iteration in 0..model.config.max_iterations {
-            if iteration < updates {
-                problem.evaluate(model, kinematics, Bounds::Follow);
-            }
-            size = problem.evaluate(model, kinematics, Bounds::Frozen);
+    /// Newton's method with line search on the convex problem, with the friction bounds of the last evaluation.
+    fn solve_convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) {
+        problem.evaluate(model, kinematics, Bounds::Frozen);
+        for _ in 0..model.config.max_iterations {
             problem.differentiate(model, kinematics, Bounds::Frozen);
             self.negate_residual(problem);
             if !problem.derivative.solve_definite(&mut self.direction) {
-                return size;
+                return;
             }
             self.from.copy_from_slice(&problem.v);
-            if self.step_size(problem) <= model.config.tolerance {
+            if self.step_size(problem) <= ROUND_TOLERANCE * model.config.tolerance {
                 self.move_by(problem, 1.0);
-                return problem.evaluate(model, kinematics, Bounds::Frozen);
+                return;
             }
             self.line_search(model, kinematics, problem);
         }
-        size
     }
 
     /// Moves along the direction to the least cost: finds a root of the cost's slope by the Illinois method (modified regula falsi).
