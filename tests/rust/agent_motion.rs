@@ -8,12 +8,13 @@ use graspbox_agent::actions::arm_controller::{
     ANGULAR_ACCELERATION, ANGULAR_SPEED, ArmController, Goal, LINEAR_ACCELERATION, LINEAR_SPEED,
 };
 use graspbox_agent::actions::control::CONTROL_PERIOD;
-use graspbox_agent::actions::guard::{Guard, STOP_FORCE, TABLE_CLEARANCE};
+use graspbox_agent::actions::guard::{Guard, TABLE_CLEARANCE};
 use graspbox_agent::actions::workspace::{LOST_DISTANCE, WORKSPACE_HIGH, WORKSPACE_LOW};
 use graspbox_agent::observations::info::failure_names;
 use graspbox_agent::rewards::reward::TERMS;
 use graspbox_agent::starts::reset_options::ObjectChoice;
 use graspbox_agent::{Control, EnvPool, Observation, ResetOptions};
+use graspbox_episode::approach::STOP_FORCE;
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, HandLoad, PhysicsConfig};
 use graspbox_tests::agent::{flags, follow, indices, numbers, objects, pool, seeds};

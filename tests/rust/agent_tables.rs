@@ -8,9 +8,11 @@ use graspbox_agent::actions::action::OPEN_SHARE;
 use graspbox_agent::observations::info::{INFO, InfoValue, failure_names, info_table, read_info};
 use graspbox_agent::observations::view::View;
 use graspbox_agent::pool::agent_episode::AgentEpisode;
+use graspbox_agent::pool::clearing::{Clearing, LastAttempt};
 use graspbox_agent::pool::record::Record;
 use graspbox_agent::rewards::potentials::Potentials;
 use graspbox_agent::rewards::reward::{Attempt, TERMS, TermValues, Transition, term_table};
+use graspbox_agent::starts::clutter::{Placed, TargetScene};
 use graspbox_agent::{AgentConfig, Column, Control, EnvPool, EnvSpec, Observation, Randomization, ResetOptions};
 use graspbox_episode::FailureKind;
 use graspbox_objects::Family;
@@ -267,52 +269,123 @@ fn terms_of_a_decision_are_what_their_names_say() {
     assert_eq!(term_table(Control::Twist).len(), TERMS.len());
 }
 
-/// Every entry of the info by name, of an episode whose record and verdict are made up; no two entries of one type are always equal.
+/// An episode whose record and verdict are made up. The third and fourth case clear scenes, which the present view does not show;
+/// the last has a target among others.
+struct Case {
+    i: usize,
+    success: bool,
+    secure: bool,
+    touches: bool,
+    stopped: bool,
+    failure: Option<FailureKind>,
+}
+
+impl Case {
+    fn clears(&self) -> bool {
+        [2, 3].contains(&self.i)
+    }
+
+    fn has_target(&self) -> bool {
+        self.i == 4
+    }
+
+    fn count(&self, first: u32) -> u32 {
+        first + self.i as u32
+    }
+
+    fn lift(&self) -> f64 {
+        0.1 * self.i as f64
+    }
+
+    fn record(&self, like: &Record) -> Record {
+        let Self { i, success, secure, touches, stopped, failure } = *self;
+        let last = LastAttempt { lift: self.lift(), secure, touches, disturbed: self.count(50) };
+        let clearing = Clearing {
+            attempts: self.count(30),
+            cleared: self.count(40),
+            lost: 3,
+            last,
+            begun: 90,
+            ..Clearing::new(Vec::new())
+        };
+        Record {
+            success,
+            failure,
+            stopped,
+            object: i + 7,
+            resting: i + 20,
+            dropped: i == 1,
+            survives_shake: i == 1,
+            fits: i != 0,
+            clearing: self.clears().then_some(clearing),
+            target_scene: self.has_target().then(|| TargetScene { objects: vec![cube(); 6], target: 4 }),
+            ..like.clone()
+        }
+    }
+
+    fn expected(&self, name: &str) -> InfoValue {
+        let counted = |number: u32| InfoValue::Index(if self.clears() { i64::from(number) } else { 0 });
+        match name {
+            "is_success" => InfoValue::Flag(self.success),
+            "is_secure" => InfoValue::Flag(self.success && self.secure),
+            "failure" => {
+                let name = self.failure.map_or("", FailureKind::name);
+                InfoValue::Index(failure_names().iter().position(|other| *other == name).unwrap() as i64)
+            }
+            "lift" => InfoValue::Number(self.lift()),
+            "object" => InfoValue::Index(self.i as i64 + 7),
+            "resting" => InfoValue::Index(if self.i == 1 || self.clears() || self.has_target() {
+                -1
+            } else {
+                self.i as i64 + 20
+            }),
+            "fits" => InfoValue::Flag(self.i != 0),
+            "touches" => InfoValue::Flag(self.touches),
+            "protective_stop" => InfoValue::Flag(self.stopped),
+            "survives_shake" => InfoValue::Flag(self.i == 1),
+            "infeasible" => InfoValue::Flag(self.failure == Some(FailureKind::Infeasible)),
+            "attempts" => counted(self.count(30)),
+            "cleared" => counted(self.count(40)),
+            "lost" => counted(3),
+            "remaining" => counted(90 - self.count(40) - 3),
+            "disturbed" => counted(self.count(50)),
+            "neighbours" => InfoValue::Index(if self.has_target() { 5 } else { 0 }),
+            // Nothing else is in the world of the view.
+            "neighbours_moved" => InfoValue::Index(0),
+            other => panic!("no expected value for the entry {other}: add one"),
+        }
+    }
+}
+
+fn cube() -> Placed {
+    Placed { slot: 0, object: 0, scale: 1.0, world_from_object: Isometry3::identity() }
+}
+
+/// Every entry of the info by name; no two entries of one type are always equal.
 #[test]
 fn infos_hold_what_their_names_say() {
     let pool = pool(&objects(&[Family::Box]), Control::Twist, 1);
     pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
     let env = pool.env(0).unwrap();
     let episode = env.episode().unwrap();
-    // Success, secure, touching, stopped, failure.
     let cases = [
         (true, true, true, false, None),
         (true, false, false, true, None),
         (false, false, true, true, Some(FailureKind::Dropped)),
         (false, true, false, false, Some(FailureKind::Infeasible)),
+        (true, true, true, false, None),
     ];
-    let survives = |i: usize| i == 1;
     let mut seen = Vec::new();
     for (i, (success, secure, touches, stopped, failure)) in cases.into_iter().enumerate() {
+        let case = Case { i, success, secure, touches, stopped, failure };
         let mut view = episode.view(pool.spec());
-        let mut record = view.record.clone();
-        (record.success, record.failure, record.stopped) = (success, failure, stopped);
-        (record.object, record.resting, record.dropped) = (i + 7, i + 20, i == 3);
-        record.survives_shake = survives(i);
-        record.fits = i != 0;
-        (view.verdict.secure, view.verdict.lift) = (secure, 0.1 * i as f64);
-        view.touching = if touches { vec![1] } else { Vec::new() };
-        let view = View { record: &record, ..view };
-        let info = read_info(&view);
+        let record = case.record(view.record);
+        let clears = case.clears();
+        (view.verdict.secure, view.verdict.lift) = if clears { (!secure, 9.0) } else { (secure, case.lift()) };
+        view.touching = if touches != clears { vec![1] } else { Vec::new() };
+        let info = read_info(&View { record: &record, ..view });
         for (row, value) in INFO.iter().zip(info) {
-            let expected = match row.name {
-                "is_success" => InfoValue::Flag(success),
-                "is_secure" => InfoValue::Flag(success && secure),
-                "failure" => {
-                    let name = failure.map_or("", FailureKind::name);
-                    InfoValue::Index(failure_names().iter().position(|other| *other == name).unwrap() as i64)
-                }
-                "lift" => InfoValue::Number(0.1 * i as f64),
-                "object" => InfoValue::Index(i as i64 + 7),
-                "resting" => InfoValue::Index(if i == 3 { -1 } else { i as i64 + 20 }),
-                "fits" => InfoValue::Flag(i != 0),
-                "touches" => InfoValue::Flag(touches),
-                "protective_stop" => InfoValue::Flag(stopped),
-                "survives_shake" => InfoValue::Flag(survives(i)),
-                "infeasible" => InfoValue::Flag(failure == Some(FailureKind::Infeasible)),
-                other => panic!("no expected value for the entry {other}: add one"),
-            };
-            assert_eq!(value, expected, "{} in case {i}", row.name);
+            assert_eq!(value, case.expected(row.name), "{} in case {i}", row.name);
         }
         seen.push(info);
     }

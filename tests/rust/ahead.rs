@@ -51,7 +51,7 @@ fn the_objects_of_the_next_three_episodes_are_prepared_during_this_one() {
     let mut stream = RandomStream::new(seed);
     for _ in 0..3 {
         sample(&mut stream);
-        let next = InitialState::need(pool.spec(), &stream, &ResetOptions::default()).unwrap();
+        let next = InitialState::needs(pool.spec(), &stream, &ResetOptions::default()).unwrap()[0];
         // No bound on its time: without the thread it would never be ready.
         let begun = Instant::now();
         while !objects.is_ready(&next) {

@@ -3,13 +3,16 @@
 use crate::AgentError;
 use crate::actions::control::Control;
 use crate::observations::observation::Observation;
-use graspbox_episode::{SuccessCriterion, TrialConfig};
+use graspbox_episode::{Layout, SuccessCriterion, TrialConfig};
 use graspbox_mesh::in_range;
+use graspbox_sim::Wall;
 use graspbox_vision::CamerasConfig;
 use serde::{Deserialize, Serialize};
 
 /// Most control periods of a step: 5 s.
 const MOST_FRAME_SKIP: f64 = 100.0;
+/// Most objects of a scene.
+const MOST_OBJECTS: f64 = 40.0;
 
 /// When an environment begins the next episode after the end of one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,6 +81,66 @@ impl Randomization {
     }
 }
 
+/// Scenes of several objects. Where a single object lies, `objects_per_scene` and `scale` mean nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ClutterConfig {
+    /// How the objects lie; `None`: a single object, in one of its resting poses.
+    pub layout: Option<Layout>,
+    /// Least and greatest number of objects.
+    pub objects_per_scene: [usize; 2],
+    /// Least and greatest scale of an object.
+    pub scale: [f64; 2],
+    /// Failures in a row after which an episode of [`Control::Clear`] is over.
+    pub max_failures: u32,
+}
+
+impl Default for ClutterConfig {
+    fn default() -> Self {
+        Self { layout: None, objects_per_scene: [5, 5], scale: [1.0, 1.0], max_failures: 2 }
+    }
+}
+
+impl ClutterConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`AgentError::OutOfRange`], naming the first setting that is out of range.
+    pub fn validate(&self) -> Result<(), AgentError> {
+        let [low, high] = self.objects_per_scene;
+        in_range("objects_per_scene[0]", low as f64, 1.0..=MOST_OBJECTS, "")?;
+        in_range("objects_per_scene[1]", high as f64, low as f64..=MOST_OBJECTS, "")?;
+        in_range("scale[0]", self.scale[0], 0.1..=10.0, "")?;
+        in_range("scale[1]", self.scale[1], self.scale[0]..=10.0, "")?;
+        in_range("max_failures", f64::from(self.max_failures), 1.0..=1e6, "")?;
+        self.walls()?;
+        Ok(())
+    }
+
+    /// Walls of every scene.
+    ///
+    /// # Errors
+    /// As [`Layout::walls`].
+    pub fn walls(&self) -> Result<Vec<Wall>, AgentError> {
+        self.layout.map_or(Ok(Vec::new()), |layout| Ok(layout.walls()?))
+    }
+
+    /// Most objects of a scene.
+    pub fn most_objects(&self) -> usize {
+        if self.layout.is_some() { self.objects_per_scene[1] } else { 1 }
+    }
+
+    /// Least and greatest scale of an object; 1 for a single one.
+    pub(crate) fn scales(&self) -> [f64; 2] {
+        if self.layout.is_some() { self.scale } else { [1.0, 1.0] }
+    }
+
+    /// The layout whose workspace objects must not leave after an attempt: for a single object that of packed ones.
+    pub(crate) fn workspace(&self) -> Layout {
+        self.layout.unwrap_or(Layout::Packed)
+    }
+}
+
 /// Settings of a pool of environments.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -94,6 +157,8 @@ pub struct AgentConfig {
     pub observations: Vec<Observation>,
     /// Domain randomization.
     pub randomization: Randomization,
+    /// How objects lie. [`Control::Clear`] clears all of them; in the other modes one of several is the target.
+    pub clutter: ClutterConfig,
     /// Cameras and images.
     pub cameras: CamerasConfig,
     /// The criterion of success in every control mode.
@@ -111,6 +176,7 @@ impl Default for AgentConfig {
             max_episode_steps: None,
             observations: Observation::ALL.to_vec(),
             randomization: Randomization::default(),
+            clutter: ClutterConfig::default(),
             cameras: CamerasConfig::default(),
             success: SuccessCriterion::default(),
             trial: TrialConfig::default(),
@@ -144,6 +210,17 @@ impl AgentConfig {
         TrialConfig { success: self.success, early_stop, ..self.trial }
     }
 
+    /// True if an episode is about one target among several objects.
+    pub fn has_target(&self) -> bool {
+        self.control != Control::Clear && self.clutter.layout.is_some()
+    }
+
+    /// True if the hand pushes aside what it touches on its way to the pose of a decision; otherwise that is infeasible. A push would move a
+    /// single object away from the grasp, but among others a real hand can make such a grasp.
+    pub fn pushes(&self) -> bool {
+        self.control == Control::Clear || self.has_target()
+    }
+
     /// Checks every setting.
     ///
     /// # Errors
@@ -160,6 +237,7 @@ impl AgentConfig {
         if self.control.decides() {
             self.trial().validate()?;
         }
+        self.clutter.validate()?;
         for (i, observation) in self.observations.iter().enumerate() {
             if self.observations[..i].contains(observation) {
                 return Err(AgentError::Twice { name: observation.name().to_owned() });

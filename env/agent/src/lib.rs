@@ -28,8 +28,9 @@ pub mod source;
 pub mod starts;
 
 pub use actions::control::Control;
-pub use config::{AgentConfig, Autoreset, Randomization};
+pub use config::{AgentConfig, Autoreset, ClutterConfig, Randomization};
 pub use error::AgentError;
+pub use graspbox_episode::Layout;
 pub use objects::Objects;
 pub use observations::column::Column;
 pub use observations::observation::Observation;

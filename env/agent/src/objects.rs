@@ -41,8 +41,8 @@ pub enum RestingChoice {
 pub struct Need {
     /// Index of the object.
     pub object: usize,
-    /// Its resting pose.
-    pub resting: RestingChoice,
+    /// Its resting pose; `None` for an object of a layout.
+    pub resting: Option<RestingChoice>,
     /// Its render model is needed too.
     pub model: bool,
 }
@@ -55,6 +55,8 @@ pub struct Prepared {
     bounds: [Point3<f64>; 2],
     /// Its render model, built at first use.
     model: OnceLock<Model>,
+    /// The object of which this is a scaled copy, and the scale.
+    original: Option<(Arc<Prepared>, f64)>,
     /// Cache folder of convex parts and levels of detail.
     cache: Option<PathBuf>,
 }
@@ -93,7 +95,23 @@ impl Prepared {
             bounds: [nalgebra::center(&aabb.min, &aabb.max), Point3::from((aabb.max - aabb.min) / 2.0)],
             body,
             model: OnceLock::new(),
+            original: None,
             cache: cache.map(Path::to_path_buf),
+        })
+    }
+
+    /// The object with every length times `scale`, for layouts: it has no resting poses.
+    ///
+    /// # Errors
+    /// As [`Body::scaled`].
+    pub(crate) fn scaled(self: &Arc<Self>, scale: f64) -> Result<Self, AgentError> {
+        Ok(Self {
+            body: self.body.scaled(scale)?,
+            resting_poses: Vec::new(),
+            bounds: self.bounds.map(|point| point * scale),
+            model: OnceLock::new(),
+            original: Some((Arc::clone(self), scale)),
+            cache: None,
         })
     }
 
@@ -110,8 +128,11 @@ impl Prepared {
         if let Some(model) = self.model.get() {
             return Ok(model);
         }
-        let made = Model::cached(self.body.mesh(), self.cache.as_deref())
-            .map_err(|source| AgentError::NotRenderable { object: self.body.name().to_owned(), source })?;
+        let made = match &self.original {
+            Some((original, scale)) => original.model()?.scaled(*scale),
+            None => Model::cached(self.body.mesh(), self.cache.as_deref())
+                .map_err(|source| AgentError::NotRenderable { object: self.body.name().to_owned(), source })?,
+        };
         Ok(self.model.get_or_init(|| made))
     }
 
@@ -284,14 +305,14 @@ impl Objects {
     /// True if everything that an episode needs is ready.
     pub fn is_ready(&self, need: &Need) -> bool {
         let Some(prepared) = self.cache_lock().take(need.object) else { return false };
-        let resting = prepared.resting_poses.get(prepared.resting(need.resting));
+        let resting = need.resting.and_then(|choice| prepared.resting_poses.get(prepared.resting(choice)));
         resting.is_none_or(|pose| pose.scene.get().is_some()) && (!need.model || prepared.model.get().is_some())
     }
 
     fn make(&self, need: &Need) -> Result<(), AgentError> {
         let prepared = self.prepared(need.object)?;
-        let resting = prepared.resting(need.resting);
-        if resting < prepared.resting_poses.len() {
+        let resting = need.resting.map(|choice| prepared.resting(choice));
+        if let Some(resting) = resting.filter(|resting| *resting < prepared.resting_poses.len()) {
             drop(self.scene(&prepared, resting));
         }
         if need.model {

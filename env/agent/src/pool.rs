@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`env_spec`] | data shared by all environments of a pool |
 //! | [`agent_episode`] | one episode under an agent |
+//! | [`clearing`] | clearing a scene of several objects |
 //! | [`record`] | the saved state of an episode beside world, judge and arm |
 //! | [`step_result`] | the result of a step or a reset of one environment |
 //! | [`mod@env`] | one environment: its stream, its episode, its results |
@@ -13,6 +14,7 @@
 
 pub mod agent_episode;
 pub mod batch;
+pub mod clearing;
 pub mod env;
 pub mod env_pool;
 pub mod env_spec;

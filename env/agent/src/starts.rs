@@ -5,8 +5,10 @@
 //! | [`reset_options`] | options of a reset |
 //! | [`random_stream`] | the random stream of one environment |
 //! | [`initial_state`] | the initial state of an episode |
+//! | [`clutter`] | a scene of several objects |
 //! | [`initial_samples`], [`hand_placement`] | its random samples, and the place of the hand |
 
+pub mod clutter;
 pub mod hand_placement;
 pub mod initial_samples;
 pub mod initial_state;

@@ -96,6 +96,20 @@ impl Model {
         })
     }
 
+    /// The model with every length times `scale`, which is positive: a new one of the scaled mesh, without new levels of detail.
+    #[must_use]
+    pub fn scaled(&self, scale: f64) -> Self {
+        let mut model = self.clone();
+        for level in &mut model.levels {
+            level.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+            level.error *= scale;
+        }
+        model.center *= scale;
+        model.half_extents *= scale;
+        model.radius *= scale;
+        model
+    }
+
     /// Faces and error (metres) of each level, from the full mesh to the coarsest.
     pub fn levels(&self) -> impl ExactSizeIterator<Item = (usize, f64)> + '_ {
         self.levels.iter().map(|level| (level.faces.len(), level.error))

@@ -1,5 +1,6 @@
 //! Trials with their feasibility check: many on rayon, with results in the order of the poses for any number of threads, or one with its trace.
 
+use crate::approach::{Approach, approach};
 use crate::observer::Observer;
 use crate::trial::{Finished, Trial, TrialConfig, TrialOutcome};
 use crate::{Episode, EpisodeError, Scene};
@@ -159,10 +160,17 @@ fn attempt<O: Observer>(
     progress: &Progress,
     observer: &impl Fn(&Episode) -> O,
 ) -> Result<Option<Finished<O>>, EpisodeError> {
+    let stop = || progress.stopped();
     if scene.reachable(pose, config.standoff)? {
-        Trial::new(scene, pose, factors, config, observer, trace).run(&|| progress.stopped())
-    } else {
-        let outcome = TrialOutcome::infeasible(config.shake.is_some());
-        Ok(Some(Finished { outcome, trace: Vec::new(), observer: None }))
+        return Trial::new(scene, pose, factors, config, observer, trace).run(&stop);
     }
+    let object = scene.world_from_object();
+    if scene.is_any_target()
+        && let Approach::Arrived(episode) = approach(scene, pose, object, factors, config.success, config.standoff)?
+    {
+        let (start, observer) = (object * pose.object_from_hand, observer(&episode));
+        return Trial::of(episode, &start, pose.preshape, config, observer, trace).run(&stop);
+    }
+    let outcome = TrialOutcome::infeasible(config.shake.is_some());
+    Ok(Some(Finished { outcome, trace: Vec::new(), observer: None }))
 }

@@ -2,7 +2,7 @@
 
 use crate::EpisodeError;
 use graspbox_hand::Hand;
-use graspbox_mesh::{CleanOptions, Mass, MassProperties, PartsParams, TriMesh, convex_hull};
+use graspbox_mesh::{CleanOptions, Mass, MassProperties, PartsParams, TriMesh, convex_hull, in_range};
 use graspbox_plan::Obstacle;
 use graspbox_sim::scenery::TABLE_SIDE;
 use graspbox_sim::{Geometry, ObjectModel};
@@ -68,12 +68,39 @@ impl Body {
         };
         let parts: Arc<[TriMesh]> = hulls.map_err(mesh_error)?.into();
         let mass = graspbox_mesh::mass_properties(&mesh, mass).map_err(mesh_error)?;
+        Self::assemble(spec.name.clone(), mesh, parts, mass)
+    }
+
+    fn assemble(
+        name: String,
+        mesh: TriMesh,
+        parts: Arc<[TriMesh]>,
+        mass: MassProperties,
+    ) -> Result<Self, EpisodeError> {
         let model =
             ObjectModel::new(&Geometry::Parts(Arc::clone(&parts)), mass.mass, mass.center_of_mass, mass.inertia)
-                .map_err(|source| EpisodeError::Sim { object: spec.name.clone(), source })?;
+                .map_err(|source| EpisodeError::Sim { object: name.clone(), source })?;
         let obstacle =
-            Obstacle::new(&mesh, &parts).map_err(|source| EpisodeError::Plan { object: spec.name.clone(), source })?;
-        Ok(Self { name: spec.name.clone(), mesh, parts, mass, model, obstacle: Arc::new(obstacle) })
+            Obstacle::new(&mesh, &parts).map_err(|source| EpisodeError::Plan { object: name.clone(), source })?;
+        Ok(Self { name, mesh, parts, mass, model, obstacle: Arc::new(obstacle) })
+    }
+
+    /// The object with every length times `scale`, of the same density.
+    ///
+    /// # Errors
+    /// [`EpisodeError::OutOfRange`] for a scale outside 0.001 to 1000, [`EpisodeError::Sim`] for an object that is too small to simulate then.
+    pub fn scaled(&self, scale: f64) -> Result<Self, EpisodeError> {
+        in_range("scale", scale, 1e-3..=1e3, "")?;
+        let (of, cube) = (&self.mass, scale.powi(3));
+        let mass = MassProperties {
+            mass: of.mass * cube,
+            volume: of.volume * cube,
+            center_of_mass: of.center_of_mass * scale,
+            inertia: of.inertia * (cube * scale * scale),
+            method: of.method,
+        };
+        let parts = self.parts.iter().map(|part| part.scaled(scale)).collect();
+        Self::assemble(self.name.clone(), self.mesh.scaled(scale), parts, mass)
     }
 
     /// Checks that the object fits table and hand in size and mass. Nearly always, one that does not is a file in another unit.

@@ -4,16 +4,17 @@ use crate::EpisodeError;
 use crate::judge::{Judge, SuccessCriterion, Verdict};
 use crate::scene::{SETTLE_TIME, Scene, Stillness};
 use graspbox_hand::ActuatorCommand;
+use graspbox_mesh::in_range;
 use graspbox_sim::World;
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
-/// One attempt to grasp: a world and its judge.
+/// One attempt to grasp: a world, and a judge of each of its objects.
 #[derive(Clone)]
 pub struct Episode {
     scene: Arc<Scene>,
     world: World,
-    judge: Judge,
+    judges: Vec<Judge>,
 }
 
 impl Episode {
@@ -27,7 +28,8 @@ impl Episode {
         Self::reset_at(scene, world_from_hand, scene.world_from_object(), preshape, [1.0, 1.0], criterion)
     }
 
-    /// A new episode with the object at rest at `world_from_object`, its friction and mass multiplied by `factors`.
+    /// A new episode with the object at rest at `world_from_object` and the others at their places, the friction and mass of all of them
+    /// multiplied by `factors`.
     pub fn reset_at(
         scene: &Arc<Scene>,
         world_from_hand: &Isometry3<f64>,
@@ -36,26 +38,28 @@ impl Episode {
         factors: [f64; 2],
         criterion: SuccessCriterion,
     ) -> Self {
-        let mut world = scene.template().spawn(world_from_hand, world_from_object, preshape);
-        world.scale_object(factors[0], factors[1]);
-        let judge = Judge::new(&world, scene.center_of_mass(), criterion);
-        Self { scene: Arc::clone(scene), world, judge }
+        let world = scene.spawn(world_from_hand, world_from_object, preshape, factors);
+        let judge = |(object, center)| Judge::new(&world, object, center, criterion);
+        let judges = scene.centers_of_mass().enumerate().map(judge).collect();
+        Self { scene: Arc::clone(scene), world, judges }
     }
 
-    /// An episode from a saved state: a snapshot of its world, and its judge.
+    /// An episode from a saved state: a snapshot of its world, and its judges.
     ///
     /// # Errors
-    /// [`EpisodeError`] for a snapshot of another object, hand or setting, or an impossible state of world or judge.
-    pub fn resume(scene: &Arc<Scene>, snapshot: &[u8], judge: Judge) -> Result<Self, EpisodeError> {
-        judge.check(&scene.center_of_mass())?;
+    /// [`EpisodeError`] for a snapshot of another object, hand or setting, or an impossible state of world or judges.
+    pub fn resume(scene: &Arc<Scene>, snapshot: &[u8], judges: Vec<Judge>) -> Result<Self, EpisodeError> {
+        let (count, objects) = (judges.len() as f64, scene.centers_of_mass().len() as f64);
+        in_range("number of judges", count, objects..=objects, "")?;
+        judges.iter().zip(scene.centers_of_mass()).enumerate().try_for_each(|(i, (judge, c))| judge.check(i, &c))?;
         let world = scene
             .template()
             .restore(snapshot)
             .map_err(|source| EpisodeError::Sim { object: scene.name().to_owned(), source })?;
-        Ok(Self { scene: Arc::clone(scene), world, judge })
+        Ok(Self { scene: Arc::clone(scene), world, judges })
     }
 
-    /// Advances by one time step: the hand reaches `world_from_hand`, the actuators follow their commands, the judge observes the result.
+    /// Advances by one time step: the hand reaches `world_from_hand`, the actuators follow their commands, the judges observe the result.
     ///
     /// # Errors
     /// [`EpisodeError::Sim`] for an actuator command that is not finite.
@@ -66,8 +70,21 @@ impl Episode {
     ) -> Result<(), EpisodeError> {
         let sim = |source| EpisodeError::Sim { object: self.scene.name().to_owned(), source };
         self.world.step(world_from_hand, commands).map_err(sim)?;
-        self.judge.observe(&self.world);
+        match self.judges.as_mut_slice() {
+            [judge] => judge.observe(&self.world, self.world.object_on_scenery()),
+            judges => {
+                let carried = self.world.carried_by_scenery();
+                judges.iter_mut().zip(carried).for_each(|(judge, carried)| judge.observe(&self.world, carried));
+            }
+        }
         Ok(())
+    }
+
+    /// Makes the object on which the hand presses most the target; without one the target stays.
+    pub fn target_most_pressed(&mut self) {
+        if let Some(object) = self.world.most_pressed() {
+            self.world.set_target(object);
+        }
     }
 
     /// Lets the object come to rest while the hand does not move, for at most 3 s.
@@ -88,17 +105,33 @@ impl Episode {
 
     /// Notifies the judge that the object is dropped; its centre of mass will rest at `resting_height`, metres.
     pub fn dropped(&mut self, resting_height: f64) {
-        self.judge.dropped(&self.world, resting_height);
+        let target = self.world.target();
+        self.judges[target].dropped(&self.world, resting_height);
     }
 
     /// Notifies the judge that lifting begins.
     pub fn begin_lift(&mut self) {
-        self.judge.begin_lift(&self.world);
+        self.judges.iter_mut().for_each(|judge| judge.begin_lift(&self.world));
     }
 
-    /// The present verdict of the judge.
+    /// The present verdict on the target.
     pub fn verdict(&self) -> Verdict {
-        self.judge.verdict(&self.world)
+        self.judge().verdict(&self.world)
+    }
+
+    /// Makes an object whose grasp is a success the target, unless the target is one, or there is none.
+    pub fn target_held(&mut self) {
+        let target = self.world.target();
+        let held: Vec<usize> = self.held_objects().collect();
+        if let Some(first) = held.first().filter(|_| !held.contains(&target)) {
+            self.world.set_target(*first);
+        }
+    }
+
+    /// The objects, by their indices, whose grasp is a success at present.
+    pub fn held_objects(&self) -> impl Iterator<Item = usize> {
+        let held = self.judges.iter().enumerate().filter(|(_, judge)| judge.success(&self.world));
+        held.map(|(object, _)| object)
     }
 
     /// The scene of this episode.
@@ -111,8 +144,13 @@ impl Episode {
         &self.world
     }
 
-    /// The judge.
+    /// The judge of the target.
     pub fn judge(&self) -> &Judge {
-        &self.judge
+        &self.judges[self.world.target()]
+    }
+
+    /// The judges of all objects, in order.
+    pub fn judges(&self) -> &[Judge] {
+        &self.judges
     }
 }

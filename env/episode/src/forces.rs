@@ -289,7 +289,7 @@ fn judged(
     bout.close()?;
     let closed = bout.world.contacts();
     outcome.closed_depth = closed.hand_depth;
-    outcome.contacts = bout.world.hand_contacts().into_iter().filter(|contact| contact.with_object).collect();
+    outcome.contacts = bout.world.hand_contacts().into_iter().filter(|contact| contact.object.is_some()).collect();
     outcome.time = bout.world.time();
     for (index, pull) in outcome.pulls.iter_mut().enumerate() {
         if progress.stopped() {

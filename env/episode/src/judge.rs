@@ -116,9 +116,11 @@ impl RecentMotion {
     }
 }
 
-/// Observes a world step by step and judges the grasp.
+/// Observes an object of a world step by step and judges its grasp.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Judge {
+    /// Index of the object in the world.
+    object: usize,
     criterion: SuccessCriterion,
     /// Resting height of the centre of mass, metres.
     resting_height: f64,
@@ -139,11 +141,13 @@ pub struct Judge {
 impl Judge {
     /// Begins to judge a world in which the object is at rest.
     ///
-    /// * `center`: centre of mass, object frame.
-    pub fn new(world: &World, center: Point3<f64>, criterion: SuccessCriterion) -> Self {
+    /// * `object`: its index in the world.
+    /// * `center`: its centre of mass, object frame.
+    pub fn new(world: &World, object: usize, center: Point3<f64>, criterion: SuccessCriterion) -> Self {
         Self {
+            object,
             criterion,
-            resting_height: world.object_center().z,
+            resting_height: world.center_of(object).z,
             center,
             motion: RecentMotion::default(),
             held_steps: 0,
@@ -156,14 +160,15 @@ impl Judge {
 
     /// Refuses states that no judge of this world can have.
     ///
-    /// * `center`: as for [`Judge::new`].
+    /// * `object`, `center`: as for [`Judge::new`].
     ///
     /// # Errors
     /// [`EpisodeError::OutOfRange`], naming the first number.
-    pub(crate) fn check(&self, center: &Point3<f64>) -> Result<(), EpisodeError> {
+    pub(crate) fn check(&self, object: usize, center: &Point3<f64>) -> Result<(), EpisodeError> {
         /// Farther than anything falls, metres.
         const FARTHEST: f64 = 1e5;
         let numbers = |point: &Point3<f64>| <[f64; 3]>::from(*point);
+        in_range("judge.object", self.object as f64, object as f64..=object as f64, "")?;
         in_range("judge.resting_height", self.resting_height, -FARTHEST..=FARTHEST, "m")?;
         for (own, of_object) in numbers(&self.center).into_iter().zip(numbers(center)) {
             in_range("judge.center", own, of_object..=of_object, "m")?;
@@ -199,11 +204,12 @@ impl Judge {
     }
 
     /// Observes the world after a step.
-    pub fn observe(&mut self, world: &World) {
-        let hand_from_object = world.hand_from_object();
-        let rise = world.object_center().z - self.resting_height;
+    ///
+    /// * `on_scenery`: table, ground or walls carry the object: [`World::carried_by_scenery`].
+    pub fn observe(&mut self, world: &World, on_scenery: bool) {
+        let hand_from_object = world.hand_from(self.object);
+        let rise = self.rise(world);
         self.highest = self.highest.max(rise);
-        let on_scenery = world.object_on_scenery();
         if self.was_on_scenery && !on_scenery {
             self.left_table = Some(hand_from_object);
         }
@@ -215,7 +221,7 @@ impl Judge {
 
     /// The present verdict.
     pub fn verdict(&self, world: &World) -> Verdict {
-        let now = world.hand_from_object();
+        let now = world.hand_from(self.object);
         let (shift, turn) = match self.left_table {
             Some(then) => {
                 let shift = (now * self.center - then * self.center).norm();
@@ -228,7 +234,7 @@ impl Judge {
         Verdict {
             success,
             secure: success && shift < SECURE_SHIFT && turn < SECURE_TURN,
-            lift: world.object_center().z - self.resting_height,
+            lift: self.rise(world),
             hand_lift,
             shift,
             turn,
@@ -250,6 +256,10 @@ impl Judge {
         self.held_time(world) >= self.criterion.hold_time - 1e-9
     }
 
+    fn rise(&self, world: &World) -> f64 {
+        world.center_of(self.object).z - self.resting_height
+    }
+
     /// Height of the object's centre of mass at rest, metres.
     pub fn resting_height(&self) -> f64 {
         self.resting_height
@@ -260,7 +270,7 @@ impl Judge {
         self.highest
     }
 
-    /// True while the object touches table or ground.
+    /// True while table, ground or walls carry the object.
     pub fn on_scenery(&self) -> bool {
         self.was_on_scenery
     }
@@ -269,8 +279,7 @@ impl Judge {
     ///
     /// * `touches`: the hand touches the object at present.
     pub fn failure(&self, world: &World, touches: bool) -> FailureKind {
-        let rise = world.object_center().z - self.resting_height;
-        let held_high = touches && !self.was_on_scenery && rise >= self.criterion.lift_height;
+        let held_high = touches && !self.was_on_scenery && self.rise(world) >= self.criterion.lift_height;
         if held_high || world.has_diverged() {
             FailureKind::Unstable
         } else if self.highest >= CLEAR_OF_TABLE && self.left_table.is_some() {

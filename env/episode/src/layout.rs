@@ -78,7 +78,7 @@ impl Layout {
         physics: PhysicsConfig,
         seed: u64,
     ) -> Result<Arrangement, EpisodeError> {
-        let mut heap = Heap { bodies, hand, physics, walls: Vec::new(), objects: Vec::new(), poses: Vec::new() };
+        let mut heap = Heap { bodies, hand, physics, walls: self.walls()?, objects: Vec::new(), poses: Vec::new() };
         // For no object, or too many of them.
         heap.template(&(0..bodies.len()).collect::<Vec<_>>())?;
         let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -90,17 +90,46 @@ impl Layout {
                 heap.walls.clear();
                 heap.rest()?;
             }
-            Self::Bin { inside } => {
-                inside.iter().try_for_each(|side| in_range("inside", *side, 0.02..=1.0, "m"))?;
-                heap.walls = bin(Vector3::from(inside), WALL);
-                heap.drop_all(inside[0].min(inside[1]), &mut random)?;
-            }
+            Self::Bin { inside } => heap.drop_all(inside[0].min(inside[1]), &mut random)?,
         }
-        let half = match *self {
+        Ok(heap.within(&self.half()))
+    }
+
+    /// Lets `bodies` come to rest from `poses` without a hand, as after some of them were taken away.
+    ///
+    /// * `poses`: one for each of `bodies`.
+    ///
+    /// # Errors
+    /// As [`Layout::arrange`].
+    pub fn settle(
+        &self,
+        bodies: &[&Body],
+        poses: Vec<Isometry3<f64>>,
+        hand: &Arc<Hand>,
+        physics: PhysicsConfig,
+    ) -> Result<Arrangement, EpisodeError> {
+        let objects = (0..bodies.len()).collect();
+        let mut heap = Heap { bodies, hand, physics, walls: self.walls()?, objects, poses };
+        heap.rest()?;
+        Ok(heap.within(&self.half()))
+    }
+
+    /// Walls that stay: those of the bin.
+    ///
+    /// # Errors
+    /// [`EpisodeError::OutOfRange`] for the sides of a bin.
+    pub fn walls(&self) -> Result<Vec<Wall>, EpisodeError> {
+        let Self::Bin { inside } = *self else { return Ok(Vec::new()) };
+        inside.iter().try_for_each(|side| in_range("inside", *side, 0.02..=1.0, "m"))?;
+        Ok(bin(Vector3::from(inside), WALL))
+    }
+
+    /// Half the sides of the space in which objects count as present, and its height.
+    fn half(&self) -> Vector3<f64> {
+        match *self {
             Self::Bin { inside } => Vector3::new(inside[0] / 2.0, inside[1] / 2.0, f64::INFINITY),
             _ => Vector3::new(WORKSPACE / 2.0, WORKSPACE / 2.0, WORKSPACE),
-        };
-        Ok(heap.within(&half))
+        }
     }
 }
 

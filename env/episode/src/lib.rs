@@ -39,6 +39,7 @@
 //! # }
 //! ```
 
+pub mod approach;
 pub mod batch;
 pub mod body;
 pub mod episode;
@@ -53,6 +54,7 @@ pub mod shake;
 pub mod study;
 pub mod trial;
 
+pub use approach::{Approach, approach};
 pub use batch::{Progress, run_observed_trials, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;

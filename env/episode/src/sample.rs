@@ -49,7 +49,7 @@ impl Sample {
             tensions: (0..world.hand().tendons.len()).map(|tendon| world.tension(tendon)).collect(),
             hand_force: world.contacts().hand_force,
             tactile: world.tactile().force,
-            contacts: world.hand_contacts().into_iter().filter(|contact| contact.with_object).collect(),
+            contacts: world.hand_contacts().into_iter().filter(|contact| contact.object.is_some()).collect(),
         }
     }
 }

@@ -1,10 +1,12 @@
-//! An object at rest on the table, from which episodes are cloned.
+//! An object at rest on the table, alone or among others, from which episodes are cloned.
 
 use crate::{Body, EpisodeError};
 use graspbox_hand::{ActuatorCommand, GraspPose, Hand};
 use graspbox_mesh::in_range;
-use graspbox_plan::{CollisionScene, Feasibility, Plan, PlanError, PlanObject, PlanParams, check_grasps};
-use graspbox_sim::{ObjectModel, PhysicsConfig, Template, World};
+use graspbox_plan::{
+    CollisionScene, Feasibility, Neighbour, Obstacle, Plan, PlanError, PlanObject, PlanParams, check_grasps,
+};
+use graspbox_sim::{ObjectModel, PhysicsConfig, SimError, Template, Wall, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
@@ -19,15 +21,26 @@ pub(crate) const SETTLE_TIME: f64 = 3.0;
 /// Height of the hand above the table while the object settles, metres: beyond any object.
 pub const OUT_OF_THE_WAY: f64 = 2.0;
 
-/// An object at rest on the table, with the data that its episodes share.
+/// Objects at rest on the table, with the data that their episodes share. One of them is the target, "the object" of the methods.
 pub struct Scene {
-    name: String,
     template: Template,
-    world_from_object: Isometry3<f64>,
-    center_of_mass: Point3<f64>,
-    base_point: Point3<f64>,
+    /// At least one.
+    objects: Vec<Placed>,
+    /// Index of the target.
+    target: usize,
+    /// The hand chooses its target: [`Scene::is_any_target`].
+    any_target: bool,
     /// For the collision filter; `None` for an object without a mesh.
     obstacles: Option<CollisionScene>,
+}
+
+/// An object at rest.
+struct Placed {
+    name: String,
+    world_from_object: Isometry3<f64>,
+    center_of_mass: Point3<f64>,
+    /// See [`Scene::base_point`].
+    base_point: Point3<f64>,
 }
 
 impl Scene {
@@ -43,11 +56,72 @@ impl Scene {
     ) -> Result<Self, EpisodeError> {
         body.check_fits(&hand)?;
         let start = world_from_object.copied().unwrap_or_else(|| graspbox_mesh::default_pose(body.mesh()));
-        let bounds = body.mesh().transformed(&start).aabb();
-        let base = Point3::new((bounds.min.x + bounds.max.x) / 2.0, (bounds.min.y + bounds.max.y) / 2.0, bounds.min.z);
-        let mut scene = Self::settle(body.name(), hand, body.model(), physics, &start, start.inverse() * base)?;
-        scene.obstacles = Some(CollisionScene::new(Arc::clone(body.obstacle()), &scene.world_from_object));
+        let base = base_at(body, &start);
+        let mut scene = Self::settle(body.name(), hand, body.model(), physics, &start, base)?;
+        scene.obstacles = Some(CollisionScene::new(Arc::clone(body.obstacle()), scene.world_from_object()));
         Ok(scene)
+    }
+
+    /// Several objects among walls, all of them at rest: nothing is simulated.
+    ///
+    /// * `world_from_objects`: one pose for each of `bodies`.
+    /// * `target`: index of "the object" of the methods; `None` for the one that reaches highest, until a hand chooses another:
+    ///   [`Scene::is_any_target`].
+    ///
+    /// # Errors
+    /// [`EpisodeError::Sim`] for no object, too many, or not one pose for each; [`EpisodeError::OutOfRange`] for another target;
+    /// [`EpisodeError::Plan`] for a wall without volume. An object may be too large for the hand.
+    pub fn of_objects(
+        bodies: &[&Body],
+        world_from_objects: &[Isometry3<f64>],
+        walls: &[Wall],
+        target: Option<usize>,
+        hand: Arc<Hand>,
+        physics: PhysicsConfig,
+    ) -> Result<Self, EpisodeError> {
+        let names = || bodies.iter().map(|body| body.name()).collect::<Vec<_>>().join(", ");
+        let sim_error = |source| EpisodeError::Sim { object: names(), source };
+        let models: Vec<ObjectModel> = bodies.iter().map(|body| body.model().clone()).collect();
+        let template = Template::of_objects(hand, &models, walls, physics).map_err(sim_error)?;
+        let (poses, objects) = (world_from_objects.len(), bodies.len());
+        if poses != objects {
+            return Err(sim_error(SimError::WrongPoses { poses, objects }));
+        }
+        let any_target = target.is_none();
+        let target = target.unwrap_or_else(|| highest(bodies, world_from_objects));
+        in_range("target", target as f64, 0.0..=(objects - 1) as f64, "")?;
+        let neighbours = neighbours(bodies, world_from_objects, walls, target)
+            .map_err(|source| EpisodeError::Plan { object: names(), source })?;
+        let obstacle = Arc::clone(bodies[target].obstacle());
+        let obstacles = Some(CollisionScene::among(obstacle, &world_from_objects[target], neighbours));
+        let placed = |(body, pose): (&&Body, &Isometry3<f64>)| Placed {
+            name: body.name().to_owned(),
+            world_from_object: *pose,
+            center_of_mass: body.model().center_of_mass(),
+            base_point: base_at(body, pose),
+        };
+        let objects = bodies.iter().zip(world_from_objects).map(placed).collect();
+        Ok(Self { template, objects, target, any_target, obstacles })
+    }
+
+    /// A new world: the hand open at `world_from_hand` with its preshape, the object at `world_from_object`, the others at rest, the friction
+    /// and mass of every object multiplied by `factors`.
+    pub(crate) fn spawn(
+        &self,
+        world_from_hand: &Isometry3<f64>,
+        world_from_object: &Isometry3<f64>,
+        preshape: f64,
+        factors: [f64; 2],
+    ) -> World {
+        let mut poses: Vec<_> = self.objects.iter().map(|object| object.world_from_object).collect();
+        poses[self.target] = *world_from_object;
+        let mut world = self.template.place(world_from_hand, &poses, preshape);
+        for object in 0..poses.len() {
+            world.set_target(object);
+            world.scale_object(factors[0], factors[1]);
+        }
+        world.set_target(self.target);
+        world
     }
 
     /// An object at `world_from_object`, assumed to be at rest: nothing is simulated.
@@ -66,14 +140,13 @@ impl Scene {
     ) -> Result<Self, EpisodeError> {
         let template = Template::new(hand, object, physics)
             .map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
-        Ok(Self {
+        let placed = Placed {
             name: name.to_owned(),
-            template,
             world_from_object: *world_from_object,
             center_of_mass: object.center_of_mass(),
             base_point,
-            obstacles: None,
-        })
+        };
+        Ok(Self { template, objects: vec![placed], target: 0, any_target: false, obstacles: None })
     }
 
     /// Lets `object` settle on the table from `world_from_object`.
@@ -110,18 +183,18 @@ impl Scene {
         if world.object_center().z < 0.0 {
             return Err(no_rest("it falls off the table"));
         }
-        scene.world_from_object = recentered(&world, &(start * scene.center_of_mass));
+        scene.objects[0].world_from_object = recentered(&world, &(start * scene.center_of_mass()));
         Ok(scene)
     }
 
-    /// True if the open hand reaches `pose` from `standoff` metres behind it without touching object or table.
+    /// True if the open hand reaches `pose` from `standoff` metres behind it without touching an object, a wall or the table.
     ///
     /// Without a mesh (a primitive of [`Scene::settle`]) every pose passes.
     ///
     /// # Errors
     /// [`EpisodeError::Plan`] for a preshape beyond the hand's limits.
     pub fn reachable(&self, pose: &GraspPose, standoff: f64) -> Result<bool, EpisodeError> {
-        self.reachable_at(pose, standoff, &self.world_from_object)
+        self.reachable_at(pose, standoff, self.world_from_object())
     }
 
     /// As [`Scene::reachable`], for the object at `world_from_object`.
@@ -158,13 +231,13 @@ impl Scene {
         found.map_err(|source| self.plan_error(source))
     }
 
-    /// Table and object as obstacles, the object at `world_from_object`; `None` for an object without a mesh.
+    /// Table, object and its neighbours as obstacles, the object at `world_from_object`; `None` for an object without a mesh.
     pub fn obstacles_at(&self, world_from_object: &Isometry3<f64>) -> Option<CollisionScene> {
         Some(self.obstacles.as_ref()?.at(world_from_object))
     }
 
     fn plan_error(&self, source: PlanError) -> EpisodeError {
-        EpisodeError::Plan { object: self.name.clone(), source }
+        EpisodeError::Plan { object: self.name().to_owned(), source }
     }
 
     /// Plans grasps of `body` at its resting pose in this scene.
@@ -175,15 +248,16 @@ impl Scene {
         let object = PlanObject {
             mesh: body.mesh(),
             obstacle: body.obstacle(),
-            center_of_mass: self.center_of_mass,
-            world_from_object: self.world_from_object,
+            center_of_mass: self.center_of_mass(),
+            world_from_object: *self.world_from_object(),
+            neighbours: self.obstacles.as_ref().map(CollisionScene::neighbours).unwrap_or_default(),
         };
         graspbox_plan::plan(&object, self.template.hand(), params).map_err(|source| self.plan_error(source))
     }
 
     /// Name of the object.
     pub fn name(&self) -> &str {
-        &self.name
+        &self.objects[self.target].name
     }
 
     /// The template of the episodes' worlds.
@@ -193,18 +267,76 @@ impl Scene {
 
     /// Pose of the object at rest.
     pub fn world_from_object(&self) -> &Isometry3<f64> {
-        &self.world_from_object
+        &self.objects[self.target].world_from_object
     }
 
     /// Centre of mass, object frame, metres.
     pub fn center_of_mass(&self) -> Point3<f64> {
-        self.center_of_mass
+        self.center_of(self.target)
+    }
+
+    /// Centre of mass of an object, by its index, in its frame, metres.
+    pub fn center_of(&self, object: usize) -> Point3<f64> {
+        self.objects[object].center_of_mass
+    }
+
+    /// Centres of mass of all objects, each in its frame, metres.
+    pub fn centers_of_mass(&self) -> impl ExactSizeIterator<Item = Point3<f64>> {
+        self.objects.iter().map(|object| object.center_of_mass)
+    }
+
+    /// Pose of an object at rest, by its index.
+    pub fn world_from(&self, object: usize) -> Isometry3<f64> {
+        self.objects[object].world_from_object
+    }
+
+    /// Index of the object.
+    pub fn target(&self) -> usize {
+        self.target
+    }
+
+    /// True if any object may be grasped: a trial is about the one on which the closed hand presses most, and succeeds with any.
+    pub fn is_any_target(&self) -> bool {
+        self.any_target
     }
 
     /// Middle of the object's base: the centre of the underside of its bounds at the pose that it settled from, object frame, metres.
     pub fn base_point(&self) -> Point3<f64> {
-        self.base_point
+        self.objects[self.target].base_point
     }
+}
+
+/// The centre of the underside of a body's bounds at a pose, object frame, metres.
+fn base_at(body: &Body, world_from_object: &Isometry3<f64>) -> Point3<f64> {
+    let bounds = body.mesh().transformed(world_from_object).aabb();
+    let base = Point3::new((bounds.min.x + bounds.max.x) / 2.0, (bounds.min.y + bounds.max.y) / 2.0, bounds.min.z);
+    world_from_object.inverse() * base
+}
+
+/// The object that reaches highest.
+fn highest(bodies: &[&Body], world_from_objects: &[Isometry3<f64>]) -> usize {
+    let top = |(body, pose): (&&Body, &Isometry3<f64>)| {
+        body.mesh().vertices().iter().map(|vertex| (pose * vertex).z).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let tops: Vec<f64> = bodies.iter().zip(world_from_objects).map(top).collect();
+    (0..tops.len()).max_by(|a, b| tops[*a].total_cmp(&tops[*b])).unwrap_or(0)
+}
+
+/// Everything beside the target.
+fn neighbours(
+    bodies: &[&Body],
+    world_from_objects: &[Isometry3<f64>],
+    walls: &[Wall],
+    target: usize,
+) -> Result<Arc<[Neighbour]>, PlanError> {
+    let others = bodies.iter().zip(world_from_objects).enumerate().filter(|(index, _)| *index != target);
+    let others = others
+        .map(|(_, (body, pose))| Ok(Neighbour { obstacle: Arc::clone(body.obstacle()), world_from_obstacle: *pose }));
+    let walls = walls.iter().map(|wall| {
+        let obstacle = Arc::new(Obstacle::cuboid(&wall.half)?);
+        Ok(Neighbour { obstacle, world_from_obstacle: wall.world_from_wall })
+    });
+    others.chain(walls).collect()
 }
 
 /// Detects that an object has come to rest on the table while the hand does not move.

@@ -205,7 +205,11 @@ impl<O: Observer> Trial<O> {
         if let Some(trace) = &mut self.trace {
             trace.push(Sample::of(&self.episode));
         }
-        self.until(self.steps(self.config.close_time), stop)
+        let closed = self.until(self.steps(self.config.close_time), stop)?;
+        if self.episode.scene().is_any_target() {
+            self.episode.target_most_pressed();
+        }
+        Ok(closed)
     }
 
     /// Lifts and holds, after [`Trial::close`]; false if `stop` returned true.
@@ -217,7 +221,11 @@ impl<O: Observer> Trial<O> {
         self.observer.begin_lift(&self.episode);
         let config = self.config;
         let phases = [config.close_time, config.lift_time, config.hold_time];
-        self.until(phases.iter().map(|time| self.steps(*time)).sum(), stop)
+        let lifted = self.until(phases.iter().map(|time| self.steps(*time)).sum(), stop)?;
+        if self.episode.scene().is_any_target() {
+            self.episode.target_held();
+        }
+        Ok(lifted)
     }
 
     /// Shakes a success after [`Trial::lift`] if the config has a shake, and holds for the hold time again; false if `stop` returned true.
@@ -307,11 +315,13 @@ impl<O: Observer> Trial<O> {
         !self.episode.world().contacts().links.is_empty()
     }
 
-    /// True if the object can no longer be high enough at the end, even if the hand carried it up from now on.
+    /// True if no object can be high enough at the end, even if the hand carried it up from now on.
     fn out_of_reach(&self) -> bool {
-        let verdict = self.episode.verdict();
-        let reach = verdict.lift + (self.config.lift_height - verdict.hand_lift) + CURL_RISE;
-        reach < self.episode.judge().criterion().lift_height
+        self.episode.judges().iter().all(|judge| {
+            let verdict = judge.verdict(self.episode.world());
+            let reach = verdict.lift + (self.config.lift_height - verdict.hand_lift) + CURL_RISE;
+            reach < judge.criterion().lift_height
+        })
     }
 
     /// The outcome, once the trial is over.
@@ -325,7 +335,7 @@ impl<O: Observer> Trial<O> {
         let why = failure.or(diverged).or(missed).unwrap_or_else(judged);
         let end = self.shaken.as_ref().unwrap_or(&self.episode).world();
         let survives = |shaken: &Episode| shaken.verdict().success && !shaken.world().has_diverged();
-        let center = self.episode.scene().center_of_mass();
+        let center = self.episode.scene().center_of(world.target());
         let shift =
             |shaken: &Episode| (shaken.world().hand_from_object() * center - world.hand_from_object() * center).norm();
         TrialOutcome {

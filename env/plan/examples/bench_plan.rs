@@ -63,7 +63,8 @@ fn bench_filter(mesh: &TriMesh, parts: &[Vec<Point3<f64>>], mass: f64) -> Result
     let center_of_mass = mass_properties(mesh, Mass::Kilograms(mass))?.center_of_mass;
     let parts = parts.iter().map(|points| convex_hull(points)).collect::<Result<Vec<_>, _>>()?;
     let obstacle = Arc::new(Obstacle::new(mesh, &parts)?);
-    let object = PlanObject { mesh, obstacle: &obstacle, center_of_mass, world_from_object };
+    let object =
+        PlanObject { mesh, obstacle: &obstacle, center_of_mass, world_from_object, neighbours: Arc::default() };
     let params = PlanParams::default();
     let made = plan(&object, hand, &params)?;
     let scene = CollisionScene::new(Arc::clone(&obstacle), &world_from_object);

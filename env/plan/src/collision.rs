@@ -1,4 +1,4 @@
-//! The collision filter: the open hand against object and table, at the pose and on the approach.
+//! The collision filter: the open hand against object, table and neighbours, at the pose and on the approach.
 //!
 //! The object is its triangle mesh and, if there are any, the convex parts that the simulation uses; both count, since parts may extend beyond the
 //! surface. A shape entirely inside the object collides too. The approach is a straight line: each of the hand's boxes sweeps a box or a convex
@@ -13,7 +13,7 @@ mod box_surface;
 use crate::PlanError;
 use crate::open_hand::{OpenHand, convex, pose, vector};
 use graspbox_hand::GraspPose;
-use graspbox_mesh::TriMesh;
+use graspbox_mesh::{TriMesh, convex_hull};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::{Pose, Vector};
@@ -34,6 +34,8 @@ pub enum Feasibility {
     HitsObject,
     /// It collides with the object on the approach only.
     HitsObjectOnApproach,
+    /// It collides with a neighbour at the pose or on the approach, and with nothing else.
+    HitsNeighbour,
 }
 
 /// The geometry of an object, prepared for collision queries; object frame. One per object, shared by all of its resting poses.
@@ -62,6 +64,20 @@ impl Obstacle {
             .ok_or_else(|| PlanError::Collision { reason: "a convex part has no volume".into() })?;
         let bounds = parts.iter().fold(surface.local_aabb(), |all, (_, part)| all.merged(part));
         Ok(Self { surface, parts, bounds })
+    }
+
+    /// A box about its origin, such as a wall.
+    ///
+    /// * `half`: its half sides, metres.
+    ///
+    /// # Errors
+    /// [`PlanError::Collision`] for a side that is not positive.
+    pub fn cuboid(half: &Vector3<f64>) -> Result<Self, PlanError> {
+        let sign = |corner: usize, axis: usize| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
+        let corner = |i| Point3::from(Vector3::from_fn(|axis, _| sign(i, axis) * half[axis]));
+        let hull = convex_hull(&(0..8).map(corner).collect::<Vec<_>>());
+        let hull = hull.map_err(|source| PlanError::Collision { reason: source.to_string() })?;
+        Self::new(&hull, &[])
     }
 
     fn hits(&self, shape: &SharedShape, place: &Pose) -> bool {
@@ -103,10 +119,22 @@ impl std::fmt::Debug for Obstacle {
     }
 }
 
+/// Another object or a wall, which the hand must not touch.
+#[derive(Clone, Debug)]
+pub struct Neighbour {
+    /// Its geometry.
+    pub obstacle: Arc<Obstacle>,
+    /// Its pose.
+    pub world_from_obstacle: Isometry3<f64>,
+}
+
 /// An object at rest on the table, for collision queries; object frame.
 #[derive(Clone, Debug)]
 pub struct CollisionScene {
     obstacle: Arc<Obstacle>,
+    neighbours: Arc<[Neighbour]>,
+    /// For each neighbour.
+    neighbours_from_object: Vec<Isometry3<f64>>,
     /// Up, and the table's height along it.
     up: Unit<Vector3<f64>>,
     table: f64,
@@ -115,16 +143,39 @@ pub struct CollisionScene {
 impl CollisionScene {
     /// The table, z = 0 of the world, under an object at `world_from_object`. Cheap: the object's geometry is shared.
     pub fn new(obstacle: Arc<Obstacle>, world_from_object: &Isometry3<f64>) -> Self {
+        Self::among(obstacle, world_from_object, Arc::new([]))
+    }
+
+    /// As [`CollisionScene::new`], with neighbours.
+    pub fn among(obstacle: Arc<Obstacle>, world_from_object: &Isometry3<f64>, neighbours: Arc<[Neighbour]>) -> Self {
         let object_from_world = world_from_object.inverse();
         let up = Unit::new_normalize(object_from_world * Vector3::z());
         let table = up.dot(&(object_from_world * Point3::origin()).coords);
-        Self { obstacle, up, table }
+        let from_object = |neighbour: &Neighbour| neighbour.world_from_obstacle.inverse() * world_from_object;
+        let neighbours_from_object = neighbours.iter().map(from_object).collect();
+        Self { obstacle, neighbours, neighbours_from_object, up, table }
     }
 
-    /// The same object at another pose.
+    /// The same object at another pose; its neighbours stay.
     #[must_use]
     pub fn at(&self, world_from_object: &Isometry3<f64>) -> Self {
-        Self::new(Arc::clone(&self.obstacle), world_from_object)
+        Self::among(Arc::clone(&self.obstacle), world_from_object, Arc::clone(&self.neighbours))
+    }
+
+    /// True if the open hand, or its path on the approach, meets a neighbour.
+    fn hits_neighbour(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>, approach: bool) -> bool {
+        self.neighbours.iter().zip(&self.neighbours_from_object).any(|(neighbour, from_object)| {
+            let place = pose(&(from_object * object_from_hand));
+            hand.shapes.iter().any(|s| match approach {
+                true => neighbour.obstacle.hits(&s.swept, &(place * s.hand_from_swept)),
+                false => neighbour.obstacle.hits(&s.shape, &(place * s.hand_from_shape)),
+            })
+        })
+    }
+
+    /// Other objects and walls.
+    pub fn neighbours(&self) -> Arc<[Neighbour]> {
+        Arc::clone(&self.neighbours)
     }
 
     /// The table's up direction, object frame.
@@ -145,19 +196,20 @@ impl CollisionScene {
         let place = pose(object_from_hand);
         let on_the_way = hand.shapes.iter().any(|s| self.obstacle.hits(&s.swept, &(place * s.hand_from_swept)));
         if !on_the_way {
-            return Feasibility::Feasible;
+            let meets = self.hits_neighbour(hand, object_from_hand, true);
+            return if meets { Feasibility::HitsNeighbour } else { Feasibility::Feasible };
         }
         let at_the_end = hand.shapes.iter().any(|s| self.obstacle.hits(&s.shape, &(place * s.hand_from_shape)));
         if at_the_end { Feasibility::HitsObject } else { Feasibility::HitsObjectOnApproach }
     }
 
-    /// True if the open hand at this pose collides with object or table; the approach is not tested.
+    /// True if the open hand at this pose collides with object, table or a neighbour; the approach is not tested.
     pub fn collides(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
         let place = pose(object_from_hand);
         let low = |p: &Point3<f64>, radius| self.height(&(object_from_hand * p)) < radius;
         hand.shapes.iter().any(|s| {
             s.corners.iter().any(|c| low(c, s.radius)) || self.obstacle.hits(&s.shape, &(place * s.hand_from_shape))
-        })
+        }) || self.hits_neighbour(hand, object_from_hand, false)
     }
 
     /// [`CollisionScene::check`] for a single pose of a hand; for many poses, share one [`OpenHand`] per preshape.

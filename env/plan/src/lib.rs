@@ -50,7 +50,7 @@ pub use boxes::{
     BoxNode, BoxTree, BoxTreeFault, DecomposeParams, Fit, OrientedBox, Split, SplitCost, best_split, check_box_tree,
     decompose, decompose_points, fit_box,
 };
-pub use collision::{CollisionScene, Feasibility, Obstacle};
+pub use collision::{CollisionScene, Feasibility, Neighbour, Obstacle};
 pub use error::PlanError;
 pub use open_hand::OpenHand;
 pub use planner::{Candidate, Plan, PlanObject, PlanParams, box_grasps, check_grasps, plan};

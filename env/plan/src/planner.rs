@@ -2,7 +2,7 @@
 
 use crate::PlanError;
 use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
-use crate::collision::{CollisionScene, Feasibility, Obstacle};
+use crate::collision::{CollisionScene, Feasibility, Neighbour, Obstacle};
 use crate::open_hand::OpenHand;
 use crate::pairs::{Surroundings, propose_across};
 use crate::poses::{PoseParams, Proposal, propose};
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// An object at rest; the table is the plane z = 0 of the world.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PlanObject<'a> {
     /// Surface, object frame, metres.
     pub mesh: &'a TriMesh,
@@ -25,6 +25,8 @@ pub struct PlanObject<'a> {
     pub center_of_mass: Point3<f64>,
     /// Where the object rests.
     pub world_from_object: Isometry3<f64>,
+    /// Other objects and walls.
+    pub neighbours: Arc<[Neighbour]>,
 }
 
 /// Settings of the planner.
@@ -112,7 +114,8 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     in_range("standoff", params.standoff, 0.0..=1.0, "m")?;
     params.poses.validate()?;
     let tree = decompose(object.mesh, &params.decompose)?;
-    let scene = CollisionScene::new(Arc::clone(object.obstacle), &object.world_from_object);
+    let scene =
+        CollisionScene::among(Arc::clone(object.obstacle), &object.world_from_object, Arc::clone(&object.neighbours));
     let boxes = boxes_of(&tree, &params.poses);
     let mut proposals = propose(&boxes, &object.center_of_mass, &scene.up(), hand, &params.poses, params.seed)?;
     let samples = rank::samples(object.mesh);

@@ -8,8 +8,8 @@ use graspbox_hand::assets::asset;
 use graspbox_hand::{Hand, Shape};
 use graspbox_mesh::{Mass, OutOfRange, TriMesh, default_pose, mass_properties};
 use graspbox_plan::{
-    CollisionScene, DecomposeParams, Feasibility, Obstacle, OpenHand, Plan, PlanError, PlanObject, PlanParams,
-    PoseParams, Variation, plan,
+    CollisionScene, DecomposeParams, Feasibility, Neighbour, Obstacle, OpenHand, Plan, PlanError, PlanObject,
+    PlanParams, PoseParams, Variation, plan,
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
@@ -20,7 +20,13 @@ fn center_of_mass(mesh: &TriMesh) -> Point3<f64> {
 
 fn make(mesh: &TriMesh, world_from_object: Isometry3<f64>, params: &PlanParams) -> Plan {
     let obstacle = Arc::new(Obstacle::new(mesh, &[]).unwrap());
-    let object = PlanObject { mesh, obstacle: &obstacle, center_of_mass: center_of_mass(mesh), world_from_object };
+    let object = PlanObject {
+        mesh,
+        obstacle: &obstacle,
+        center_of_mass: center_of_mass(mesh),
+        world_from_object,
+        neighbours: Arc::default(),
+    };
     plan(&object, Hand::reflex().unwrap(), params).unwrap()
 }
 
@@ -110,6 +116,35 @@ fn a_hand_inside_the_object_collides() {
 }
 
 #[test]
+fn neighbours_are_in_the_way_and_stay_where_they_are() {
+    let hand = Hand::reflex().unwrap();
+    let mesh = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1])]);
+    let open = OpenHand::new(hand, 0.0, 0.001, 0.1).unwrap();
+    let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let down = Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.205), over);
+    let obstacle = Arc::new(Obstacle::new(&mesh, &[]).unwrap());
+    let wall = |x: f64, z: f64| Neighbour {
+        obstacle: Arc::new(Obstacle::cuboid(&Vector3::new(0.005, 0.2, 0.01)).unwrap()),
+        world_from_obstacle: Isometry3::translation(x, 0.0, z),
+    };
+    let among = |walls: Vec<Neighbour>| {
+        let world_from_object = Isometry3::translation(0.0, 0.0, 0.0);
+        CollisionScene::among(Arc::clone(&obstacle), &world_from_object, walls.into())
+    };
+    assert_eq!(among(vec![]).check(&open, &down), Feasibility::Feasible);
+    let near = among(vec![wall(0.6, 0.25), wall(0.0, 0.25)]);
+    assert_eq!(near.check(&open, &down), Feasibility::HitsNeighbour);
+    assert!(near.collides(&open, &down));
+    let above = among(vec![wall(0.0, 0.36)]);
+    assert_eq!(above.check(&open, &down), Feasibility::HitsNeighbour);
+    assert!(!above.collides(&open, &down), "it is in the way on the approach only");
+    // The object and the hand move away; the wall stays.
+    let moved = Isometry3::translation(0.0, 0.0, 0.0) * Translation3::new(0.5, 0.0, 0.0);
+    assert_eq!(among(vec![wall(0.0, 0.25)]).at(&moved).check(&open, &down), Feasibility::Feasible);
+    assert!(Obstacle::cuboid(&Vector3::new(0.1, 0.0, 0.1)).is_err());
+}
+
+#[test]
 fn convex_parts_count_as_obstacles() {
     let hand = Hand::reflex().unwrap();
     let mesh = cuboids(&[([0.0, 0.0, 0.1], [0.03, 0.03, 0.1])]);
@@ -161,6 +196,7 @@ fn a_hand_with_longer_fingers_grasps_from_farther_away() {
         obstacle: &obstacle,
         center_of_mass: Point3::origin(),
         world_from_object: Isometry3::identity(),
+        neighbours: Arc::default(),
     };
     let params = PlanParams { poses: PoseParams { pairs: 0, ..PoseParams::default() }, ..PlanParams::default() };
     for (name, highest) in [("reflex", 0.075), ("panda_gripper", 0.075), ("leap", 0.115)] {
@@ -195,6 +231,7 @@ fn bad_parameters_are_refused() {
         obstacle: &Arc::new(Obstacle::new(&mesh, &[]).unwrap()),
         center_of_mass: Point3::origin(),
         world_from_object: Isometry3::identity(),
+        neighbours: Arc::default(),
     };
     let mut params = PlanParams::default();
     params.poses.standoffs = vec![0.01, -1.0];

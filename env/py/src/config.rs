@@ -2,7 +2,7 @@
 
 use crate::convert::{config, json};
 use crate::errors::CoreError;
-use graspbox_agent::{AgentConfig, Randomization, ResetOptions};
+use graspbox_agent::{AgentConfig, ClutterConfig, Randomization, ResetOptions};
 use graspbox_episode::{ForceConfig, ShakeConfig, SuccessCriterion, TrialConfig};
 use graspbox_mesh::{CleanOptions, LoadOptions};
 use graspbox_perception::{CropConfig, DepthNoise, HandGridConfig, ProposalConfig};
@@ -20,6 +20,7 @@ use pyo3::prelude::*;
 pub fn config_again(name: &str, text: &str) -> PyResult<String> {
     Ok(match name {
         "AgentConfig" => json(&config::<AgentConfig>(text, name)?),
+        "ClutterConfig" => json(&config::<ClutterConfig>(text, name)?),
         "ResetOptions" => json(&config::<ResetOptions>(text, name)?),
         "CameraConfig" => json(&config::<CameraConfig>(text, name)?),
         "CamerasConfig" => json(&config::<CamerasConfig>(text, name)?),

@@ -8,7 +8,7 @@ use crate::mesh::{Mesh, MeshData};
 use graspbox_episode::forces::PULLS;
 use graspbox_episode::study::Measures;
 use graspbox_episode::{
-    FailureKind, Finished, ForceConfig, ForceOutcome, Progress, Sample, Scene as Core, Study, TrialConfig,
+    Body, FailureKind, Finished, ForceConfig, ForceOutcome, Progress, Sample, Scene as Core, Study, TrialConfig,
     TrialOutcome, run_forces, run_observed_trials, trace_trial,
 };
 use graspbox_hand::GraspPose;
@@ -65,6 +65,31 @@ impl Scene {
             if let Some(start) = start {
                 warn_of_toppling(&core, &start);
             }
+            Ok::<_, CoreError>(Self { core, mesh })
+        })
+    }
+
+    /// Objects that lie among each other and walls, any of which a trial may grasp; the arguments are those that `arrange` returns.
+    #[staticmethod]
+    #[pyo3(signature = (meshes, world_from_objects, walls, hand, physics, cache))]
+    fn of_objects(
+        py: Python<'_>,
+        meshes: Vec<PyRef<'_, Mesh>>,
+        world_from_objects: Floats<'_>,
+        walls: Vec<(Floats<'_>, [f64; 3])>,
+        hand: &Hand,
+        physics: &str,
+        cache: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let physics: PhysicsConfig = crate::convert::config(physics, "PhysicsConfig")?;
+        let poses = isometries(&world_from_objects, "world_from_objects")?;
+        let walls = crate::layout::walls(&walls)?;
+        let (data, hand): (Vec<_>, _) = (meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect(), Arc::clone(&hand.0));
+        detached(py, None, move || {
+            let bodies = data.iter().map(|mesh| mesh.body(cache.as_deref())).collect::<Result<Vec<_>, _>>()?;
+            let bodies: Vec<&Body> = bodies.iter().map(|body| &**body).collect();
+            let core = Arc::new(Core::of_objects(&bodies, &poses, &walls, None, hand, physics)?);
+            let mesh = Arc::clone(&data[core.target()]);
             Ok::<_, CoreError>(Self { core, mesh })
         })
     }

@@ -1,11 +1,13 @@
 //! Several objects at rest on the table: packed, in a pile, in a bin.
 
-use crate::convert::{array, config, matrices, table};
+use crate::convert::{Floats, array, config, isometry, matrices, table};
+use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
 use crate::mesh::Mesh;
 use graspbox_episode::{Body, Layout};
-use graspbox_sim::PhysicsConfig;
+use graspbox_sim::{PhysicsConfig, Wall};
+use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -37,11 +39,29 @@ pub fn arrange<'py>(
     let objects: Vec<i64> = found.objects.iter().map(|index| *index as i64).collect();
     let count = objects.len();
     dict.set_item("objects", array(py, objects, &[count])?)?;
-    dict.set_item("world_from_objects", matrices(py, found.world_from_objects.into_iter())?)?;
-    dict.set_item("world_from_walls", matrices(py, found.walls.iter().map(|wall| wall.world_from_wall))?)?;
-    dict.set_item(
-        "wall_half_extents",
-        table(py, found.walls.iter().map(|wall| [wall.half.x, wall.half.y, wall.half.z]))?,
-    )?;
+    put_poses(py, &dict, found.world_from_objects.into_iter(), &found.walls)?;
     Ok(dict)
+}
+
+/// Walls from their poses (4, 4) and half extents, metres.
+///
+/// # Errors
+/// A pose of another shape, or that is no rigid motion.
+pub fn walls(boxes: &[(Floats<'_>, [f64; 3])]) -> Result<Vec<Wall>, CoreError> {
+    let wall = |(pose, half): &(Floats<'_>, [f64; 3])| {
+        Ok(Wall { world_from_wall: isometry(pose, "walls")?, half: Vector3::from(*half) })
+    };
+    boxes.iter().map(wall).collect()
+}
+
+/// Adds poses of objects (k, 4, 4), and poses (w, 4, 4) and half extents (w, 3) of walls.
+pub(crate) fn put_poses<'py>(
+    py: Python<'py>,
+    dict: &Bound<'py, PyDict>,
+    world_from_objects: impl ExactSizeIterator<Item = Isometry3<f64>>,
+    walls: &[Wall],
+) -> PyResult<()> {
+    dict.set_item("world_from_objects", matrices(py, world_from_objects)?)?;
+    dict.set_item("world_from_walls", matrices(py, walls.iter().map(|wall| wall.world_from_wall))?)?;
+    dict.set_item("wall_half_extents", table(py, walls.iter().map(|wall| [wall.half.x, wall.half.y, wall.half.z]))?)
 }

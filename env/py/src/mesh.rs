@@ -7,7 +7,7 @@ use graspbox_camera::Model;
 use graspbox_episode::{Body, DEFAULT_DENSITY, ObjectSpec};
 use graspbox_mesh::{
     CleanOptions, LoadOptions, Mass, MassProperties, MeshError, RestingOptions, TriMesh, check_watertight, clean,
-    convex_hull, load, mass_properties, resting_poses, sample_surface,
+    convex_hull, least_width, load, mass_properties, resting_poses, sample_surface,
 };
 use nalgebra::Point3;
 use numpy::PyReadonlyArrayDyn;
@@ -66,6 +66,15 @@ impl MeshData {
             tracing::warn!(target: "graspbox", "{}: {caveat}", data.described());
         }
         Ok(data)
+    }
+
+    /// An object that is already prepared.
+    pub fn of_body(body: Body) -> Self {
+        let (name, mesh) = (body.name().to_owned(), body.mesh().clone());
+        let parts = body.parts().iter().map(|part| part.vertices().to_vec()).collect();
+        let properties = body.mass_properties().clone();
+        let spec = ObjectSpec { name, mesh, mass: Some(properties.mass), parts: Some(parts) };
+        Self { body: OnceLock::from(Arc::new(body)), ..Self::with(spec, properties, None) }
     }
 
     fn with(spec: ObjectSpec, properties: MassProperties, file: Option<PathBuf>) -> Self {
@@ -189,6 +198,15 @@ impl Mesh {
         Self::cleaned(py, ObjectSpec { name, mesh, mass, parts }, cleaning, None)
     }
 
+    /// The object with every length times `scale`, of the same density. Its convex parts, cached in `cache`, are scaled too.
+    fn scaled(&self, py: Python<'_>, scale: f64, cache: Option<PathBuf>) -> PyResult<Self> {
+        let data = Arc::clone(&self.0);
+        detached(py, None, move || {
+            let body = data.body(cache.as_deref())?.scaled(scale)?;
+            Ok::<_, CoreError>(Self(Arc::new(MeshData::of_body(body))))
+        })
+    }
+
     /// Reads a file; `options` and `cleaning` are JSON.
     #[staticmethod]
     #[pyo3(signature = (path, name, mass, options, cleaning))]
@@ -309,6 +327,14 @@ impl Mesh {
         let probabilities: Vec<f64> = poses.iter().map(|p| p.probability).collect();
         let count = poses.len();
         Ok((matrices(py, poses.iter().map(|p| p.world_from_object))?, array(py, probabilities, &[count])?))
+    }
+
+    /// Smallest distance of two vertical planes between which the object lies, metres.
+    ///
+    /// `world_from_object` is a pose (4, 4), metres; the z axis of the world is vertical.
+    fn least_width(&self, world_from_object: Floats<'_>) -> PyResult<f64> {
+        let pose = convert::isometry(&world_from_object, "world_from_object")?;
+        Ok(least_width(self.0.spec.mesh.vertices(), &pose))
     }
 
     fn __repr__(&self) -> String {

@@ -4,15 +4,16 @@ use crate::convert::{Floats, array, config, isometry, matrices, matrix, row_majo
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, MeshData};
 use graspbox_mesh::default_pose;
 use graspbox_plan::{
-    BoxNode, BoxTree, Candidate, DecomposeParams, Plan, PlanObject, PlanParams, decompose as cut, plan as plan_grasps,
-    rank_features, rank_weights as weights_of,
+    BoxNode, BoxTree, Candidate, DecomposeParams, Neighbour, Obstacle, Plan, PlanObject, PlanParams, decompose as cut,
+    plan as plan_grasps, rank_features, rank_weights as weights_of,
 };
+use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Decomposes a mesh into boxes; `params` is JSON. Arrays by name, one row per node of the tree, depth first.
@@ -37,10 +38,42 @@ fn tree_arrays<'py>(py: Python<'py>, tree: &BoxTree) -> PyResult<Bound<'py, PyDi
     Ok(dict)
 }
 
-/// Plans grasps; `params` is JSON. Arrays by name, one row per candidate: feasible ones first, best first. With `features`, also the features of
+/// What is around an object.
+struct Around {
+    objects: Vec<(Arc<MeshData>, Isometry3<f64>)>,
+    walls: Vec<(Isometry3<f64>, Vector3<f64>)>,
+}
+
+impl Around {
+    fn new(objects: &[(PyRef<'_, Mesh>, Floats<'_>)], walls: &[(Floats<'_>, [f64; 3])]) -> Result<Self, CoreError> {
+        let objects = objects.iter().map(|(mesh, pose)| Ok((Arc::clone(&mesh.0), isometry(pose, "neighbours")?)));
+        let walls = walls.iter().map(|(pose, half)| Ok((isometry(pose, "walls")?, Vector3::from(*half))));
+        Ok(Self {
+            objects: objects.collect::<Result<_, CoreError>>()?,
+            walls: walls.collect::<Result<_, CoreError>>()?,
+        })
+    }
+
+    fn is_empty(&self) -> bool {
+        self.objects.is_empty() && self.walls.is_empty()
+    }
+
+    fn neighbours(&self, cache: Option<&Path>) -> Result<Arc<[Neighbour]>, CoreError> {
+        let objects = self.objects.iter().map(|(mesh, pose)| {
+            let obstacle = Arc::clone(mesh.body(cache)?.obstacle());
+            Ok(Neighbour { obstacle, world_from_obstacle: *pose })
+        });
+        let walls = self.walls.iter().map(|(pose, half)| {
+            Ok(Neighbour { obstacle: Arc::new(Obstacle::cuboid(half)?), world_from_obstacle: *pose })
+        });
+        objects.chain(walls).collect()
+    }
+}
+
+/// Plans grasps; `params` is JSON. `neighbours` are other objects with their poses, `walls` boxes with their half extents. Arrays by name, one row per candidate: feasible ones first, best first. With `features`, also the features of
 /// the ranking (NaN for poses that are not feasible).
 #[pyfunction]
-#[pyo3(signature = (mesh, hand, params, world_from_object, cache, num_threads, features))]
+#[pyo3(signature = (mesh, hand, params, world_from_object, cache, num_threads, features, neighbours, walls))]
 #[allow(clippy::too_many_arguments)]
 pub fn plan<'py>(
     py: Python<'py>,
@@ -51,7 +84,10 @@ pub fn plan<'py>(
     cache: Option<PathBuf>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     features: bool,
+    neighbours: Vec<(PyRef<'py, Mesh>, Floats<'py>)>,
+    walls: Vec<(Floats<'py>, [f64; 3])>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let around = Around::new(&neighbours, &walls)?;
     let params: PlanParams = config(params, "PlanConfig")?;
     let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
     let (data, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
@@ -60,7 +96,7 @@ pub fn plan<'py>(
         let body = data.body(cache.as_deref())?;
         body.check_fits(&hand)?;
         let world_from_object = pose.unwrap_or_else(|| default_pose(body.mesh()));
-        if !body.rests_at(&world_from_object) {
+        if around.is_empty() && !body.rests_at(&world_from_object) {
             tracing::warn!(
                 target: "graspbox",
                 "object `{}` does not rest at this world_from_object, so trials will find it elsewhere; plan with \
@@ -73,6 +109,7 @@ pub fn plan<'py>(
             obstacle: body.obstacle(),
             center_of_mass: body.mass_properties().center_of_mass,
             world_from_object,
+            neighbours: around.neighbours(cache.as_deref())?,
         };
         Ok::<_, CoreError>(plan_grasps(&object, &hand, &params)?)
     })?;

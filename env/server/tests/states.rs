@@ -4,7 +4,7 @@
 
 use graspbox_agent::actions::control::Control;
 use graspbox_agent::source::Source;
-use graspbox_agent::{AgentConfig, EnvPool, Objects, ResetOptions};
+use graspbox_agent::{AgentConfig, ClutterConfig, EnvPool, Layout, Objects, ResetOptions};
 use graspbox_hand::Hand;
 use graspbox_mesh::checksum;
 use graspbox_objects::Family;
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 /// Bytes before the body: the magic number and the checksum.
 const HEAD: usize = 8 + 32;
-const STATE: &[u8; 8] = b"gbagentb";
+const STATE: &[u8; 8] = b"gbagentd";
 const WORLD: &[u8; 8] = b"gbworld7";
 
 fn below(rng: &mut TestRng, end: usize) -> usize {
@@ -50,14 +50,15 @@ fn forged(rng: &mut TestRng, state: &[u8]) -> Vec<u8> {
     checksum::seal(STATE, &body)
 }
 
-/// A pool of one environment, with a camera, of a ball.
-fn pool(control: Control, engine: EngineKind) -> EnvPool {
+/// A pool of one environment, with a camera, of a ball, or of two in a layout.
+fn pool(control: Control, layout: Option<Layout>, engine: EngineKind) -> EnvPool {
     let ball = Source::Procedural { name: "ball".into(), family: Family::Ball, seed: 0, scale: 1.0, mass: None };
     let hand = Arc::new(Hand::reflex().unwrap().clone());
     let physics = PhysicsConfig { engine, ..PhysicsConfig::default() };
     let objects = Arc::new(Objects::new(vec![ball], hand, physics, None).unwrap());
     let cameras = CamerasConfig { images: vec!["depth".into()], image_size: [12, 12], ..CamerasConfig::default() };
-    EnvPool::new(objects, AgentConfig { control, cameras, ..AgentConfig::default() }, 1).unwrap()
+    let clutter = ClutterConfig { layout, objects_per_scene: [2, 2], ..ClutterConfig::default() };
+    EnvPool::new(objects, AgentConfig { control, cameras, clutter, ..AgentConfig::default() }, 1).unwrap()
 }
 
 /// Saved states: of the beginning, on the way to the ball, with fingers closing around it, and lifting.
@@ -105,10 +106,18 @@ fn count(usual: usize) -> usize {
 
 #[test]
 fn forged_states_are_refused_or_run() {
-    let count = count(2400);
+    let all = count(2400);
     let mut rng = TestRng::from_seed(RngAlgorithm::ChaCha, &[3; 32]);
-    for control in [Control::Twist, Control::TargetPose, Control::GraspPose] {
-        let pool = pool(control, EngineKind::Newton);
+    let alone = [Control::Twist, Control::TargetPose, Control::GraspPose].map(|control| (control, None));
+    let among = [
+        (Control::Clear, Some(Layout::Pile)),
+        (Control::GraspPose, Some(Layout::Packed)),
+        (Control::Twist, Some(Layout::Pile)),
+    ];
+    for (control, layout) in alone.into_iter().chain(among) {
+        // Later steps from a state of a scene of several objects begin the next one, which takes long.
+        let count = if layout.is_some() { all / 20 } else { all };
+        let pool = pool(control, layout, EngineKind::Newton);
         let saved = states(&pool);
         let (mut taken, mut broken) = (0, Vec::new());
         for i in 0..count {
@@ -123,7 +132,7 @@ fn forged_states_are_refused_or_run() {
                 broken.push("hang".to_owned());
             }
         }
-        println!("{}: {taken} of {count} forged states were taken", control.name());
+        println!("{} ({layout:?}): {taken} of {count} forged states were taken", control.name());
         assert!(taken > 0 && taken < count, "the forgery reaches nothing, or nothing is checked");
         assert!(broken.is_empty(), "{} of {count} states: {:?}", broken.len(), &broken[..broken.len().min(5)]);
         for state in &saved {
@@ -135,7 +144,7 @@ fn forged_states_are_refused_or_run() {
 /// Every refusal says which number it is about.
 #[test]
 fn refusals_name_the_number() {
-    let pool = pool(Control::Twist, EngineKind::Newton);
+    let pool = pool(Control::Twist, None, EngineKind::Newton);
     let saved = states(&pool).pop().unwrap();
     let mut rng = TestRng::from_seed(RngAlgorithm::ChaCha, &[4; 32]);
     let forged = (0..400).map(|_| forged(&mut rng, &saved));
@@ -151,7 +160,7 @@ fn refusals_name_the_number() {
 #[test]
 fn forged_states_of_rapier_are_refused_or_run() {
     let count = count(300);
-    let pool = pool(Control::Twist, EngineKind::Rapier);
+    let pool = pool(Control::Twist, None, EngineKind::Rapier);
     let saved = states(&pool);
     let mut rng = TestRng::from_seed(RngAlgorithm::ChaCha, &[5; 32]);
     let broken = (0..count).filter(|i| {

@@ -86,6 +86,44 @@ impl World {
         found
     }
 
+    /// For each object, true if table, ground or walls carry it: it touches them, or another object that they carry.
+    pub fn carried_by_scenery(&self) -> Vec<bool> {
+        if self.object_count() == 1 {
+            return vec![self.object_on_scenery()];
+        }
+        let (mut carried, mut touching) = (vec![false; self.object_count()], Vec::new());
+        self.engine().contacts(&|parts| parts.into_iter().any(Part::is_object), &mut |contact| match [
+            contact.sides[0].part,
+            contact.sides[1].part,
+        ] {
+            _ if !touches(contact) => {}
+            [Part::Object(one), Part::Object(other)] => touching.push([one, other]),
+            [Part::Object(object), other] | [other, Part::Object(object)] => carried[object] |= other.is_scenery(),
+            _ => {}
+        });
+        // Each pass carries one object more, or is the last.
+        while let Some(next) = touching.iter().find(|[one, other]| carried[*one] != carried[*other]) {
+            let [one, other] = *next;
+            carried[one] = true;
+            carried[other] = true;
+        }
+        carried
+    }
+
+    /// The object on which the hand presses most, by its index; `None` if it presses on none.
+    pub fn most_pressed(&self) -> Option<usize> {
+        let mut forces = vec![0.0; self.object_count()];
+        self.engine().contacts(&|parts| parts.into_iter().any(Part::is_link), &mut |contact| {
+            for side in &contact.sides {
+                if let Part::Object(object) = side.part {
+                    forces[object] += contact.force;
+                }
+            }
+        });
+        let pressed = forces.into_iter().enumerate().filter(|(_, force)| *force > 0.0);
+        pressed.max_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(object, _)| object)
+    }
+
     /// Forces on the tactile sensors.
     ///
     /// The force of a contact is shared among the sensors of its link by distance and direction; sensors beyond `REACH`, or facing away, get none.

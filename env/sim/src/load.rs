@@ -11,8 +11,8 @@ pub struct HandContact {
     pub link: usize,
     /// Index of the collider within the link.
     pub shape: usize,
-    /// True for an object, false for table and ground.
-    pub with_object: bool,
+    /// Index of the object that presses; `None` for table, ground and walls.
+    pub object: Option<usize>,
     /// Position, metres.
     pub point: Point3<f64>,
     /// Unit normal into the link: the direction of the force on it.
@@ -34,7 +34,7 @@ pub struct HandLoad {
     pub at: Point3<f64>,
     /// True if an object presses.
     pub object: bool,
-    /// True if table or ground presses.
+    /// True if table, ground or a wall presses.
     pub scenery: bool,
 }
 
@@ -54,8 +54,8 @@ impl World {
             force += contact.normal * contact.force;
             at += contact.point.coords * contact.force;
             total += contact.force;
-            object |= contact.with_object;
-            scenery |= !contact.with_object;
+            object |= contact.object.is_some();
+            scenery |= contact.object.is_none();
         });
         let at = if total > 0.0 { at / total } else { at };
         HandLoad { force, at: Point3::from(at), object, scenery }
@@ -77,7 +77,7 @@ impl World {
             visit(HandContact {
                 link,
                 shape,
-                with_object: other.is_object(),
+                object: if let Part::Object(object) = other { Some(object) } else { None },
                 point: hand_from_base * contact.point,
                 normal: hand_from_base * (sign * contact.normal),
                 force: contact.force,

@@ -155,7 +155,13 @@ impl Template {
         Ok(self.place(world_from_hand, world_from_objects, preshape))
     }
 
-    fn place(&self, world_from_hand: &Isometry3<f64>, world_from_objects: &[Isometry3<f64>], preshape: f64) -> World {
+    /// As [`Template::spawn_objects`], for poses that are known to be one for each object.
+    pub fn place(
+        &self,
+        world_from_hand: &Isometry3<f64>,
+        world_from_objects: &[Isometry3<f64>],
+        preshape: f64,
+    ) -> World {
         let hand = &self.shared.hand;
         let world_from_base = world_from_hand * hand.base_from_hand.inverse();
         let base_from_world = world_from_base.inverse();

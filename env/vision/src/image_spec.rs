@@ -165,11 +165,11 @@ impl ImageSpec {
     /// Its row of the table of images.
     ///
     /// * `mounted`: the cameras of `config`, posed in the frame of their mount.
-    /// * `links`: number of links of the hand.
+    /// * `labels`: number of links of the hand, and of the objects after the first.
     #[must_use]
-    pub fn table(&self, config: &CamerasConfig, mounted: &[Camera], links: usize) -> ImageTable {
+    pub fn table(&self, config: &CamerasConfig, mounted: &[Camera], labels: usize) -> ImageTable {
         let camera = &mounted[self.cameras.start];
-        let (low, high) = bounds(self.kind, camera, links);
+        let (low, high) = bounds(self.kind, camera, labels);
         let (frame, unit, missing, meaning) = match self.kind {
             ImageKind::Rgb => ("camera", "1", "the background's colour", "red, green, blue"),
             ImageKind::Depth => ("camera", "m", "0", "distance along the optical axis (not along the ray)"),
@@ -177,7 +177,9 @@ impl ImageSpec {
                 ("camera", "1; m", "the background's colour; 0", "red, green, blue in [0, 1], then depth")
             }
             ImageKind::Segmentation => {
-                ("camera", "1", "0", "0 background, 1 table and ground, 2 object, 3 + i link i of the hand")
+                let labels = "0 background, 1 table, ground and walls, 2 object (among others the target), \
+                              3 + i link i of the hand, then the other objects";
+                ("camera", "1", "0", labels)
             }
             ImageKind::Points => {
                 ("camera", "m", "0, 0, 0", "the point seen: x right, y down, z forward from the camera")
@@ -229,13 +231,13 @@ impl ImageSpec {
 }
 
 /// Least and greatest value of each channel.
-fn bounds(kind: ImageKind, camera: &Camera, links: usize) -> (Vec<f64>, Vec<f64>) {
+fn bounds(kind: ImageKind, camera: &Camera, labels: usize) -> (Vec<f64>, Vec<f64>) {
     let far = camera.far();
     match kind {
         ImageKind::Rgb => (vec![0.0], vec![255.0]),
         ImageKind::Depth => (vec![0.0], vec![far]),
         ImageKind::Rgbd => (vec![0.0; 4], vec![1.0, 1.0, 1.0, far]),
-        ImageKind::Segmentation => (vec![0.0], vec![(usize::from(FIRST_LINK) + links - 1) as f64]),
+        ImageKind::Segmentation => (vec![0.0], vec![(usize::from(FIRST_LINK) + labels - 1) as f64]),
         ImageKind::Points => {
             let Intrinsics { width, height, fx, fy, cx, cy } = *camera.intrinsics();
             let reach = |size: u32, center: f64, focal: f64| center.max(f64::from(size) - center) / focal * far;

@@ -18,15 +18,19 @@
 //! ```
 //! use graspbox_camera::{Channels, Detail, Light, Model, shapes};
 //! use graspbox_vision::visual_models::{OBJECT, TABLE, object_color};
-//! use graspbox_vision::{CameraConfig, ScenePose, VisualModels, render_views};
+//! use graspbox_vision::{CameraConfig, ObjectPose, ScenePose, VisualModels, render_views};
 //! use nalgebra::{Isometry3, Vector3};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let cube = Model::new(&shapes::cuboid(Vector3::repeat(0.03), 0.0)?)?;
 //! let scene = ScenePose {
-//!     object: &cube,
-//!     color: object_color("cube"),
-//!     world_from_object: Isometry3::translation(0.0, 0.0, 0.03),
+//!     objects: vec![ObjectPose {
+//!         model: &cube,
+//!         color: object_color("cube"),
+//!         label: OBJECT,
+//!         world_from_object: Isometry3::translation(0.0, 0.0, 0.03),
+//!     }],
+//!     walls: &[],
 //!     world_from_hand: Isometry3::identity(),
 //!     world_from_links: Vec::new(), // no hand
 //! };
@@ -53,4 +57,4 @@ pub use image_spec::{ImageKind, ImageSpec, ImageTable, Pixels};
 pub use observer::{Observer, PictureConfig};
 pub use viewpoint::Viewpoint;
 pub use views::render_views;
-pub use visual_models::{ScenePose, VisualModels};
+pub use visual_models::{ObjectPose, ScenePose, VisualModels, WallModel};

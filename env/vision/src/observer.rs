@@ -4,7 +4,7 @@ use crate::VisionError;
 use crate::config::{CameraConfig, CamerasConfig, world_from_camera};
 use crate::image_spec::{ImageKind, ImageSpec, ImageTable, Pixels};
 use crate::viewpoint::Viewpoint;
-use crate::visual_models::{ScenePose, VisualModels};
+use crate::visual_models::{FIRST_LINK, ScenePose, VisualModels};
 use graspbox_camera::occupancy::occupancy_into;
 use graspbox_camera::{Camera, CameraError, Channels, DepthView, Detail, Frame, Light, Occupancy, Renderer};
 use graspbox_hand::Hand;
@@ -55,12 +55,15 @@ pub struct Observer {
 impl Observer {
     /// Checks a config; `models` holds the models of `hand` and may be shared by observers of that hand.
     ///
+    /// * `objects`: most objects of a scene.
+    ///
     /// # Errors
     /// [`VisionError`] for an image that is unknown or named twice, an invalid camera, or invalid voxel settings.
     pub fn new(
         hand: Arc<Hand>,
         config: CamerasConfig,
         models: Arc<OnceLock<VisualModels>>,
+        objects: usize,
     ) -> Result<Self, VisionError> {
         let mounted = config.mounted_cameras()?;
         let specs = config.images.iter().map(|name| ImageSpec::parse(name, &config));
@@ -70,7 +73,8 @@ impl Observer {
                 return Err(VisionError::Twice { name: spec.name.clone() });
             }
         }
-        let links = hand.links.len();
+        let labels = hand.links.len() + objects.max(1) - 1;
+        in_range("number of links and objects", labels as f64, 1.0..=f64::from(u8::MAX - FIRST_LINK), "")?;
         let mut channels = vec![None; mounted.len()];
         for spec in &specs {
             for needed in &mut channels[spec.cameras.clone()] {
@@ -81,7 +85,7 @@ impl Observer {
         }
         Ok(Self {
             grid: grid(&config)?,
-            tables: specs.iter().map(|s| s.table(&config, &mounted, links)).collect(),
+            tables: specs.iter().map(|s| s.table(&config, &mounted, labels)).collect(),
             specs,
             mounted,
             channels,

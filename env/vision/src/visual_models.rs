@@ -4,15 +4,15 @@ use crate::VisionError;
 use graspbox_camera::{CameraError, Instance, Model, shapes};
 use graspbox_hand::{Collider, Hand, JointKind, Material, Shape};
 use graspbox_mesh::{TriMesh, in_range};
-use graspbox_sim::World;
 use graspbox_sim::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS};
+use graspbox_sim::{Wall, World};
 use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
 
 /// Label of background pixels.
 pub const BACKGROUND: u8 = 0;
-/// Label of the table and the ground below it.
+/// Label of the table, the ground below it, and walls.
 pub const TABLE: u8 = 1;
-/// Label of the object.
+/// Label of the object, or of the first of several: [`object_label`] has those of the others.
 pub const OBJECT: u8 = 2;
 /// Label of the hand's link 0, the base; link i has this plus i.
 pub const FIRST_LINK: u8 = 3;
@@ -30,6 +30,7 @@ const COLUMNS: usize = 32;
 
 const TABLE_COLOR: [f32; 3] = [0.80, 0.75, 0.68];
 const GROUND_COLOR: [f32; 3] = [0.78, 0.79, 0.81];
+const WALL_COLOR: [f32; 3] = [0.62, 0.66, 0.70];
 const BASE_COLOR: [f32; 3] = [0.36, 0.39, 0.44];
 const PALM_COLOR: [f32; 3] = [0.13, 0.36, 0.46];
 const LINK_COLOR: [f32; 3] = [0.80, 0.82, 0.85];
@@ -57,6 +58,15 @@ pub fn object_color(name: &str) -> [f32; 3] {
     OBJECT_COLORS[((hash >> 32) % OBJECT_COLORS.len() as u64) as usize]
 }
 
+/// Label of object `index` of a scene with a hand of `links` links: the first has [`OBJECT`], the others follow the links.
+#[must_use]
+pub fn object_label(index: usize, links: usize) -> u8 {
+    match index {
+        0 => OBJECT,
+        _ => (usize::from(FIRST_LINK) + links + index - 1).min(usize::from(u8::MAX)) as u8,
+    }
+}
+
 /// A part of a link that has one colour.
 struct Part {
     link: usize,
@@ -64,22 +74,52 @@ struct Part {
     color: [f32; 3],
 }
 
-/// Render models of the scene without the object; built once per hand.
+/// Render models of the scene without objects and walls; built once per hand.
 pub struct VisualModels {
     parts: Vec<Part>,
     /// Table top and ground; `None` leaves them out.
     table: Option<[Model; 2]>,
 }
 
+/// An object of a scene at one instant.
+#[derive(Clone, Debug)]
+pub struct ObjectPose<'a> {
+    /// Its geometry.
+    pub model: &'a Model,
+    /// Its colour.
+    pub color: [f32; 3],
+    /// Its label.
+    pub label: u8,
+    /// Its pose.
+    pub world_from_object: Isometry3<f64>,
+}
+
+/// A wall: a box that does not move.
+#[derive(Clone, Debug)]
+pub struct WallModel {
+    model: Model,
+    world_from_wall: Isometry3<f64>,
+}
+
+impl WallModel {
+    /// Builds the model of a wall.
+    ///
+    /// # Errors
+    /// [`VisionError::Camera`] for a wall that is flat or too large.
+    pub fn new(wall: &Wall) -> Result<Self, VisionError> {
+        let model = shapes::cuboid(wall.half, 0.0).and_then(|mesh| Model::new(&mesh));
+        let model = model.map_err(|source| VisionError::Camera { name: "a wall".into(), source })?;
+        Ok(Self { model, world_from_wall: wall.world_from_wall })
+    }
+}
+
 /// Poses of all bodies in the scene at one instant.
 #[derive(Clone, Debug)]
 pub struct ScenePose<'a> {
-    /// The object.
-    pub object: &'a Model,
-    /// Its colour.
-    pub color: [f32; 3],
-    /// Pose of the object.
-    pub world_from_object: Isometry3<f64>,
+    /// The objects.
+    pub objects: Vec<ObjectPose<'a>>,
+    /// The walls.
+    pub walls: &'a [WallModel],
     /// The grasp frame.
     pub world_from_hand: Isometry3<f64>,
     /// The hand's links; empty to leave the hand out.
@@ -88,15 +128,16 @@ pub struct ScenePose<'a> {
 
 impl<'a> ScenePose<'a> {
     /// The current state of `world`. Links without a finite pose (in a simulation that diverged) are left out when it is rendered.
+    ///
+    /// * `objects`: as for [`ScenePose::objects`].
     #[must_use]
-    pub fn of(world: &World, object: &'a Model, color: [f32; 3]) -> Self {
+    pub fn of(world: &World, objects: Vec<ObjectPose<'a>>, walls: &'a [WallModel]) -> Self {
         let hand = world.hand();
         let world_from_hand = world.world_from_hand();
         let links = hand.hand_from_links(&world.configuration()).unwrap_or_default();
         Self {
-            object,
-            color,
-            world_from_object: world.world_from_object(),
+            objects,
+            walls,
             world_from_hand,
             world_from_links: links.into_iter().map(|link| world_from_hand * link).collect(),
         }
@@ -152,13 +193,20 @@ impl VisualModels {
     /// All instances to render; those without a finite pose are left out.
     #[must_use]
     pub fn instances<'a>(&'a self, scene_pose: &'a ScenePose) -> Vec<Instance<'a>> {
-        let object = Instance {
-            model: scene_pose.object,
-            world_from_model: scene_pose.world_from_object,
-            color: scene_pose.color,
-            label: OBJECT,
+        let objects = scene_pose.objects.iter().map(|object| Instance {
+            model: object.model,
+            world_from_model: object.world_from_object,
+            color: object.color,
+            label: object.label,
             casts_shadow: true,
-        };
+        });
+        let walls = scene_pose.walls.iter().map(|wall| Instance {
+            model: &wall.model,
+            world_from_model: wall.world_from_wall,
+            color: WALL_COLOR,
+            label: TABLE,
+            casts_shadow: true,
+        });
         let middles = [-TABLE_THICKNESS * 0.5, -TABLE_HEIGHT - TABLE_THICKNESS * 0.5];
         let heights = middles.into_iter().zip([TABLE_COLOR, GROUND_COLOR]);
         let scenery = self.table.iter().flatten().zip(heights).map(|(model, (z, color))| Instance {
@@ -168,10 +216,11 @@ impl VisualModels {
             label: TABLE,
             casts_shadow: false,
         });
-        let mut all = Vec::with_capacity(self.parts.len() + 3);
+        let mut all = Vec::with_capacity(self.parts.len() + scene_pose.objects.len() + scene_pose.walls.len() + 2);
         // Roughly front to back, to overwrite fewer pixels.
         all.extend(self.hand(&scene_pose.world_from_links));
-        all.extend(is_near(&scene_pose.world_from_object).then_some(object));
+        all.extend(objects.filter(|instance| is_near(&instance.world_from_model)));
+        all.extend(walls);
         all.extend(scenery);
         all
     }

@@ -19,7 +19,7 @@ impl Control {
     pub fn hand_size(self) -> usize {
         match self {
             Self::Twist | Self::DeltaPose => 6,
-            Self::TargetPose | Self::GraspPose => 9,
+            Self::TargetPose | Self::GraspPose | Self::Clear => 9,
         }
     }
 
@@ -39,7 +39,7 @@ impl Control {
                 WORKSPACE_HIGH,
                 "first two columns of world_from_hand, any length; degenerate ones hold the last one",
             ),
-            Self::GraspPose => pose_table(
+            Self::GraspPose | Self::Clear => pose_table(
                 DECISION_LOW,
                 DECISION_HIGH,
                 "first two columns of world_from_hand, any length; degenerate ones name no pose",
@@ -150,7 +150,7 @@ fn between(shares: &Vector3<f64>, low: [f64; 3], high: [f64; 3]) -> Vector3<f64>
 
 /// Pose and preshape of a decision; `None` if its columns define no rotation.
 ///
-/// * `values`: an action of [`Control::GraspPose`], finite.
+/// * `values`: an action of [`Control::GraspPose`] or [`Control::Clear`], finite.
 pub fn pose_and_preshape(values: &[f32], hand: &Hand) -> Option<(Isometry3<f64>, f64)> {
     let position = between(&three(values, 0), DECISION_LOW, DECISION_HIGH);
     let rotation = rotation(&three(values, 3), &three(values, 6))?;

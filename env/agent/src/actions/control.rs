@@ -19,6 +19,8 @@ pub enum Control {
     TargetPose,
     /// One decision per episode: a pose in the world and a preshape, followed by a trial.
     GraspPose,
+    /// Such decisions until a scene of several objects is cleared.
+    Clear,
 }
 
 /// The control modes with an action every control period.
@@ -36,17 +38,17 @@ impl Control {
     /// Every mode of closed-loop control.
     pub const CLOSED_LOOP: [Self; 3] = [Self::Twist, Self::DeltaPose, Self::TargetPose];
 
-    /// The closed-loop mode; `None` if an episode is one decision.
+    /// The closed-loop mode; `None` if a step is a decision.
     pub fn closed_loop(self) -> Option<ClosedLoop> {
         match self {
             Self::Twist => Some(ClosedLoop::Twist),
             Self::DeltaPose => Some(ClosedLoop::DeltaPose),
             Self::TargetPose => Some(ClosedLoop::TargetPose),
-            Self::GraspPose => None,
+            Self::GraspPose | Self::Clear => None,
         }
     }
 
-    /// True if an episode is one decision.
+    /// True if a step is a decision, followed by a trial.
     pub fn decides(self) -> bool {
         self.closed_loop().is_none()
     }
@@ -58,6 +60,7 @@ impl Control {
             Self::DeltaPose => "delta_pose",
             Self::TargetPose => "target_pose",
             Self::GraspPose => "grasp_pose",
+            Self::Clear => "clear",
         }
     }
 }

@@ -1,4 +1,4 @@
-//! One decision per episode: the hand moves to a pose, and a trial follows.
+//! A decision: the hand moves to a pose, and a trial follows.
 
 use crate::AgentError;
 use crate::objects::Prepared;
@@ -6,21 +6,20 @@ use crate::pool::env_spec::EnvSpec;
 use crate::rewards::potentials::Potentials;
 use crate::rewards::reward::Attempt;
 use graspbox_episode::trial::Trial;
-use graspbox_episode::{Episode, FailureKind};
+use graspbox_episode::{Approach, Episode, FailureKind, approach};
 use graspbox_hand::GraspPose;
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
 
-/// The state before a decision: an object at rest.
+/// The state before a decision: objects at rest.
 pub struct Decision<'a> {
     /// Data shared by all environments.
     pub spec: &'a EnvSpec,
-    /// The object.
-    pub prepared: &'a Prepared,
-    /// Its centre of mass when the episode began, world, metres.
-    pub first_center: &'a Point3<f64>,
-    /// Factors on its friction and mass.
+    /// The objects of the scene, in its order.
+    pub prepared: &'a [Arc<Prepared>],
+    /// Factors on their friction and mass.
     pub factors: [f64; 2],
-    /// Its pose.
+    /// Pose of the scene's target.
     pub world_from_object: Isometry3<f64>,
 }
 
@@ -34,6 +33,8 @@ pub struct Outcome {
     pub failure: Option<FailureKind>,
     /// The hand touched the object.
     pub touched: bool,
+    /// Objects may have moved.
+    pub moved: bool,
     /// The object was in the hand after the shake; false without a shake.
     pub survives_shake: bool,
 }
@@ -51,16 +52,28 @@ impl Decision<'_> {
         world_from_hand: &Isometry3<f64>,
         preshape: f64,
     ) -> Result<Outcome, AgentError> {
-        let feasible = self.feasible(episode, world_from_hand, preshape)?;
-        let (object, criterion) = (&self.world_from_object, self.spec.config.success);
-        let episode = Episode::reset_at(episode.scene(), world_from_hand, object, preshape, self.factors, criterion);
+        let (scene, object, criterion) = (episode.scene(), &self.world_from_object, self.spec.config.success);
+        let at_pose = || Episode::reset_at(scene, world_from_hand, object, preshape, self.factors, criterion);
+        let pose = GraspPose { object_from_hand: object.inverse() * world_from_hand, preshape };
+        let standoff = self.spec.config.trial.standoff;
+        let (episode, reached, moved) = if scene.reachable_at(&pose, standoff, object)? {
+            (at_pose(), true, false)
+        } else if self.spec.config.pushes() {
+            match approach(scene, &pose, object, self.factors, criterion, standoff)? {
+                Approach::Arrived(episode) => (episode, true, true),
+                Approach::Stopped(episode) => (episode, false, true),
+                Approach::NoRoom => (at_pose(), false, false),
+            }
+        } else {
+            (at_pose(), false, false)
+        };
         let before = self.potentials(&episode);
-        if feasible && !self.out_of_reach(&episode) {
+        if reached && (episode.scene().is_any_target() || !self.out_of_reach(&episode)) {
             return self.trial(episode, world_from_hand, preshape, &before);
         }
-        let failure = Some(if feasible { FailureKind::NoContact } else { FailureKind::Infeasible });
-        let attempt = Attempt { potentials: before, infeasible: !feasible, ..Attempt::default() };
-        Ok(Outcome { episode, attempt, failure, touched: false, survives_shake: false })
+        let failure = Some(if reached { FailureKind::NoContact } else { FailureKind::Infeasible });
+        let attempt = Attempt { potentials: before, infeasible: !reached, ..Attempt::default() };
+        Ok(Outcome { episode, attempt, failure, touched: moved && !reached, moved, survives_shake: false })
     }
 
     /// * `before`: potentials before the hand closes; only the nearness is used.
@@ -92,6 +105,7 @@ impl Decision<'_> {
             attempt: Attempt { potentials, success: outcome.success, secure: outcome.secure, infeasible: false },
             failure: outcome.failure,
             touched: outcome.failure != Some(FailureKind::NoContact),
+            moved: true,
             survives_shake: outcome.survives_shake == Some(true),
         })
     }
@@ -99,21 +113,20 @@ impl Decision<'_> {
     /// True if no part of the hand can reach the object while it closes and rises: nothing is simulated then.
     fn out_of_reach(&self, episode: &Episode) -> bool {
         let world = episode.world();
-        let center = world.world_from_object() * self.prepared.bounds_center();
+        let prepared = &self.prepared[world.target()];
+        let center = world.world_from_object() * prepared.bounds_center();
         let hand = Point3::from(world.world_from_hand().translation.vector);
         let rise = (center.z - hand.z).clamp(0.0, self.spec.config.trial.lift_height);
         let nearest = hand + Vector3::z() * rise;
-        (center - nearest).norm() > self.spec.reach + self.prepared.half_extents().norm()
+        (center - nearest).norm() > self.spec.reach + prepared.half_extents().norm()
     }
 
     fn potentials(&self, episode: &Episode) -> Potentials {
-        Potentials::of(episode, self.prepared, self.first_center)
-    }
-
-    /// True if the open hand reaches its pose without touching object or table.
-    fn feasible(&self, episode: &Episode, world_from_hand: &Isometry3<f64>, preshape: f64) -> Result<bool, AgentError> {
-        let pose = GraspPose { object_from_hand: self.world_from_object.inverse() * world_from_hand, preshape };
-        let standoff = self.spec.config.trial.standoff;
-        Ok(episode.scene().reachable_at(&pose, standoff, &self.world_from_object)?)
+        let target = episode.world().target();
+        let place = match target == episode.scene().target() {
+            true => self.world_from_object,
+            false => episode.scene().world_from(target),
+        };
+        Potentials::of(episode, &self.prepared[target], &(place * episode.scene().center_of(target)))
     }
 }

@@ -5,6 +5,7 @@
 
 use crate::AgentError;
 use crate::actions::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
+use graspbox_episode::approach::{FORCE_TIME, STOP_FORCE};
 use graspbox_hand::{Hand, Shape};
 use graspbox_mesh::range::{OutOfRange, all_within};
 use graspbox_sim::HandLoad;
@@ -12,15 +13,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Least distance between the palm's shell and the table, metres.
 pub const TABLE_CLEARANCE: f64 = 0.002;
-/// Net contact force at which the hand stops moving against it, N: a heavy object weighs 15 N, and collaborative arms stop at
-/// 60 to 140 N.
-pub const STOP_FORCE: f64 = 60.0;
 /// Share of [`STOP_FORCE`] below which the stop is released; until then the hand backs off.
 const RELAXED: f64 = 0.8;
 /// Multiple of [`STOP_FORCE`] that stops the hand at once; smaller forces are filtered first, since a brief impact does no harm.
 const AT_ONCE: f64 = 2.5;
-/// Time constant of the force sensor's filter, seconds.
-const FORCE_TIME: f64 = 0.02;
 /// Greatest speed at which a stopped hand backs off, m/s.
 const BACK_OFF: f64 = 0.1;
 /// Acceleration while backing off, m/s2: more than the arm's own, which may act in the other direction.

@@ -1,7 +1,10 @@
 //! The info of a step: one row per entry, with its type, meaning and reader. A new entry is a new row of [`INFO`].
 
 use crate::actions::control::Control;
+use crate::config::AgentConfig;
 use crate::observations::view::View;
+use crate::pool::clearing::{Clearing, DISTURBED};
+use crate::starts::clutter::TargetScene;
 use graspbox_episode::FailureKind;
 use serde::Serialize;
 
@@ -27,6 +30,19 @@ pub enum Names {
     Objects,
 }
 
+/// The control modes that have an entry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Modes {
+    /// Every mode.
+    All,
+    /// Those whose steps are decisions.
+    Decisions,
+    /// [`Control::Clear`].
+    Clear,
+    /// The others, if the episodes are about one target among several objects.
+    Target,
+}
+
 /// An entry of the info.
 pub struct InfoRow {
     /// Name.
@@ -35,16 +51,26 @@ pub struct InfoRow {
     pub unit: &'static str,
     /// Its meaning.
     pub meaning: &'static str,
-    /// True if only decisions have it.
-    pub decision_only: bool,
+    /// The control modes that have it.
+    pub modes: Modes,
     /// Its reader.
     pub read: Reader,
 }
 
 impl InfoRow {
-    /// True if the entry belongs to the infos of a control mode.
-    pub fn is_in(&self, control: Control) -> bool {
-        control.decides() || !self.decision_only
+    /// True if the entry belongs to the infos of environments.
+    pub fn is_in(&self, config: &AgentConfig) -> bool {
+        self.is_of(config.control) || (self.modes == Modes::Target && config.has_target())
+    }
+
+    /// True if the entry belongs to the infos of a control mode, whatever the layout.
+    fn is_of(&self, control: Control) -> bool {
+        match self.modes {
+            Modes::All => true,
+            Modes::Decisions => control.decides(),
+            Modes::Clear => control == Control::Clear,
+            Modes::Target => false,
+        }
     }
 }
 
@@ -54,80 +80,153 @@ pub const INFO: &[InfoRow] = &[
         name: "is_success",
         unit: "",
         meaning: "the grasp succeeded",
-        decision_only: false,
+        modes: Modes::All,
         read: Reader::Flag(|view| view.record.success),
     },
     InfoRow {
         name: "is_secure",
         unit: "",
         meaning: "it succeeded without shifting or turning in the hand",
-        decision_only: false,
-        read: Reader::Flag(|view| view.record.success && view.verdict.secure),
+        modes: Modes::All,
+        read: Reader::Flag(|view| {
+            view.record.success && view.last_attempt().map_or(view.verdict.secure, |last| last.secure)
+        }),
     },
     InfoRow {
         name: "failure",
         unit: "",
         meaning: "kind of the failure if the episode ended now; empty for a success, and before the first step",
-        decision_only: false,
+        modes: Modes::All,
         read: Reader::Name(Names::Failures, |view| failure(view).map_or(0, failure_code)),
     },
     InfoRow {
         name: "lift",
         unit: "m",
         meaning: "rise of the object's centre of mass above its resting height",
-        decision_only: false,
-        read: Reader::Number(|view| if view.verdict.lift.is_finite() { view.verdict.lift } else { 0.0 }),
+        modes: Modes::All,
+        read: Reader::Number(|view| {
+            let lift = view.last_attempt().map_or(view.verdict.lift, |last| last.lift);
+            if lift.is_finite() { lift } else { 0.0 }
+        }),
     },
     InfoRow {
         name: "object",
         unit: "",
         meaning: "name of the object",
-        decision_only: false,
+        modes: Modes::All,
         read: Reader::Name(Names::Objects, |view| view.record.object as i64),
     },
     InfoRow {
         name: "resting",
         unit: "",
-        meaning: "index of the object's resting pose; -1 if it was dropped at a given pose",
-        decision_only: false,
-        read: Reader::Index(|view| if view.record.dropped { -1 } else { view.record.resting as i64 }),
+        meaning: "index of the object's resting pose; -1 if it was dropped at a given pose, or lies among others",
+        modes: Modes::All,
+        read: Reader::Index(|view| {
+            let lies = !view.record.dropped && view.record.placed().is_none();
+            if lies { view.record.resting as i64 } else { -1 }
+        }),
     },
     InfoRow {
         name: "fits",
         unit: "",
         meaning: "the object's least width in plan view, as the episode begins, is within the width that the hand states; True for a hand that states none",
-        decision_only: false,
+        modes: Modes::All,
         read: Reader::Flag(|view| view.record.fits),
     },
     InfoRow {
         name: "touches",
         unit: "",
         meaning: "the hand touches the object",
-        decision_only: false,
-        read: Reader::Flag(|view| view.touches()),
+        modes: Modes::All,
+        read: Reader::Flag(|view| view.last_attempt().map_or(view.touches(), |last| last.touches)),
     },
     InfoRow {
         name: "protective_stop",
         unit: "",
         meaning: "the protective stop held the hand at some time in the last step",
-        decision_only: false,
+        modes: Modes::All,
         read: Reader::Flag(|view| view.record.stopped),
     },
     InfoRow {
         name: "infeasible",
         unit: "",
         meaning: "the hand could not reach its pose",
-        decision_only: true,
+        modes: Modes::Decisions,
         read: Reader::Flag(|view| view.record.failure == Some(FailureKind::Infeasible)),
     },
     InfoRow {
         name: "survives_shake",
         unit: "",
         meaning: "the object was still in the hand after the shake; False without `trial=TrialConfig(shake=...)`",
-        decision_only: true,
+        modes: Modes::Decisions,
         read: Reader::Flag(|view| view.record.survives_shake),
     },
+    InfoRow {
+        name: "attempts",
+        unit: "",
+        meaning: "attempts since the episode began",
+        modes: Modes::Clear,
+        read: Reader::Index(|view| count(view, |clearing| clearing.attempts)),
+    },
+    InfoRow {
+        name: "cleared",
+        unit: "",
+        meaning: "objects taken away so far",
+        modes: Modes::Clear,
+        read: Reader::Index(|view| count(view, |clearing| clearing.cleared)),
+    },
+    InfoRow {
+        name: "lost",
+        unit: "",
+        meaning: "objects that left the workspace otherwise",
+        modes: Modes::Clear,
+        read: Reader::Index(|view| count(view, |clearing| clearing.lost)),
+    },
+    InfoRow {
+        name: "remaining",
+        unit: "",
+        meaning: "objects that are still there",
+        modes: Modes::Clear,
+        read: Reader::Index(|view| count(view, Clearing::remaining)),
+    },
+    InfoRow {
+        name: "disturbed",
+        unit: "",
+        meaning: "objects still there that the last attempt moved by more than 1 cm",
+        modes: Modes::Clear,
+        read: Reader::Index(|view| count(view, |clearing| clearing.last.disturbed)),
+    },
+    InfoRow {
+        name: "neighbours",
+        unit: "",
+        meaning: "other objects in the scene",
+        modes: Modes::Target,
+        read: Reader::Index(|view| view.record.target_scene.as_ref().map_or(0, TargetScene::neighbours) as i64),
+    },
+    InfoRow {
+        name: "neighbours_moved",
+        unit: "",
+        meaning: "of these, those that are more than 1 cm from where they lay as the episode began",
+        modes: Modes::Target,
+        read: Reader::Index(neighbours_moved),
+    },
 ];
+
+/// Number of objects beside the target that moved by more than [`DISTURBED`] since the episode began.
+fn neighbours_moved(view: &View<'_>) -> i64 {
+    let (world, scene) = (view.world(), view.episode.scene());
+    let moved = |object: &usize| {
+        let first = scene.world_from(*object) * scene.center_of(*object);
+        *object != scene.target() && (world.center_of(*object) - first).norm() > DISTURBED
+    };
+    let targets = view.record.target_scene.is_some();
+    if targets { (0..world.object_count()).filter(moved).count() as i64 } else { 0 }
+}
+
+/// A count of the record of a scene; 0 without one.
+fn count(view: &View<'_>, of: fn(&Clearing) -> u32) -> i64 {
+    view.record.clearing.as_ref().map_or(0, |clearing| i64::from(of(clearing)))
+}
 
 /// The kind of failure if the episode ended now; `None` for a success, and before the first step.
 fn failure(view: &View<'_>) -> Option<FailureKind> {
@@ -240,7 +339,15 @@ pub struct InfoTableRow {
 
 /// The entries of a kind of control, in order.
 pub fn info_table(control: Control) -> Vec<InfoTableRow> {
-    let rows = INFO.iter().filter(|row| row.is_in(control));
+    table(INFO.iter().filter(|row| row.is_of(control)))
+}
+
+/// The further entries of episodes about one target among several objects, in order.
+pub fn target_info_table() -> Vec<InfoTableRow> {
+    table(INFO.iter().filter(|row| row.modes == Modes::Target))
+}
+
+fn table(rows: impl Iterator<Item = &'static InfoRow>) -> Vec<InfoTableRow> {
     rows.map(|row| {
         let (dtype, names) = match row.read {
             Reader::Flag(_) => ("bool", None),

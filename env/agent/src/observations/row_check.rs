@@ -44,7 +44,9 @@ fn cube(spec: &EnvSpec) -> Result<InitialState, AgentError> {
     Ok(InitialState {
         object: 0,
         resting: 0,
-        prepared,
+        prepared: vec![prepared],
+        clearing: None,
+        target_scene: None,
         dropped: None,
         scene: Arc::new(scene),
         world_from_object,

@@ -1,13 +1,13 @@
 //! The tables of all inputs and outputs of environments, from which spaces, infos and documentation are made.
 
 use crate::actions::control::{CONTROL_PERIOD, Control};
-use crate::actions::guard::STOP_FORCE;
 use crate::actions::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use crate::config::Randomization;
 use crate::observations::column::Column;
-use crate::observations::info::{InfoTableRow, failure_names, info_table};
+use crate::observations::info::{InfoTableRow, failure_names, info_table, target_info_table};
 use crate::observations::observation::Observation;
 use crate::rewards::reward::{TermRow, term_table};
+use graspbox_episode::approach::STOP_FORCE;
 use graspbox_hand::Hand;
 use graspbox_vision::{CamerasConfig, ImageTable, Observer, VisionError};
 use serde::Serialize;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// Columns of each observation, by its name.
 pub type ObservationTables = BTreeMap<&'static str, Vec<Column>>;
 
-/// Inputs and outputs of environments with one decision per episode.
+/// Inputs and outputs of environments whose steps are decisions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DecisionTables {
     /// Columns of an action.
@@ -30,6 +30,17 @@ pub struct DecisionTables {
     pub info: Vec<InfoTableRow>,
 }
 
+impl DecisionTables {
+    fn new(hand: &Hand, control: Control) -> Self {
+        Self {
+            actions: control.table(hand),
+            observations: observations(hand, control),
+            terms: term_table(control),
+            info: info_table(control),
+        }
+    }
+}
+
 /// Inputs and outputs of the environments of a hand.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tables {
@@ -39,12 +50,16 @@ pub struct Tables {
     pub observations: BTreeMap<&'static str, ObservationTables>,
     /// With one decision per episode.
     pub decision: DecisionTables,
+    /// With decisions until a scene is cleared.
+    pub clear: DecisionTables,
     /// Names of the observations that no sensor of a real robot gives.
     pub privileged: Vec<&'static str>,
     /// Reward terms, in the order of their values.
     pub terms: Vec<TermRow>,
     /// Entries of the info.
     pub info: Vec<InfoTableRow>,
+    /// Further entries of the info with one target among several objects.
+    pub target_info: Vec<InfoTableRow>,
     /// Observations of sensors that the hand does not have.
     pub absent: Vec<&'static str>,
     /// Names of the failure codes.
@@ -81,16 +96,13 @@ impl Tables {
         Self {
             actions: closed_loop.clone().map(|c| (c.name(), c.table(hand))).collect(),
             observations: closed_loop.map(|c| (c.name(), observations(hand, *c))).collect(),
-            decision: DecisionTables {
-                actions: Control::GraspPose.table(hand),
-                observations: observations(hand, Control::GraspPose),
-                terms: term_table(Control::GraspPose),
-                info: info_table(Control::GraspPose),
-            },
+            decision: DecisionTables::new(hand, Control::GraspPose),
+            clear: DecisionTables::new(hand, Control::Clear),
             privileged: Observation::ALL.iter().filter(|o| o.privileged()).map(|o| o.name()).collect(),
             absent: Observation::ALL.iter().filter(|o| !o.exists(hand, Control::default())).map(|o| o.name()).collect(),
             terms: term_table(Control::default()),
             info: info_table(Control::default()),
+            target_info: target_info_table(),
             failures: failure_names(),
             control_period: CONTROL_PERIOD,
             workspace: [WORKSPACE_LOW, WORKSPACE_HIGH],
@@ -107,8 +119,10 @@ fn observations(hand: &Hand, control: Control) -> ObservationTables {
 
 /// The rows of the images of `cameras`.
 ///
+/// * `objects`: most objects of a scene.
+///
 /// # Errors
 /// [`VisionError`] for an image that is unknown or named twice, an invalid camera, or invalid voxel settings.
-pub fn image_tables(hand: &Arc<Hand>, cameras: CamerasConfig) -> Result<Vec<ImageTable>, VisionError> {
-    Ok(Observer::new(Arc::clone(hand), cameras, Arc::default())?.tables().to_vec())
+pub fn image_tables(hand: &Arc<Hand>, cameras: CamerasConfig, objects: usize) -> Result<Vec<ImageTable>, VisionError> {
+    Ok(Observer::new(Arc::clone(hand), cameras, Arc::default(), objects)?.tables().to_vec())
 }

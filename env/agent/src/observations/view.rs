@@ -2,6 +2,7 @@
 
 use crate::actions::arm_controller::ArmController;
 use crate::objects::Prepared;
+use crate::pool::clearing::LastAttempt;
 use crate::pool::record::Record;
 use graspbox_episode::{Episode, Judge, Verdict};
 use graspbox_sim::World;
@@ -46,6 +47,11 @@ impl<'a> View<'a> {
     /// The judge.
     pub fn judge(&self) -> &'a Judge {
         self.episode.judge()
+    }
+
+    /// The last attempt on a scene of several objects, which the present scene no longer shows; `None` for a single object.
+    pub fn last_attempt(&self) -> Option<&'a LastAttempt> {
+        self.record.clearing.as_ref().map(|clearing| &clearing.last)
     }
 
     /// True if the hand touches the object.

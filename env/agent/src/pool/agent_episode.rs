@@ -4,10 +4,11 @@ use crate::AgentError;
 use crate::actions::action::{OPEN_SHARE, actuator_commands, pose_and_preshape};
 use crate::actions::arm_controller::ArmController;
 use crate::actions::control::ClosedLoop;
-use crate::actions::decision::Decision;
+use crate::actions::decision::{Decision, Outcome};
 use crate::actions::workspace::{LOST_DISTANCE, LOST_HEIGHT};
 use crate::objects::Prepared;
 use crate::observations::view::View;
+use crate::pool::clearing::Clearing;
 use crate::pool::env_spec::EnvSpec;
 use crate::pool::record::Record;
 use crate::rewards::potentials::Potentials;
@@ -15,17 +16,28 @@ use crate::rewards::reward::{Attempt, TermValues, Transition, effort};
 use crate::starts::initial_state::InitialState;
 use graspbox_episode::{Episode, FailureKind, Judge};
 use graspbox_mesh::least_width;
-use graspbox_vision::visual_models::object_color;
-use graspbox_vision::{ScenePose, Viewpoint};
-use nalgebra::{Point3, Vector3};
+use graspbox_vision::visual_models::{object_color, object_label};
+use graspbox_vision::{ObjectPose, ScenePose, Viewpoint};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 
 /// One episode under an agent.
 pub struct AgentEpisode {
     episode: Episode,
-    prepared: Arc<Prepared>,
+    /// The objects of the scene, in its order.
+    prepared: Vec<Arc<Prepared>>,
     arm: ArmController,
     record: Record,
+}
+
+/// An object of an episode's scene.
+pub struct SceneObject<'a> {
+    /// The object.
+    pub prepared: &'a Prepared,
+    /// Its place in the order of labels: the target is the first; in a scene that is cleared it is the order as the episode began.
+    pub slot: usize,
+    /// Its index in the set of objects.
+    pub index: usize,
 }
 
 impl AgentEpisode {
@@ -41,9 +53,11 @@ impl AgentEpisode {
         if let Some(height) = initial.dropped {
             episode.dropped(height);
         }
+        let target = &initial.prepared[initial.scene.target()];
+        let several = initial.clearing.is_some() || initial.target_scene.is_some();
         let width = match initial.dropped {
-            Some(_) => least_width(initial.prepared.body().mesh().vertices(), object),
-            None => initial.prepared.width(initial.resting),
+            None if !several => target.width(initial.resting),
+            _ => least_width(target.body().mesh().vertices(), object),
         };
         let record = Record {
             object: initial.object,
@@ -62,15 +76,18 @@ impl AgentEpisode {
             failure: None,
             survives_shake: false,
             stopped: false,
-            potentials: Potentials::of(&episode, &initial.prepared, &first_center),
+            potentials: Potentials::of(&episode, target, &first_center),
             viewpoint: initial.viewpoint.clone(),
+            clearing: initial.clearing.clone(),
+            target_scene: initial.target_scene.clone(),
+            waiting: *hand,
         };
         let arm = ArmController::new(hand, &initial.hand_error);
-        Self::resume(episode, Arc::clone(&initial.prepared), arm, record)
+        Self::resume(episode, initial.prepared.clone(), arm, record)
     }
 
     /// An episode from a saved state.
-    pub(crate) fn resume(episode: Episode, prepared: Arc<Prepared>, arm: ArmController, record: Record) -> Self {
+    pub(crate) fn resume(episode: Episode, prepared: Vec<Arc<Prepared>>, arm: ArmController, record: Record) -> Self {
         Self { episode, prepared, arm, record }
     }
 
@@ -98,7 +115,7 @@ impl AgentEpisode {
                 let transition = self.control_period(mode, action, spec)?;
                 Ok((transition.terms(), transition.success || transition.lost))
             }
-            None => Ok((self.decide(action, spec)?.terms(), true)),
+            None => Ok((self.decide(action, spec)?.terms(), self.is_over(spec))),
         }
     }
 
@@ -111,7 +128,8 @@ impl AgentEpisode {
         for i in 0..spec.substeps {
             let load = self.episode.world().hand_load();
             transition.table |= load.scenery;
-            self.record.touched |= load.object;
+            // Among others it may be another object that presses.
+            self.record.touched |= load.object && (self.prepared.len() == 1 || self.touches());
             let time = f64::from(i) * dt;
             let hand = self.arm.advance(&motion, time, dt, &spec.guard, &load);
             transition.stop |= self.arm.stop.active;
@@ -134,34 +152,69 @@ impl AgentEpisode {
         self.record.success = transition.success;
         self.record.stopped |= transition.stop;
         self.record.touched |= self.touches();
-        transition.after = Potentials::of(&self.episode, &self.prepared, &self.record.first_center);
+        transition.after = Potentials::of(&self.episode, self.prepared(), &self.record.first_center);
         self.record.potentials = transition.after;
         Ok(transition)
     }
 
-    /// Moves the hand to the pose of `action` and tries the grasp, which ends the episode.
+    /// True after a decision that ends the episode: every one, unless something remains to be cleared.
+    fn is_over(&self, spec: &EnvSpec) -> bool {
+        self.record.clearing.as_ref().is_none_or(|clearing| clearing.over(spec.config.clutter.max_failures))
+    }
+
+    /// Moves the hand to the pose of `action` and tries the grasp.
     fn decide(&mut self, action: &[f32], spec: &EnvSpec) -> Result<Attempt, AgentError> {
         self.record.failure = Some(FailureKind::Infeasible);
+        self.record.success = false;
         let Some((believed, preshape)) = pose_and_preshape(action, spec.hand()) else {
+            self.record.clearing.iter_mut().for_each(Clearing::nothing_moved);
             return Ok(Attempt { infeasible: true, ..Attempt::default() });
         };
         let hand = self.arm.teleport(&believed);
         let decision = Decision {
             spec,
             prepared: &self.prepared,
-            first_center: &self.record.first_center,
             factors: [self.record.friction, self.record.mass],
             world_from_object: self.episode.world().world_from_object(),
         };
         let outcome = decision.attempt(&self.episode, &hand, preshape)?;
-        self.episode = outcome.episode;
-        self.arm.sync(&self.episode.world().world_from_hand());
         self.record.success = outcome.attempt.success;
         self.record.failure = outcome.failure;
         self.record.survives_shake = outcome.survives_shake;
         self.record.touched = outcome.touched;
         self.record.potentials = outcome.attempt.potentials;
-        Ok(outcome.attempt)
+        let attempt = outcome.attempt;
+        if self.record.clearing.is_some() {
+            self.take_away(outcome, spec)?;
+        } else {
+            self.episode = outcome.episode;
+            self.arm.sync(&self.episode.world().world_from_hand());
+        }
+        Ok(attempt)
+    }
+
+    /// Takes the objects in the hand away after an attempt on a scene of several objects; the hand waits again while others remain.
+    fn take_away(&mut self, outcome: Outcome, spec: &EnvSpec) -> Result<(), AgentError> {
+        let Some(clearing) = &mut self.record.clearing else { return Ok(()) };
+        let waiting = &self.record.waiting;
+        if !outcome.moved {
+            clearing.nothing_moved();
+            self.arm.sync(waiting);
+            return Ok(());
+        }
+        self.record.object = clearing.objects[outcome.episode.world().target()].object;
+        let Some((scene, prepared)) = clearing.attempted(&outcome, &self.prepared, spec)? else {
+            self.episode = outcome.episode;
+            self.arm.sync(&self.episode.world().world_from_hand());
+            return Ok(());
+        };
+        let (object, factors) = (scene.world_from_object(), [self.record.friction, self.record.mass]);
+        let criterion = spec.config.success;
+        self.episode = Episode::reset_at(&scene, waiting, object, self.record.preshape, factors, criterion);
+        self.record.first_center = self.episode.world().object_center();
+        self.prepared = prepared;
+        self.arm.sync(waiting);
+        Ok(())
     }
 
     /// True while no actuator has closed so far that the preshape must not change.
@@ -195,7 +248,17 @@ impl AgentEpisode {
 
     /// The view from which observations and infos are read.
     pub fn view<'a>(&'a self, spec: &'a EnvSpec) -> View<'a> {
-        View::new(&self.episode, &self.prepared, &self.arm, &self.record, &spec.flags)
+        View::new(&self.episode, self.prepared(), &self.arm, &self.record, &spec.flags)
+    }
+
+    /// The objects of the scene, in its order.
+    pub fn objects(&self) -> impl ExactSizeIterator<Item = SceneObject<'_>> {
+        let placed = self.record.placed();
+        self.prepared.iter().enumerate().map(move |(place, prepared)| {
+            let (slot, index) =
+                placed.map_or((place, self.record.object), |all| (all[place].slot as usize, all[place].object));
+            SceneObject { prepared, slot, index }
+        })
     }
 
     /// The state machine.
@@ -205,7 +268,7 @@ impl AgentEpisode {
 
     /// The object.
     pub fn prepared(&self) -> &Arc<Prepared> {
-        &self.prepared
+        &self.prepared[self.episode.world().target()]
     }
 
     /// The judge.
@@ -242,10 +305,18 @@ impl AgentEpisode {
     ///
     /// # Errors
     /// [`AgentError::NotRenderable`] for a mesh that cannot be rendered.
-    pub fn scene_pose(&self) -> Result<ScenePose<'_>, AgentError> {
-        let object = self.prepared.model()?;
-        let color = object_color(self.prepared.body().name());
-        Ok(ScenePose::of(self.episode.world(), object, color))
+    pub fn scene_pose<'a>(&'a self, spec: &'a EnvSpec) -> Result<ScenePose<'a>, AgentError> {
+        let (world, links) = (self.episode.world(), spec.hand().links.len());
+        let object = |(object, pose): (SceneObject<'a>, Isometry3<f64>)| {
+            Ok(ObjectPose {
+                model: object.prepared.model()?,
+                color: object_color(object.prepared.body().name()),
+                label: object_label(object.slot, links),
+                world_from_object: pose,
+            })
+        };
+        let objects = self.objects().zip(world.world_from_objects()).map(object);
+        Ok(ScenePose::of(world, objects.collect::<Result<_, AgentError>>()?, &spec.wall_models))
     }
 
     /// Centre of mass of the object when the episode began, world, metres.
@@ -255,11 +326,11 @@ impl AgentEpisode {
 
     /// Middle of the object's bounds, object frame, metres.
     pub fn bounds_center(&self) -> Point3<f64> {
-        self.prepared.bounds_center()
+        self.prepared().bounds_center()
     }
 
     /// Half sides of the object's bounds along its axes, metres.
     pub fn half_extents(&self) -> Vector3<f64> {
-        self.prepared.half_extents()
+        self.prepared().half_extents()
     }
 }

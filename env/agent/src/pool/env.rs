@@ -57,7 +57,8 @@ impl Env {
         if seed.is_none() || spec.config.autoreset != Autoreset::Disabled {
             let mut later = stream.clone();
             for _ in 0..EPISODES_AHEAD {
-                spec.objects.ensure_ahead(InitialState::need(spec, &later, &ResetOptions::default())?);
+                let needs = InitialState::needs(spec, &later, &ResetOptions::default())?;
+                needs.into_iter().for_each(|need| spec.objects.ensure_ahead(need));
                 InitialSamples::new(&mut later, spec.objects.len());
             }
         }
@@ -74,9 +75,10 @@ impl Env {
         seed.map(RandomStream::new).or_else(|| self.stream.clone())
     }
 
-    /// The preparation that a reset would need, if it is known.
-    pub fn need(&self, spec: &EnvSpec, seed: Option<u64>, options: &ResetOptions) -> Option<Need> {
-        InitialState::need(spec, &self.stream_of(seed)?, options).ok()
+    /// The preparations that a reset would need, as far as they are known.
+    pub fn needs(&self, spec: &EnvSpec, seed: Option<u64>, options: &ResetOptions) -> Vec<Need> {
+        let stream = self.stream_of(seed);
+        stream.and_then(|stream| InitialState::needs(spec, &stream, options).ok()).unwrap_or_default()
     }
 
     /// True if the next step ignores its action and resets: after the end of an episode, unless the next one has already begun.
@@ -213,7 +215,8 @@ fn begin(
     options: &ResetOptions,
 ) -> Result<(AgentEpisode, StepResult), AgentError> {
     // An error occurs again below, after the stream has advanced: the next reset then samples another object.
-    drop(InitialState::need(spec, stream, options).and_then(|need| spec.objects.ensure(&need)));
+    let needs = InitialState::needs(spec, stream, options);
+    drop(needs.and_then(|needs| needs.iter().try_for_each(|need| spec.objects.ensure(need))));
     let episode = AgentEpisode::new(&InitialState::sample(spec, stream, options)?, spec);
     let mut result = StepResult { reset: true, ..StepResult::default() };
     result.observe(&episode, spec)?;

@@ -189,7 +189,7 @@ impl EnvPool {
         let wanted = |index: usize| mask.is_none_or(|m| m[index]);
         let option = |index: usize| &options[if shared { 0 } else { index }];
         let needs = (0..self.len()).filter(|&index| wanted(index));
-        self.ensure(stop, needs.filter_map(|index| self.lock(index).need(&self.spec, seeds[index], option(index))));
+        self.ensure(stop, needs.flat_map(|index| self.lock(index).needs(&self.spec, seeds[index], option(index))));
         self.each(stop, |index, env| match wanted(index) {
             true => env.reset(&self.spec, index, seeds[index], option(index)),
             false => env.ready_to_observe(index),
@@ -382,7 +382,7 @@ impl EnvPool {
         let made = envs.par_iter().map(|&env| {
             let locked = self.env(env)?;
             let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
-            Ok(self.spec().observer.picture(&episode.scene_pose()?, &episode.viewpoint().light, picture)?)
+            Ok(self.spec().observer.picture(&episode.scene_pose(self.spec())?, &episode.viewpoint().light, picture)?)
         });
         let made: Vec<_> = made.collect();
         Ok(made.into_iter().collect::<Result<Vec<_>, AgentError>>()?.concat())

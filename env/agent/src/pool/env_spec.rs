@@ -8,7 +8,7 @@ use crate::objects::Objects;
 use crate::observations::observation::ObservationSpec;
 use graspbox_hand::{Hand, JointKind, Shape};
 use graspbox_plan::OpenHand;
-use graspbox_vision::Observer;
+use graspbox_vision::{Observer, WallModel};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
@@ -27,7 +27,9 @@ pub struct EnvSpec {
     pub observations: Vec<ObservationSpec>,
     /// Renders the images.
     pub observer: Observer,
-    /// Physics steps between two actions; 0 if an episode is one decision.
+    /// Render models of the walls of every scene.
+    pub wall_models: Vec<WallModel>,
+    /// Physics steps between two actions; 0 if a step is a decision.
     pub substeps: u32,
     /// Number of entries of an action.
     pub action: usize,
@@ -55,6 +57,7 @@ impl EnvSpec {
             return Err(AgentError::NothingToObserve { name: observation.name(), hand: hand.name.clone() });
         }
         let action = config.control.size(&hand);
+        let walls = config.clutter.walls()?;
         let observations =
             config.observations.iter().map(|o| ObservationSpec::new(*o, &hand, config.control)).collect();
         Ok(Self {
@@ -63,7 +66,13 @@ impl EnvSpec {
             guard: Guard::new(&hand)?,
             substeps: if config.control.decides() { 0 } else { steps_per_control(objects.physics().dt)? },
             flags: flags(&hand),
-            observer: Observer::new(Arc::clone(&hand), config.cameras.clone(), objects.visual_models())?,
+            observer: Observer::new(
+                Arc::clone(&hand),
+                config.cameras.clone(),
+                objects.visual_models(),
+                config.clutter.most_objects(),
+            )?,
+            wall_models: walls.iter().map(WallModel::new).collect::<Result<_, _>>()?,
             observations,
             action,
             objects,

@@ -1,11 +1,14 @@
 //! The state of an episode beside its world, judge and arm; part of every saved state.
 
+use crate::actions::control::Control;
+use crate::pool::clearing::Clearing;
+use crate::pool::env_spec::EnvSpec;
 use crate::rewards::potentials::Potentials;
+use crate::starts::clutter::{Placed, TargetScene};
 use graspbox_episode::FailureKind;
-use graspbox_hand::Hand;
 use graspbox_mesh::range::{OutOfRange, all_within, in_range, is_pose};
 use graspbox_vision::Viewpoint;
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 
 /// The state of an episode beside its world, judge and arm.
@@ -47,22 +50,43 @@ pub struct Record {
     pub potentials: Potentials,
     /// Cameras and light.
     pub viewpoint: Viewpoint,
+    /// What remains of a scene that is cleared; `None` in other episodes.
+    pub clearing: Option<Clearing>,
+    /// The scene of a target among others; `None` in other episodes.
+    pub target_scene: Option<TargetScene>,
+    /// Pose of the hand while it waits for a decision.
+    pub waiting: Isometry3<f64>,
 }
 
 impl Record {
-    /// Refuses states that no episode with this hand can have.
+    /// The objects of a scene of several, in its order; `None` for a single object.
+    pub fn placed(&self) -> Option<&[Placed]> {
+        let cleared = self.clearing.as_ref().map(|clearing| clearing.objects.as_slice());
+        cleared.or(self.target_scene.as_ref().map(|scene| scene.objects.as_slice()))
+    }
+
+    /// Refuses states that no episode of `spec` can have.
     ///
     /// # Errors
     /// [`OutOfRange`], naming the first number.
-    pub(crate) fn check(&self, hand: &Hand) -> Result<(), OutOfRange> {
+    pub(crate) fn check(&self, spec: &EnvSpec) -> Result<(), OutOfRange> {
         /// Farther than anything falls, metres.
         const FARTHEST: f64 = 1e5;
         in_range("record.friction", self.friction, 1e-3..=1e3, "")?;
         in_range("record.mass", self.mass, 1e-3..=1e3, "")?;
         all_within("record.first_center", self.first_center.iter().copied(), FARTHEST, "m")?;
         all_within("record.last_action", self.last_action.iter().map(|a| f64::from(*a)), 1.0, "")?;
-        let [low, high] = hand.preshape_limits();
-        in_range("record.preshape", self.preshape, low..=high, hand.preshape_unit())?;
+        let [low, high] = spec.hand().preshape_limits();
+        in_range("record.preshape", self.preshape, low..=high, spec.hand().preshape_unit())?;
+        is_pose("record.waiting", &self.waiting, FARTHEST)?;
+        let same = |field, here: bool, there: bool| {
+            let there = f64::from(there);
+            in_range(field, f64::from(here), there..=there, "")
+        };
+        same("record.clearing", self.clearing.is_some(), spec.config.control == Control::Clear)?;
+        same("record.target_scene", self.target_scene.is_some(), spec.config.has_target())?;
+        self.clearing.iter().try_for_each(|clearing| clearing.check(spec))?;
+        self.target_scene.iter().try_for_each(|scene| scene.check(self.object, spec))?;
         self.potentials.all().into_iter().try_for_each(|x| in_range("record.potentials", x, 0.0..=1.0, ""))?;
         self.viewpoint.parent_from_camera.iter().try_for_each(|pose| is_pose("record.viewpoint", pose, FARTHEST))
     }

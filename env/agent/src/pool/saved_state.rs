@@ -9,6 +9,7 @@ use crate::pool::agent_episode::AgentEpisode;
 use crate::pool::env_spec::EnvSpec;
 use crate::pool::record::Record;
 use crate::rewards::reward::TermValues;
+use crate::starts::clutter::{Placed, SceneObjects, scaled, scene_of};
 use crate::starts::random_stream::RandomStreamState;
 use graspbox_episode::{Episode, EpisodeError, Judge};
 use graspbox_mesh::{all_within, checksum};
@@ -16,7 +17,7 @@ use graspbox_vision::Mount;
 use serde::{Deserialize, Serialize};
 
 /// First bytes of every saved state; the last one changes with the layout.
-const MAGIC: &[u8; 8] = b"gbagentb";
+const MAGIC: &[u8; 8] = b"gbagentd";
 
 /// The content of a saved state.
 #[derive(Serialize, Deserialize)]
@@ -29,7 +30,7 @@ pub struct SavedState {
     /// The random stream.
     pub stream: RandomStreamState,
     world: Vec<u8>,
-    judge: Judge,
+    judges: Vec<Judge>,
     arm: ArmController,
     record: Record,
     /// The episode is over.
@@ -52,7 +53,7 @@ impl SavedState {
     /// # Errors
     /// An error for a world that cannot be written.
     pub fn of(episode: &AgentEpisode, stream: RandomStreamState, spec: &EnvSpec) -> Result<Self, AgentError> {
-        let object = episode.prepared().body().name().to_owned();
+        let object = spec.objects.names().nth(episode.record().object).unwrap_or_default().to_owned();
         let sim_error = |source| EpisodeError::Sim { object: object.clone(), source };
         Ok(Self {
             control: spec.config.control,
@@ -60,7 +61,7 @@ impl SavedState {
             cameras: cameras(spec),
             stream,
             world: episode.episode().world().snapshot().map_err(sim_error)?,
-            judge: episode.judge().clone(),
+            judges: episode.episode().judges().to_vec(),
             arm: episode.arm().clone(),
             record: episode.record().clone(),
             done: false,
@@ -99,7 +100,10 @@ impl SavedState {
             let (control, skip) = (self.control.name(), self.frame_skip);
             return Err(bad(format!("it has the control mode `{control}` with a frame_skip of {skip}")));
         }
-        if *self.judge.criterion() != spec.config.success {
+        if self.record.target_scene.is_some() != spec.config.has_target() {
+            return Err(bad("its layout is another one"));
+        }
+        if self.judges.iter().any(|judge| *judge.criterion() != spec.config.success) {
             return Err(bad("it is judged by another criterion of success"));
         }
         if self.record.last_action.len() != spec.action {
@@ -119,7 +123,7 @@ impl SavedState {
     fn check(&self, spec: &EnvSpec) -> Result<(), AgentError> {
         let checked = || {
             self.arm.check()?;
-            self.record.check(spec.hand())?;
+            self.record.check(spec)?;
             all_within("terms", self.terms.iter().map(|term| f64::from(*term)), 1e6, "")
         };
         checked().map_err(|error| bad(error.to_string()))?;
@@ -134,17 +138,31 @@ impl SavedState {
         self.fits(spec)?;
         self.check(spec)?;
         let record = &self.record;
-        let prepared = spec.objects.prepared(record.object)?;
-        let (resting, scene) = spec.objects.scene(&prepared, record.resting)?;
-        if resting != record.resting {
-            return Err(bad("the object no longer rests in that pose"));
-        }
-        let episode = Episode::resume(&scene, &self.world, self.judge.clone()).map_err(|error| match error {
+        let target = record.target_scene.as_ref().map(|scene| scene.target as usize);
+        let (scene, prepared) = match record.placed() {
+            Some(placed) => placed_scene(spec, placed, target)?,
+            None => {
+                let prepared = spec.objects.prepared(record.object)?;
+                let (resting, scene) = spec.objects.scene(&prepared, record.resting)?;
+                if resting != record.resting {
+                    return Err(bad("the object no longer rests in that pose"));
+                }
+                (scene, vec![prepared])
+            }
+        };
+        let episode = Episode::resume(&scene, &self.world, self.judges.clone()).map_err(|error| match error {
             EpisodeError::OutOfRange(error) => bad(error.to_string()),
             other => other.into(),
         })?;
         Ok(AgentEpisode::resume(episode, prepared, self.arm.clone(), record.clone()))
     }
+}
+
+/// The scene of several objects.
+fn placed_scene(spec: &EnvSpec, placed: &[Placed], target: Option<usize>) -> Result<SceneObjects, AgentError> {
+    let prepared = placed.iter().map(|placed| scaled(&spec.objects, placed.object, placed.scale));
+    let prepared = prepared.collect::<Result<Vec<_>, _>>()?;
+    Ok((scene_of(spec, &prepared, placed, target)?, prepared))
 }
 
 fn cameras(spec: &EnvSpec) -> Vec<(String, Mount)> {

@@ -41,6 +41,6 @@ impl StepResult {
         if spec.observer.specs().is_empty() {
             return Ok(());
         }
-        Ok(spec.observer.render(&episode.scene_pose()?, episode.viewpoint(), &mut self.images)?)
+        Ok(spec.observer.render(&episode.scene_pose(spec)?, episode.viewpoint(), &mut self.images)?)
     }
 }

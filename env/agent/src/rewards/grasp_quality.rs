@@ -8,12 +8,12 @@ use nalgebra::Point3;
 /// Least support over the axes' directions, in [0, 1]: 0 without force closure. Each chain of the hand presses with one unit of normal force;
 /// the palm counts as a chain.
 ///
-/// * `contacts`: from [`graspbox_sim::World::hand_contacts`]; only those with the object count.
+/// * `contacts`: of the hand with the object, from [`graspbox_sim::World::hand_contacts`].
 /// * `center`: centre of mass of the object, hand frame.
 pub fn epsilon(hand: &Hand, contacts: &[HandContact], center: &Point3<f64>) -> f64 {
     let palm = hand.chain_count();
     let mut space = WrenchSpace::new(palm + 1);
-    for contact in contacts.iter().filter(|c| c.with_object) {
+    for contact in contacts {
         let chain = hand.chain_of_link(contact.link).unwrap_or(palm);
         space.press(chain, &(contact.point - center), -contact.normal, contact.friction);
     }

@@ -49,12 +49,13 @@ impl Potentials {
         let (world, judge) = (episode.world(), episode.judge());
         let hand = world.hand();
         let hand_from_object = world.hand_from_object();
-        let contacts = world.hand_contacts();
+        let mut contacts = world.hand_contacts();
+        contacts.retain(|contact| contact.object == Some(world.target()));
         let center = hand_from_object * episode.scene().center_of_mass();
         let core = prepared.half_extents() * CORE;
         let at = hand_from_object.inverse() * hand.grasp.center - prepared.bounds_center();
         let outside = at.abs().zip_map(&core, |a, c| (a - c).max(0.0)).norm();
-        let touching = contacts.iter().any(|c| c.with_object);
+        let touching = !contacts.is_empty();
         let held = touching && !judge.on_scenery();
         let lift = world.object_center().z - judge.resting_height();
         let pushed = (world.object_center() - first_center).xy().norm();
@@ -73,10 +74,12 @@ impl Potentials {
 }
 
 /// Mean of the share of fingers that press on the object and of the greatest opposition of two parts of the hand.
+///
+/// * `contacts`: of the hand with the object.
 fn opposition(hand: &Hand, contacts: &[HandContact]) -> f64 {
     let palm = hand.chain_count();
     let mut presses = vec![Vector3::zeros(); palm + 1];
-    for contact in contacts.iter().filter(|c| c.with_object) {
+    for contact in contacts {
         presses[hand.chain_of_link(contact.link).unwrap_or(palm)] += contact.normal * contact.force;
     }
     let directions: Vec<_> = presses.iter().map(|p| p.try_normalize(1e-9)).collect();

@@ -7,15 +7,18 @@
 //! about the table's middle: its palm faces the object, and it hides the object neither from the camera in front nor from one overhead.
 
 use crate::AgentError;
+use crate::actions::control::Control;
 use crate::actions::workspace::{LOST_DISTANCE, LOST_HEIGHT};
 use crate::objects::{Need, Prepared, RestingChoice};
+use crate::pool::clearing::Clearing;
 use crate::pool::env_spec::EnvSpec;
+use crate::starts::clutter::{ClutterSamples, Placed, TargetScene, check_options, scene_of};
 use crate::starts::hand_placement::HandPlacement;
 use crate::starts::initial_samples::InitialSamples;
 use crate::starts::random_stream::RandomStream;
 use crate::starts::reset_options::{ObjectChoice, ResetOptions, bad_option, factor, finite, rigid};
 use graspbox_episode::scene::OUT_OF_THE_WAY;
-use graspbox_episode::{Episode, Scene, SuccessCriterion};
+use graspbox_episode::{Episode, Layout, Scene, SuccessCriterion};
 use graspbox_mesh::TriMesh;
 use graspbox_vision::Viewpoint;
 use graspbox_vision::viewpoint::Variation;
@@ -33,8 +36,12 @@ pub struct InitialState {
     pub object: usize,
     /// Index of its resting pose.
     pub resting: usize,
-    /// The object.
-    pub prepared: Arc<Prepared>,
+    /// The objects of the scene, in its order.
+    pub prepared: Vec<Arc<Prepared>>,
+    /// The record of a scene that is cleared.
+    pub clearing: Option<Clearing>,
+    /// The scene of a target among others.
+    pub target_scene: Option<TargetScene>,
     /// Height of the object's centre of mass at rest, metres, if the object is dropped from a requested pose.
     pub dropped: Option<f64>,
     /// The object at rest.
@@ -56,17 +63,18 @@ pub struct InitialState {
 }
 
 impl InitialState {
-    /// The preparation that the initial state of [`InitialState::sample`] would need; the stream is unchanged.
+    /// The preparations that the initial state of [`InitialState::sample`] would need; the stream is unchanged.
     ///
     /// # Errors
     /// [`AgentError::UnknownObject`] or [`AgentError::NoSuchObject`].
-    pub fn need(spec: &EnvSpec, stream: &RandomStream, options: &ResetOptions) -> Result<Need, AgentError> {
+    pub fn needs(spec: &EnvSpec, stream: &RandomStream, options: &ResetOptions) -> Result<Vec<Need>, AgentError> {
         let samples = InitialSamples::new(&mut stream.clone(), spec.objects.len());
-        Ok(Need {
-            object: object_index(spec, &samples, options)?,
-            resting: options.resting.map_or(RestingChoice::Share(samples.resting), RestingChoice::Index),
-            model: !spec.observer.specs().is_empty(),
-        })
+        let model = !spec.observer.specs().is_empty();
+        if spec.config.clutter.layout.is_some() {
+            return Ok(ClutterSamples::new(&spec.config.clutter, &samples, spec.objects.len()).needs(model));
+        }
+        let resting = options.resting.map_or(RestingChoice::Share(samples.resting), RestingChoice::Index);
+        Ok(vec![Need { object: object_index(spec, &samples, options)?, resting: Some(resting), model }])
     }
 
     /// Samples an initial state; `options` replace sampled values.
@@ -76,21 +84,30 @@ impl InitialState {
     pub fn sample(spec: &EnvSpec, stream: &mut RandomStream, options: &ResetOptions) -> Result<Self, AgentError> {
         let vary = &spec.config.randomization;
         let samples = InitialSamples::new(stream, spec.objects.len());
-        let (object, prepared) = choose_object(spec, &samples, options)?;
-        let (resting, scene) = choose_resting(spec, &prepared, &samples, options)?;
+        let mut start = match &spec.config.clutter.layout {
+            Some(layout) => Start::of_many(spec, layout, &samples, options)?,
+            None => Start::of_one(spec, &samples, options)?,
+        };
         let preshape = checked_preshape(spec, options)?;
         let between = |[low, high]: [f64; 2], share: f64| low + (high - low) * share;
         let friction = factor(options.friction, between(vary.friction, samples.friction), "friction")?;
         let mass = factor(options.mass, between(vary.mass, samples.mass), "mass")?;
-        let mut world_from_object = place_object(spec, &prepared, &scene, &samples, options)?;
+        let mut world_from_object = match spec.config.clutter.layout {
+            Some(_) => *start.scene.world_from_object(),
+            None => place_object(spec, &start.prepared[0], &start.scene, &samples, options)?,
+        };
         let mut dropped = None;
         if options.world_from_object.is_some() {
-            let (rests, height) = settled(&scene, &world_from_object, [friction, mass])?;
+            let (rests, height) = settled(&start.scene, &world_from_object, [friction, mass])?;
             dropped = Some(height);
             if spec.config.control.decides() {
                 world_from_object = rests;
             }
         }
+        if spec.config.control == Control::Clear && start.clearing.is_none() {
+            start.clear_alone(spec, world_from_object)?;
+        }
+        let Start { object, resting, scene, prepared, clearing, target_scene } = start;
         let placement = HandPlacement {
             spec,
             object: scene.name(),
@@ -107,6 +124,8 @@ impl InitialState {
             object,
             resting,
             prepared,
+            clearing,
+            target_scene,
             dropped,
             scene,
             world_from_object,
@@ -117,6 +136,53 @@ impl InitialState {
             hand_error,
             viewpoint,
         })
+    }
+}
+
+/// What an episode starts with: a scene and its objects.
+struct Start {
+    object: usize,
+    resting: usize,
+    scene: Arc<Scene>,
+    prepared: Vec<Arc<Prepared>>,
+    clearing: Option<Clearing>,
+    target_scene: Option<TargetScene>,
+}
+
+impl Start {
+    fn of_one(spec: &EnvSpec, samples: &InitialSamples, options: &ResetOptions) -> Result<Self, AgentError> {
+        let (object, prepared) = choose_object(spec, samples, options)?;
+        let (resting, scene) = choose_resting(spec, &prepared, samples, options)?;
+        Ok(Self { object, resting, scene, prepared: vec![prepared], clearing: None, target_scene: None })
+    }
+
+    /// Makes a single object, at rest at its pose, a scene to be cleared.
+    fn clear_alone(&mut self, spec: &EnvSpec, world_from_object: Isometry3<f64>) -> Result<(), AgentError> {
+        let placed = vec![Placed { slot: 0, object: self.object, scale: 1.0, world_from_object }];
+        self.scene = scene_of(spec, &self.prepared, &placed, None)?;
+        self.clearing = Some(Clearing::new(placed));
+        Ok(())
+    }
+
+    fn of_many(
+        spec: &EnvSpec,
+        layout: &Layout,
+        samples: &InitialSamples,
+        options: &ResetOptions,
+    ) -> Result<Self, AgentError> {
+        check_options(options)?;
+        let sampled = ClutterSamples::new(&spec.config.clutter, samples, spec.objects.len());
+        let (prepared, placed) = sampled.at_rest(layout, spec)?;
+        if !spec.config.has_target() {
+            let scene = scene_of(spec, &prepared, &placed, None)?;
+            let object = placed[scene.target()].object;
+            let clearing = Some(Clearing::new(placed));
+            return Ok(Self { object, resting: 0, scene, prepared, clearing, target_scene: None });
+        }
+        let found = sampled.target_among(placed);
+        let scene = scene_of(spec, &prepared, &found.objects, Some(found.target as usize))?;
+        let object = found.objects[scene.target()].object;
+        Ok(Self { object, resting: 0, scene, prepared, clearing: None, target_scene: Some(found) })
     }
 }
 

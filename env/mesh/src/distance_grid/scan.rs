@@ -79,8 +79,9 @@ impl Known {
         let count = xs.len();
         // The nodes that have such a neighbour.
         let (from, to) = (usize::from(dx < 0), count - usize::from(dx > 0));
-        let (own, asked) =
-            (row + from..row + to, other.wrapping_add_signed(dx) + from..other.wrapping_add_signed(dx) + to);
+        // `other + dx` may be -1 where `from` is 1.
+        let neighbour = |x: usize| (other + x).wrapping_add_signed(dx);
+        let (own, asked) = (row + from..row + to, neighbour(from)..neighbour(to));
         let (xs, best, distances) = (&xs[from..to], &mut rows.best[from..to], &mut rows.distances[from..to]);
         let masks = &mut rows.masks[from..to];
         let [bx, by, bz] = [0, 1, 2].map(|k| &self.closest[k][asked.clone()]);

@@ -1,11 +1,12 @@
 //! `graspbox._core.EnvPool`: many environments in one call; `Objects`: the objects that they sample.
 
-use crate::convert::{Array, config, entries, json};
+use crate::convert::{Array, array, config, entries, json};
 use crate::environments::env_arrays::arrays;
 use crate::errors::CoreError;
 use crate::gil::{awaited, detached, interruptible};
 use crate::hand::Hand;
-use crate::mesh::Mesh;
+use crate::layout::put_poses;
+use crate::mesh::{Mesh, MeshData};
 use graspbox_agent::pool::env_pool::Stepped;
 use graspbox_agent::starts::initial_samples::InitialSamples;
 use graspbox_agent::starts::random_stream::RandomStream;
@@ -233,6 +234,28 @@ impl EnvPool {
         }
         let [object, hand, believed] = poses.map(|p| crate::convert::matrices(py, p.into_iter()));
         Ok([object?, hand?, believed?])
+    }
+
+    /// The objects of an environment: their handles, indices in the set (k,) and poses (k, 4, 4), the target's place among them (None without
+    /// one), and the walls as in `arrange`.
+    fn scene<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Bound<'py, PyDict>> {
+        let locked = self.core.env(env).map_err(CoreError::from)?;
+        let episode = locked.episode().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
+        let bodies = episode.objects().map(|object| Mesh(Arc::new(MeshData::of_body(object.prepared.body().clone()))));
+        let dict = PyDict::new(py);
+        dict.set_item("meshes", bodies.collect::<Vec<_>>())?;
+        let indices: Vec<i64> = episode.objects().map(|object| object.index as i64).collect();
+        let count = indices.len();
+        dict.set_item("objects", array(py, indices, &[count])?)?;
+        let scene = episode.episode().scene();
+        dict.set_item("target", (!scene.is_any_target()).then(|| scene.target()))?;
+        put_poses(
+            py,
+            &dict,
+            episode.episode().world().world_from_objects(),
+            &self.core.spec().config.clutter.walls().map_err(CoreError::from)?,
+        )?;
+        Ok(dict)
     }
 
     fn __repr__(&self) -> String {

@@ -10,8 +10,10 @@ use graspbox_agent::AgentError;
 use graspbox_agent::observations::tables::image_tables as image_tables_of;
 use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Model, ViewPlan};
 use graspbox_mesh::VoxelFrame;
-use graspbox_vision::visual_models::object_color;
-use graspbox_vision::{CamerasConfig, ImageKind, Observer, PictureConfig, ScenePose, VisualModels, render_views};
+use graspbox_vision::visual_models::{OBJECT, object_color, object_label};
+use graspbox_vision::{
+    CamerasConfig, ImageKind, ObjectPose, Observer, PictureConfig, ScenePose, VisualModels, WallModel, render_views,
+};
 use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -28,9 +30,10 @@ pub fn image_kinds() -> Vec<&'static str> {
 
 /// Names, shapes, dtypes, bounds, frames, cameras, units and missing values of the images of a config, as JSON.
 #[pyfunction]
-pub fn image_tables(hand: &Hand, cameras: &str) -> PyResult<String> {
+#[pyo3(signature = (hand, cameras, objects=1))]
+pub fn image_tables(hand: &Hand, cameras: &str, objects: usize) -> PyResult<String> {
     let config: CamerasConfig = config(cameras, "CamerasConfig")?;
-    Ok(json(&image_tables_of(&hand.0, config).map_err(CoreError::from)?)?)
+    Ok(json(&image_tables_of(&hand.0, config, objects).map_err(CoreError::from)?)?)
 }
 
 /// Pictures (n, H, W, 3) uint8 of the present state of environments `envs`; `picture` is JSON.
@@ -81,12 +84,13 @@ struct ViewsConfig {
     levels: bool,
 }
 
-/// Renders an object from many sides.
+/// Renders an object, beside others with their poses and walls, from many sides.
 ///
 /// `depth` (n, H, W) float32, `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 if requested, `intrinsics` (3, 3),
 /// `world_from_camera` and `camera_from_object` (n, 4, 4).
 #[pyfunction]
-#[pyo3(signature = (mesh, config, world_from_object, target, num_threads))]
+#[pyo3(signature = (mesh, config, world_from_object, target, num_threads, neighbours, walls))]
+#[expect(clippy::too_many_arguments, reason = "what is rendered crosses by itself")]
 pub fn views<'py>(
     py: Python<'py>,
     mesh: &Mesh,
@@ -94,7 +98,14 @@ pub fn views<'py>(
     world_from_object: Option<Floats<'py>>,
     target: Option<Floats<'py>>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    neighbours: Vec<(PyRef<'py, Mesh>, Floats<'py>)>,
+    walls: Vec<(Floats<'py>, [f64; 3])>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let walls = crate::layout::walls(&walls)?;
+    let placed = |(mesh, pose): &(PyRef<'_, Mesh>, Floats<'_>)| {
+        Ok::<_, CoreError>((Arc::clone(&mesh.0), isometry(pose, "neighbours")?))
+    };
+    let neighbours = neighbours.iter().map(placed).collect::<Result<Vec<_>, _>>()?;
     let config: ViewsConfig = crate::convert::config(config, "views")?;
     let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
     let pose = pose.unwrap_or_else(|| graspbox_mesh::default_pose(&mesh.0.spec.mesh));
@@ -110,11 +121,15 @@ pub fn views<'py>(
         let ranged = around.into_iter().map(|c| c.with_range(config.near, config.far));
         let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
         // Without levels of detail there is nothing to prepare, and existing ones are not used.
-        let (object, detail) = match config.levels {
-            true => (data.render_model()?, Detail::Auto),
-            false => (data.surface()?, Detail::Full),
-        };
-        let scene_pose = still(&data, object, pose, Isometry3::identity(), Vec::new());
+        let detail = if config.levels { Detail::Auto } else { Detail::Full };
+        let walls = walls.iter().map(WallModel::new).collect::<Result<Vec<_>, _>>()?;
+        let mut scene_pose = still(&data, model(&data, config.levels)?, pose, Isometry3::identity(), Vec::new());
+        for (place, (data, world_from_object)) in neighbours.iter().enumerate() {
+            let (color, label) = (object_color(&data.spec.name), object_label(place + 1, 0));
+            let model = model(data, config.levels)?;
+            scene_pose.objects.push(ObjectPose { model, color, label, world_from_object: *world_from_object });
+        }
+        scene_pose.walls = &walls;
         let models = VisualModels::bare(config.table)?;
         let frames = render_views(&models, &scene_pose, &cameras, &Light::default(), channels, detail)?;
         Ok::<_, CoreError>((cameras, frames))
@@ -126,6 +141,11 @@ pub fn views<'py>(
     let camera_from_object = cameras.iter().map(|c| c.camera_from_object(&pose));
     dict.set_item("camera_from_object", matrices(py, camera_from_object)?)?;
     Ok(dict)
+}
+
+/// The model of an object, with levels of detail or in full detail.
+fn model(data: &MeshData, levels: bool) -> Result<&Model, CoreError> {
+    if levels { data.render_model() } else { data.surface() }
 }
 
 /// The arrays of images, by name: `depth`, and `rgb` and `segmentation` if they were requested.
@@ -198,14 +218,15 @@ pub fn time_images<'py>(
     let config: CamerasConfig = config(cameras, "CamerasConfig")?;
     let core = Arc::clone(&pool.core);
     let seconds = detached(py, Some(1), move || {
-        let observer = Observer::new(Arc::clone(core.spec().hand()), config, core.spec().objects.visual_models())?;
+        let (models, objects) = (core.spec().objects.visual_models(), core.spec().config.clutter.most_objects());
+        let observer = Observer::new(Arc::clone(core.spec().hand()), config, models, objects)?;
         let locked = core.env(env)?;
         let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
         let mut images = Vec::new();
         let mut seconds = Vec::with_capacity(repeats);
         for _ in 0..repeats {
             let started = Instant::now();
-            observer.render(&episode.scene_pose()?, episode.viewpoint(), &mut images)?;
+            observer.render(&episode.scene_pose(core.spec())?, episode.viewpoint(), &mut images)?;
             seconds.push(started.elapsed().as_secs_f64());
         }
         Ok::<_, AgentError>(seconds)
@@ -221,5 +242,7 @@ pub(crate) fn still<'a>(
     world_from_hand: Isometry3<f64>,
     world_from_links: Vec<Isometry3<f64>>,
 ) -> ScenePose<'a> {
-    ScenePose { object, color: object_color(&data.spec.name), world_from_object, world_from_hand, world_from_links }
+    let color = object_color(&data.spec.name);
+    let objects = vec![ObjectPose { model: object, color, label: OBJECT, world_from_object }];
+    ScenePose { objects, walls: &[], world_from_hand, world_from_links }
 }

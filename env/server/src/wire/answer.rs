@@ -131,8 +131,7 @@ fn batch(frame: &mut Encoder, layout: &Layout<'_>, batch: &Batch) {
         frame.array(values, &[rows]);
     }
     frame.text("info");
-    let control = layout.spec.config.control;
-    let infos = || INFO.iter().zip(&batch.info).filter(|(row, _)| row.is_in(control));
+    let infos = || INFO.iter().zip(&batch.info).filter(|(row, _)| row.is_in(&layout.spec.config));
     frame.map(infos().count());
     for (row, values) in infos() {
         frame.text(row.name);

@@ -43,7 +43,7 @@ impl World {
     }
 
     /// Every object in the world.
-    pub fn world_from_objects(&self) -> impl Iterator<Item = Isometry3<f64>> {
+    pub fn world_from_objects(&self) -> impl ExactSizeIterator<Item = Isometry3<f64>> {
         let world_from_base = self.state.motion.world_from_base;
         (0..self.object_count()).map(move |object| world_from_base * self.engine.base_from_object(object))
     }
@@ -65,12 +65,23 @@ impl World {
 
     /// Object in the grasp frame.
     pub fn hand_from_object(&self) -> Isometry3<f64> {
-        self.shared.hand.base_from_hand.inverse() * self.engine.base_from_object(self.target())
+        self.hand_from(self.target())
+    }
+
+    /// An object, by its index, in the grasp frame.
+    pub fn hand_from(&self, object: usize) -> Isometry3<f64> {
+        self.shared.hand.base_from_hand.inverse() * self.engine.base_from_object(object)
     }
 
     /// Centre of mass of the object in the world, metres.
     pub fn object_center(&self) -> Point3<f64> {
-        self.world_from_object() * Point3::from(self.shared.objects_from_centers[self.target()])
+        self.center_of(self.target())
+    }
+
+    /// Centre of mass of an object, by its index, in the world, metres.
+    pub fn center_of(&self, object: usize) -> Point3<f64> {
+        let world_from_object = self.state.motion.world_from_base * self.engine.base_from_object(object);
+        world_from_object * Point3::from(self.shared.objects_from_centers[object])
     }
 
     /// Velocity of the object's centre of mass (m/s) and its angular velocity (rad/s), relative to the moving hand frame.

@@ -1,0 +1,208 @@
+//! The start of an episode among several objects: all of them are to be cleared, or one is the target.
+//!
+//! Sampled: the number of objects, uniformly within `objects_per_scene`; the objects, uniformly and without repetition while there are enough;
+//! a scale of each, uniformly within `scale`; the seed of the layout; and the target, uniformly among the objects that lie in the scene. All of it
+//! comes from a stream of its own, whose seed is that of cameras and light, so that it changes no other sample of an initial state.
+
+use crate::AgentError;
+use crate::config::ClutterConfig;
+use crate::objects::{Need, Objects, Prepared};
+use crate::pool::env_spec::EnvSpec;
+use crate::starts::initial_samples::InitialSamples;
+use crate::starts::random_stream::RandomStream;
+use crate::starts::reset_options::{ResetOptions, bad_option};
+use graspbox_episode::{Body, EpisodeError, Layout, Scene};
+use graspbox_mesh::range::{OutOfRange, in_range, is_pose};
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Attempts to make a scene in which at least one object stays in the workspace.
+const ATTEMPTS: u64 = 8;
+/// Tells the stream of the scene from that of cameras and light.
+const STREAM: u64 = 0x636c_7574_7465_7221;
+
+/// A scene, and its objects in its order.
+pub type SceneObjects = (Arc<Scene>, Vec<Arc<Prepared>>);
+
+/// An object of a scene at rest.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Placed {
+    /// Its place in the order of labels.
+    pub slot: u32,
+    /// Its index in the set of objects.
+    pub object: usize,
+    /// Its scale.
+    pub scale: f64,
+    /// Its pose.
+    pub world_from_object: Isometry3<f64>,
+}
+
+impl Placed {
+    /// Refuses objects that no scene of `spec` can have.
+    ///
+    /// # Errors
+    /// [`OutOfRange`], naming the first number.
+    pub(crate) fn check(all: &[Self], spec: &EnvSpec) -> Result<(), OutOfRange> {
+        /// Farther than anything falls, metres.
+        const FARTHEST: f64 = 1e5;
+        let (most, [low, high]) = (spec.config.clutter.most_objects() as f64, spec.config.clutter.scales());
+        in_range("number of objects", all.len() as f64, 1.0..=most, "")?;
+        for placed in all {
+            in_range("objects.slot", f64::from(placed.slot), 0.0..=most - 1.0, "")?;
+            in_range("objects.scale", placed.scale, low..=high, "")?;
+            is_pose("objects.world_from_object", &placed.world_from_object, FARTHEST)?;
+        }
+        Ok(())
+    }
+}
+
+/// A target among other objects; part of every saved state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TargetScene {
+    /// The objects of the scene as the episode begins, in its order. The target is the first in the order of labels.
+    pub objects: Vec<Placed>,
+    /// Index of the target.
+    pub target: u32,
+}
+
+impl TargetScene {
+    /// * `share`: of the objects before the target, in [0, 1).
+    fn new(mut objects: Vec<Placed>, share: f64) -> Self {
+        let target = ((share * objects.len() as f64) as usize).min(objects.len().saturating_sub(1));
+        for (index, placed) in objects.iter_mut().enumerate() {
+            placed.slot = match index {
+                _ if index == target => 0,
+                _ if index < target => index as u32 + 1,
+                _ => index as u32,
+            };
+        }
+        Self { objects, target: target as u32 }
+    }
+
+    /// Number of the other objects.
+    pub fn neighbours(&self) -> usize {
+        self.objects.len().saturating_sub(1)
+    }
+
+    /// Refuses states that no episode of `spec` can have.
+    ///
+    /// * `object`: index of the episode's object in the set.
+    ///
+    /// # Errors
+    /// [`OutOfRange`], naming the first number.
+    pub(crate) fn check(&self, object: usize, spec: &EnvSpec) -> Result<(), OutOfRange> {
+        Placed::check(&self.objects, spec)?;
+        in_range("target_scene.target", f64::from(self.target), 0.0..=(self.objects.len() - 1) as f64, "")?;
+        let target = self.objects[self.target as usize].object as f64;
+        in_range("target_scene.objects[target].object", target, object as f64..=object as f64, "")
+    }
+}
+
+/// The random numbers of a scene.
+pub struct ClutterSamples {
+    /// Index and scale of each object.
+    pub objects: Vec<(usize, f64)>,
+    /// Seed of the layout.
+    pub seed: u64,
+    /// Uniform in [0, 1): the target among the objects that lie in the scene.
+    pub target: f64,
+}
+
+impl ClutterSamples {
+    /// Samples a scene from a set of `count` objects.
+    pub fn new(config: &ClutterConfig, samples: &InitialSamples, count: usize) -> Self {
+        let mut stream = RandomStream::new(samples.viewpoint ^ STREAM);
+        let [low, high] = config.objects_per_scene;
+        let number = low + stream.sample_index(high - low + 1);
+        let mut left: Vec<usize> = Vec::new();
+        let objects = (0..number).map(|_| {
+            if left.is_empty() {
+                left = (0..count).collect();
+            }
+            let object = left.swap_remove(stream.sample_index(left.len()));
+            (object, stream.sample_range(config.scale[0], config.scale[1]))
+        });
+        let objects = objects.collect();
+        Self { objects, seed: stream.sample_seed(), target: stream.sample_unit() }
+    }
+
+    /// The preparation that the scene needs of its objects.
+    pub fn needs(&self, model: bool) -> Vec<Need> {
+        self.objects.iter().map(|(object, _)| Need { object: *object, resting: None, model }).collect()
+    }
+
+    /// The objects at rest, as many as stay in the workspace.
+    ///
+    /// # Errors
+    /// An error of an object that cannot be prepared, or [`EpisodeError::NoRest`] if no object ever stays in the workspace.
+    pub fn at_rest(&self, layout: &Layout, spec: &EnvSpec) -> Result<(Vec<Arc<Prepared>>, Vec<Placed>), AgentError> {
+        let objects = &spec.objects;
+        let all = self.objects.iter().map(|(object, scale)| scaled(objects, *object, *scale));
+        let all = all.collect::<Result<Vec<_>, _>>()?;
+        let bodies: Vec<&Body> = all.iter().map(|prepared| prepared.body()).collect();
+        for attempt in 0..ATTEMPTS {
+            let found = layout.arrange(&bodies, spec.hand(), *objects.physics(), self.seed.wrapping_add(attempt))?;
+            if found.objects.is_empty() {
+                continue;
+            }
+            let placed = found.objects.iter().zip(&found.world_from_objects).enumerate();
+            let placed = placed.map(|(slot, (index, pose))| {
+                let (object, scale) = self.objects[*index];
+                Placed { slot: slot as u32, object, scale, world_from_object: *pose }
+            });
+            return Ok((found.objects.iter().map(|index| Arc::clone(&all[*index])).collect(), placed.collect()));
+        }
+        let object = bodies.iter().map(|body| body.name()).collect::<Vec<_>>().join(", ");
+        Err(EpisodeError::NoRest { object, why: "none of them stays in the workspace" }.into())
+    }
+
+    /// The target among objects at rest.
+    pub fn target_among(&self, objects: Vec<Placed>) -> TargetScene {
+        TargetScene::new(objects, self.target)
+    }
+}
+
+/// An object at a scale.
+///
+/// # Errors
+/// As [`Objects::prepared`], or an object that is too small to simulate at this scale.
+pub fn scaled(objects: &Objects, object: usize, scale: f64) -> Result<Arc<Prepared>, AgentError> {
+    let prepared = objects.prepared(object)?;
+    if scale == 1.0 { Ok(prepared) } else { Ok(Arc::new(prepared.scaled(scale)?)) }
+}
+
+/// The scene of objects at rest.
+///
+/// * `target`: index of the target; `None`: any of them may be grasped.
+///
+/// # Errors
+/// As [`Scene::of_objects`].
+pub fn scene_of(
+    spec: &EnvSpec,
+    prepared: &[Arc<Prepared>],
+    placed: &[Placed],
+    target: Option<usize>,
+) -> Result<Arc<Scene>, AgentError> {
+    let bodies: Vec<&Body> = prepared.iter().map(|prepared| prepared.body()).collect();
+    let poses: Vec<_> = placed.iter().map(|placed| placed.world_from_object).collect();
+    let (walls, hand, physics) = (spec.config.clutter.walls()?, Arc::clone(spec.hand()), *spec.objects.physics());
+    Ok(Arc::new(Scene::of_objects(&bodies, &poses, &walls, target, hand, physics)?))
+}
+
+/// Refuses options of a single object.
+///
+/// # Errors
+/// [`AgentError::BadOption`].
+pub fn check_options(options: &ResetOptions) -> Result<(), AgentError> {
+    let single = [
+        ("object", options.object.is_some()),
+        ("resting", options.resting.is_some()),
+        ("place", options.place.is_some()),
+        ("world_from_object", options.world_from_object.is_some()),
+    ];
+    match single.into_iter().find(|(_, set)| *set) {
+        Some((option, _)) => Err(bad_option(option, "a scene of several objects is sampled as a whole; give a seed")),
+        None => Ok(()),
+    }
+}
