@@ -11,6 +11,7 @@
 | episode | ``episode.png``: an episode of ``graspbox/Grasp-v0`` that the scripted expert solves |
 | frames  | ``hand_frames.png``: frames of hands in formats of other programs |
 | grasp_image | ``grasp_image.png``: grasps that ``policies/depth`` finds in a noisy depth image of a kettle |
+| clearing | ``clearing.png``: a pile that ``policies/panda_clutter`` clears |
 | export  | ``exported_scene.png``: a grasp held by graspbox, and by MuJoCo in the exported scene (needs OpenGL) |
 | study   | ``table_3_1.png``: table 3.1 of the reference study, compared with graspbox |
 
@@ -41,6 +42,8 @@ TRACED = "ycb:006_mustard_bottle"
 SWEPT = "procedural:kettle:3"
 #: Object of the depth image, and the policy.
 SEEN, POLICY = "procedural:kettle:0", Path("policies/depth")
+#: The policy that clears a pile.
+CLEARS = Path("policies/panda_clutter")
 #: Object of the exported scene.
 EXPORTED = "procedural:mug:3"
 #: Object and seed of the episode.
@@ -86,6 +89,13 @@ def write_grasp_image(out: Path) -> None:
     pictures.save_grasp_image(out / "grasp_image.png", found)
 
 
+def write_clearing(out: Path) -> None:
+    """Show a pile that a policy clears."""
+    from clearing import save_clearing
+
+    save_clearing(out / "clearing.png", CLEARS, "procedural:unseen:0-19", count=7, seed=2)
+
+
 def write_export(out: Path) -> None:
     """Show a grasp held by graspbox and by MuJoCo, which steps the exported scene."""
     from exported_scene import save_exported_scene
@@ -108,6 +118,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "episode": lambda out: pictures.save_episode(out / "episode.png", PLAYED, seed=START),
     "frames": lambda out: pictures.save_hand_frames(out / "hand_frames.png"),
     "grasp_image": write_grasp_image,
+    "clearing": write_clearing,
     "export": write_export,
     "study": write_study,
 }

@@ -159,6 +159,8 @@ class Mesh:
     def __deepcopy__(self, _memo: object, /) -> Mesh: ...
     @staticmethod
     def load(path: str | PathLike[str], name: str, mass: float | None, options: str, cleaning: str | None) -> Mesh: ...
+    def scaled(self, scale: float, cache: str | PathLike[str] | None) -> Mesh:
+        """Multiply every length by `scale`, at the same density."""
     @property
     def name(self) -> str:
         """Name of the object."""
@@ -196,6 +198,11 @@ class Mesh:
         """
     def resting_poses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Stable poses on a table, the most probable first: (n, 4, 4) `world_from_object`, and probabilities (n,)."""
+    def least_width(self, world_from_object: NDArray[np.float64]) -> float:
+        """Smallest distance of two vertical planes between which the object lies, metres.
+
+        `world_from_object` is a pose (4, 4), metres; the z axis of the world is vertical.
+        """
 
 @final
 class Hand:
@@ -288,6 +295,15 @@ class Scene:
         world_from_object: NDArray[np.float64] | None,
         cache: str | PathLike[str] | None,
     ) -> Scene: ...
+    @staticmethod
+    def of_objects(
+        meshes: Sequence[Mesh],
+        world_from_objects: NDArray[np.float64],
+        walls: Sequence[tuple[NDArray[np.float64], Sequence[float]]],
+        hand: Hand,
+        physics: str,
+        cache: str | PathLike[str] | None,
+    ) -> Scene: ...
     @property
     def name(self) -> str: ...
     @property
@@ -363,6 +379,7 @@ class EnvPool:
     def get_state(self, env: int) -> bytes: ...
     def set_state(self, env: int, state: bytes) -> EnvArrays: ...
     def poses(self) -> list[NDArray[np.float64]]: ...
+    def scene(self, env: int) -> SceneArrays: ...
 
 @final
 class Server:
@@ -454,6 +471,8 @@ def plan(
     cache: str | PathLike[str] | None,
     num_threads: int | None,
     features: bool,
+    neighbours: Sequence[tuple[Mesh, NDArray[np.float64]]],
+    walls: Sequence[tuple[NDArray[np.float64], Sequence[float]]],
 ) -> PlanArrays: ...
 def is_rigid(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which of `poses` (n, 4, 4) the core takes for rigid motions: flags (n,)."""
@@ -501,7 +520,7 @@ def render(
     """
 
 def image_kinds() -> list[str]: ...
-def image_tables(hand: Hand, cameras: str) -> str: ...
+def image_tables(hand: Hand, cameras: str, objects: int = 1) -> str: ...
 def pictures(pool: EnvPool, envs: Sequence[int], picture: str) -> NDArray[np.uint8]: ...
 def poses_of_cameras(pool: EnvPool) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
 def views(
@@ -510,6 +529,8 @@ def views(
     world_from_object: NDArray[np.float64] | None,
     target: NDArray[np.float64] | None,
     num_threads: int | None,
+    neighbours: Sequence[tuple[Mesh, NDArray[np.float64]]],
+    walls: Sequence[tuple[NDArray[np.float64], Sequence[float]]],
 ) -> ViewArrays: ...
 
 @type_check_only
@@ -518,6 +539,11 @@ class ArrangementArrays(TypedDict):
     world_from_objects: NDArray[np.float64]
     world_from_walls: NDArray[np.float64]
     wall_half_extents: NDArray[np.float64]
+
+@type_check_only
+class SceneArrays(ArrangementArrays):
+    meshes: list[Mesh]
+    target: int | None
 
 def arrange(
     meshes: Sequence[Mesh],

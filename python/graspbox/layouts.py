@@ -26,11 +26,24 @@ from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
 from graspbox.hands.caching import cache_folder
 from graspbox.meshes import Mesh, MeshLike, as_mesh
-from graspbox.object_sets import ObjectSpec
+from graspbox.object_sets import ObjectSet, ObjectSpec
 
-__all__ = ["SCALES", "Arrangement", "Layout", "arrange", "draw_objects", "layout_named"]
+__all__ = [
+    "SCALES",
+    "Arrangement",
+    "Layout",
+    "SceneLayout",
+    "arrange",
+    "draw_objects",
+    "layout_named",
+    "objects_that_fit",
+    "scaled",
+    "scene_layout_named",
+]
 
 Layout = Literal["packed", "pile", "bin"]
+#: A layout, or a single object in one of its resting poses.
+SceneLayout = Literal["single", "packed", "pile", "bin"]
 
 #: Least and greatest scale of the objects of each layout.
 SCALES: dict[Layout, tuple[float, float]] = {"packed": (0.7, 0.9), "pile": (0.8, 1.0), "bin": (1.0, 1.0)}
@@ -54,6 +67,8 @@ class Arrangement:
         Poses of the walls of a bin.
     wall_half_extents : (w, 3) array
         Half extents of these boxes, metres.
+    target : int, optional
+        Index, among the objects that stayed, of the one that is to be grasped; None if any of them may be.
     """
 
     layout: Layout
@@ -62,9 +77,39 @@ class Arrangement:
     world_from_objects: NDArray[np.float64]
     world_from_walls: NDArray[np.float64]
     wall_half_extents: NDArray[np.float64]
+    target: int | None = None
 
     def __len__(self) -> int:
         return len(self.objects)
+
+    def top(self) -> float:
+        """Height of the highest point of objects and walls above the table, metres; 0 for none."""
+        objects = zip(self.meshes, self.world_from_objects, strict=True)
+        heights = [float((mesh.vertices @ pose[2, :3]).max() + pose[2, 3]) for mesh, pose in objects]
+        walls = zip(self.wall_half_extents, self.world_from_walls, strict=True)
+        heights += [float(np.abs(pose[2, :3]) @ half + pose[2, 3]) for half, pose in walls]
+        return max(heights, default=0.0)
+
+    def without(self, index: int) -> "Arrangement":
+        """Return the same scene without one object; `index` counts those that are here.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such object.
+        """
+        if not 0 <= index < len(self):
+            raise ConfigError(f"there is no object {index} of {len(self)}; count from 0")
+        target = self.target
+        if target is not None:
+            target = None if target == index else target - (index < target)
+        return replace(
+            self,
+            target=target,
+            objects=self.objects[:index] + self.objects[index + 1 :],
+            meshes=self.meshes[:index] + self.meshes[index + 1 :],
+            world_from_objects=np.delete(self.world_from_objects, index, axis=0),
+        )
 
     def __repr__(self) -> str:
         names = ", ".join(mesh.name for mesh in self.meshes)
@@ -151,7 +196,37 @@ def draw_objects(specs: Sequence[ObjectSpec], count: int, layout: Layout, seed: 
     random = np.random.default_rng([seed, 1])
     chosen = random.choice(len(specs), size=count, replace=count > len(specs))
     scales = random.uniform(*SCALES[layout], size=count)
-    return [_scaled(specs[int(index)], float(scale)) for index, scale in zip(chosen, scales, strict=True)]
+    return [scaled(specs[int(index)], float(scale)) for index, scale in zip(chosen, scales, strict=True)]
+
+
+def objects_that_fit(objects: ObjectSet, layout: Layout, hand: HandLike) -> ObjectSet:
+    """Leave out objects that are too wide for a hand.
+
+    An object fits if its least width in plan view, at the greatest scale of the layout, is at most the hand's widest
+    opening: upright in packed scenes, else in resting poses whose probabilities sum to 1/2 or more. One without a
+    resting pose does not fit. The result may be empty.
+
+    Raises
+    ------
+    ConfigError
+        For another layout or hand.
+    """
+    widest, largest = load_hand(hand).widest, SCALES[layout_named(layout)][1]
+    if widest == float("inf"):
+        return objects
+
+    def fits(spec: ObjectSpec) -> bool:
+        mesh = spec.load()
+        if layout == "packed":
+            return largest * mesh.least_width(np.eye(4)) <= widest
+        try:
+            poses, probabilities = mesh.resting_poses()
+        except ConfigError:
+            return False
+        narrow = [largest * mesh.least_width(pose) <= widest for pose in poses]
+        return bool(probabilities[narrow].sum() >= 0.5 * probabilities.sum())
+
+    return replace(objects, objects=tuple(spec for spec in objects if fits(spec)))
 
 
 def layout_named(name: str) -> Layout:
@@ -168,7 +243,20 @@ def layout_named(name: str) -> Layout:
     raise ConfigError(f"layout is {name!r}; choose from {', '.join(get_args(Layout))}")
 
 
-def _scaled(spec: ObjectSpec, factor: float) -> ObjectSpec:
+def scene_layout_named(name: str) -> SceneLayout:
+    """Check the name of a layout, or ``single``.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+    """
+    if name not in get_args(SceneLayout):
+        raise ConfigError(f"layout is {name!r}; choose from {', '.join(get_args(SceneLayout))}")
+    return cast("SceneLayout", name)
+
+
+def scaled(spec: ObjectSpec, factor: float) -> ObjectSpec:
     """Scale an object and, where its mass does not follow from its volume, its mass."""
     mass = None if spec.mass is None else spec.mass * factor**3
     return replace(spec, scale=spec.scale * factor, mass=mass)

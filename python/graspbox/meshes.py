@@ -4,19 +4,33 @@ A `Mesh` is stored in Rust; its arrays are fresh copies. Units are metres and ki
 """
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats, to_json
 from graspbox._core import Mesh
 from graspbox.configs import CleanConfig, LoadConfig
 from graspbox.errors import ConfigError
 
-__all__ = ["Mesh", "MeshLike", "as_mesh", "floats", "load_mesh", "mesh_from_arrays", "to_json"]
+__all__ = [
+    "Mesh",
+    "MeshLike",
+    "Surroundings",
+    "as_mesh",
+    "floats",
+    "load_mesh",
+    "mesh_from_arrays",
+    "placed",
+    "to_json",
+]
+
+#: Objects with their poses, and boxes with their poses and half extents, as the core takes them.
+Placed = tuple[list[tuple[Mesh, NDArray[np.float64]]], list[tuple[NDArray[np.float64], list[float]]]]
 
 
 class Triangles(Protocol):
@@ -29,6 +43,38 @@ class Triangles(Protocol):
     @property
     def faces(self) -> ArrayLike:
         """Vertex indices (m, 3)."""
+
+
+class Surroundings(Protocol):
+    """What is around an object: `graspbox.Arrangement` is one.
+
+    Attributes
+    ----------
+    meshes : sequence of Mesh
+        k objects.
+    world_from_objects : (k, 4, 4) array
+        Their poses.
+    world_from_walls : (w, 4, 4) array
+        Poses of boxes.
+    wall_half_extents : (w, 3) array
+        Their half extents, metres.
+    """
+
+    @property
+    def meshes(self) -> Sequence[Mesh]:
+        """The objects."""
+
+    @property
+    def world_from_objects(self) -> NDArray[np.float64]:
+        """Their poses."""
+
+    @property
+    def world_from_walls(self) -> NDArray[np.float64]:
+        """Poses of boxes."""
+
+    @property
+    def wall_half_extents(self) -> NDArray[np.float64]:
+        """Their half extents."""
 
 
 #: Sources that `as_mesh` accepts.
@@ -160,3 +206,11 @@ def as_mesh(source: MeshLike, name: str = "mesh") -> Mesh:
             "or an object with vertices and faces, such as a trimesh.Trimesh"
         )
     return mesh_from_arrays(vertices, faces)
+
+
+def placed(around: Surroundings | None) -> Placed:
+    """Pair objects and walls with their poses; there are none without surroundings."""
+    if around is None:
+        return [], []
+    objects = list(zip(around.meshes, around.world_from_objects, strict=True))
+    return objects, list(zip(around.world_from_walls, around.wall_half_extents.tolist(), strict=True))

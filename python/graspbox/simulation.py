@@ -15,7 +15,7 @@ shakes the object. The labels are defined as follows:
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,7 @@ from graspbox._core import Hand, Mesh
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
-from graspbox.meshes import MeshLike, as_mesh
+from graspbox.meshes import MeshLike, Surroundings, as_mesh, placed
 from graspbox.outcomes import Outcome, Outcomes, Trace
 from graspbox.planning import Grasp, Plan
 from graspbox.planning.plan_files import mesh_hash
@@ -95,8 +95,38 @@ class Scene:
         settings = to_json(physics, PhysicsConfig, "physics")
         self._core = _core.Scene(object_mesh, self._hand, settings, start, cache or cache_folder())
         self._made_from = (object_mesh, self._hand, start, physics, cache)
+        self._around: Surroundings | None = None
+
+    @classmethod
+    def of(
+        cls,
+        scene: Surroundings,
+        *,
+        hand: HandLike = "reflex",
+        physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
+    ) -> Self:
+        """Make a scene of several objects and walls, all of them at rest, such as `graspbox.arrange` returns.
+
+        A trial may grasp any of them: it is about the one on which the closed hand presses most. "The object" of the
+        other methods, in whose frame poses are given, is the one that reaches highest.
+
+        Raises
+        ------
+        SimulationError
+            If there is no object, too many of them, or one that cannot be simulated.
+        """
+        objects, walls = placed(scene)
+        poses = np.stack([pose for _, pose in objects]) if objects else np.zeros((0, 4, 4))
+        made, settings = cls.__new__(cls), to_json(physics, PhysicsConfig, "physics")
+        made._hand = load_hand(hand)
+        meshes = [mesh for mesh, _ in objects]
+        made._core = _core.Scene.of_objects(meshes, poses, walls, made._hand, settings, cache_folder())
+        made._made_from, made._around = (made._core.mesh, made._hand, None, physics, None), scene
+        return made
 
     def __reduce__(self) -> tuple[Any, ...]:
+        if self._around is not None:
+            return _scene_of, (self._around, self._hand, self.physics)
         return _scene, self._made_from
 
     def __copy__(self) -> "Scene":
@@ -298,6 +328,11 @@ def _scene(
 ) -> Scene:
     """Rebuild a pickled scene."""
     return Scene(mesh, hand=hand, world_from_object=start, physics=physics, cache=cache)
+
+
+def _scene_of(around: Surroundings, hand: Hand, physics: PhysicsConfig) -> Scene:
+    """Rebuild a pickled scene of several objects."""
+    return Scene.of(around, hand=hand, physics=physics)
 
 
 def simulate(

@@ -21,7 +21,7 @@ from graspbox import _core
 from graspbox._common.arguments import floats, plain
 from graspbox._common.by_value import ByValue
 from graspbox.errors import ConfigError
-from graspbox.meshes import MeshLike, as_mesh
+from graspbox.meshes import MeshLike, Surroundings, as_mesh, placed
 
 __all__ = ["ViewPlan", "Views", "depth_millimetres", "occupancy", "views"]
 
@@ -74,7 +74,7 @@ class Views(ByValue):
     rgb : (n, H, W, 3) uint8 or None
         Red, green, blue.
     segmentation : (n, H, W) uint8 or None
-        0 background, 1 table and ground, 2 object.
+        0 background, 1 table, ground and walls, 2 object, 3 and more its neighbours.
     intrinsics : (3, 3) float64
         Maps a point in the camera's frame to homogeneous pixel coordinates.
     world_from_camera, camera_from_object : (n, 4, 4) float64
@@ -108,6 +108,7 @@ def views(
     levels: bool = True,
     world_from_object: ArrayLike | None = None,
     target: ArrayLike | None = None,
+    neighbours: Surroundings | None = None,
     num_threads: int | None = None,
 ) -> Views:
     """Render an object from many views.
@@ -140,6 +141,8 @@ def views(
         the table's origin.
     target : (3,) array, optional
         Point that the cameras look at, world frame; by default the centre of the object's bounds.
+    neighbours : Surroundings, optional
+        Other objects and walls, such as `graspbox.Arrangement.without` returns.
     num_threads : int, optional
         Number of threads; images do not depend on it.
 
@@ -168,7 +171,8 @@ def views(
     }
     arguments = {"world_from_object": world_from_object, "target": target}
     pose, middle = (None if value is None else floats(value, name) for name, value in arguments.items())
-    found = _core.views(as_mesh(mesh), json.dumps(plain(config, "views")), pose, middle, num_threads)
+    others, walls = placed(neighbours)
+    found = _core.views(as_mesh(mesh), json.dumps(plain(config, "views")), pose, middle, num_threads, others, walls)
     return Views(
         depth=found["depth"],
         rgb=found.get("rgb"),

@@ -89,15 +89,21 @@ def term_table(control: str) -> str:
     return markdown("term min max meaning", rows)
 
 
+def entry_row(row: spaces.Entry) -> tuple[str, str, str, str]:
+    """Write an entry of the info."""
+    types = {"float64": "float", "int64": "int"}
+    return row["name"], types.get(row["dtype"], row["dtype"]), row["unit"], row["meaning"]
+
+
+def target_table() -> str:
+    """Further info with one target among several objects."""
+    return markdown("entry type unit meaning", [entry_row(row) for row in FOUND["target_info"]])
+
+
 def info_table(control: str, beside: str | None = None) -> str:
     """Info of a control mode, without the entries of `beside`; the entry added by Python comes last."""
-    types = {"float64": "float", "int64": "int"}
     known = [] if beside is None else [row["name"] for row in spaces.entries(beside, FOUND)]
-    rows = [
-        (row["name"], types.get(row["dtype"], row["dtype"]), row["unit"], row["meaning"])
-        for row in spaces.entries(control, FOUND)
-        if row["name"] not in known
-    ]
+    rows = [entry_row(row) for row in spaces.entries(control, FOUND) if row["name"] not in known]
     added = ("reward_terms", "dict", "", "reward terms of the last step (float) by name; zeros after a reset")
     return markdown("entry type unit meaning", rows if beside else [*rows, added])
 
@@ -107,10 +113,16 @@ def tables() -> dict[str, Callable[[], str]]:
     found: dict[str, Callable[[], str]] = {
         "images": image_table,
         "info of Grasp-v0": partial(info_table, "twist"),
+        "further info with a target": target_table,
         "further info of GraspPose-v0": partial(info_table, "grasp_pose", "twist"),
+        "further info of Clear-v0": partial(info_table, "clear", "twist"),
+        # Its columns and rewards are those of GraspPose-v0.
+        "vectors of Clear-v0": partial(vector_table, "clear"),
     }
     for env, control in (("Grasp-v0", "twist"), ("GraspPose-v0", "grasp_pose")):
         found[f"vectors of {env}"] = partial(vector_table, control)
         found[f"columns of {env}"] = partial(column_table, control)
         found[f"reward of {env}"] = partial(term_table, control)
-    return found | {f"action of {one}": partial(action_table, one) for one in (*FOUND["actions"], "grasp_pose")}
+    return found | {
+        f"action of {one}": partial(action_table, one) for one in (*FOUND["actions"], "grasp_pose", "clear")
+    }

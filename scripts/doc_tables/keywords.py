@@ -33,7 +33,9 @@ GRASP = Constructor("grasp.py", "GraspEnv", settings.GraspSettings)
 VECTOR = Constructor("vector.py", "GraspVectorEnv", settings.GraspVectorSettings, WIDE, GRASP)
 POSE = Constructor("grasp_pose.py", "GraspPoseEnv", settings.GraspPoseSettings, base=GRASP)
 POSES = Constructor("grasp_pose.py", "GraspPoseVectorEnv", settings.GraspPoseVectorSettings, WIDE, VECTOR)
-CONSTRUCTORS = (GRASP, VECTOR, POSE, POSES)
+CLEAR = Constructor("clear.py", "ClearEnv", settings.ClearSettings, base=POSE)
+CLEARS = Constructor("clear.py", "ClearVectorEnv", settings.ClearVectorSettings, WIDE, POSES)
+CONSTRUCTORS = (GRASP, VECTOR, POSE, POSES, CLEAR, CLEARS)
 POSITIONAL = {"num_envs": settings.NUM_ENVS, "objects": settings.OBJECTS}
 
 
@@ -63,7 +65,7 @@ def parameters(constructor: Constructor) -> str:
     else:
         known = settings.keywords(base.keywords)
         entries.append((", ".join(shared), f"As of `{base.path}`."))
-        entries += [(f"{name} : {row.type}", row.meaning) for name, row in own.items() if name not in known]
+        entries += [(f"{name} : {row.type}", row.meaning) for name, row in own.items() if known.get(name) != row]
         missing = [f"``{name}``" for name in known if name not in own]
         exceptions = f", except {' and '.join(missing)}" if missing else ""
         entries.append(("**settings", f"Other keywords of `{base.path}`{exceptions}."))

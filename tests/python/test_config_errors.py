@@ -90,8 +90,8 @@ def numpy_cases() -> Iterator[Any]:
                 makers += NUMPY.get(kind, NUMPY[str] if get_origin(kind) is Literal else ())
                 if get_origin(kind) is tuple and value and not is_dataclass(value[0]):
                     makers += [np.asarray, lambda v: tuple(np.asarray(v)), list]
-            if value is None:
-                value = 1
+            if value is None:  # of the text alone, the layout
+                value = "packed" if str in kinds(hints[field.name]) else 1
             for i, maker in enumerate(makers):
                 yield pytest.param(config, field.name, maker, value, id=f"{config.__name__}.{field.name}-{i}")
 

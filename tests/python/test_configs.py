@@ -30,7 +30,7 @@ def changed(value: Any) -> Any:
         return [changed(inner) for inner in value] or ["rgb"]
     if isinstance(value, dict):
         # None by default; a shake is a config.
-        other_than_none = {"shake": SHAKE, "shape": [8, 16, 24]}
+        other_than_none = {"shake": SHAKE, "shape": [8, 16, 24], "layout": "packed"}
         return {key: other_than_none.get(key) or changed(inner) for key, inner in value.items()}
     other = {"minimum": "pca", "share": "area", "random": "grid"}
     other |= {"twist": "delta_pose", "next_step": "same_step"}

@@ -17,6 +17,7 @@ from graspbox.envs import IDS, spaces
 
 TABLES = spaces.tables(graspbox.load_hand())
 GRASP = "graspbox/Grasp-v0"
+CLEAR = "graspbox/Clear-v0"
 STEPS = 20
 
 #: Every id with every observation that it has, and with several at once; Grasp-v0 with its other control modes too.
@@ -24,7 +25,13 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     *[("graspbox/GraspPose-v0", {"obs": name}) for name in TABLES["decision"]["observations"]],
     ("graspbox/GraspPose-v0", {"obs": ("depth_palm", "rgb", "state", "proprio", "voxels"), "image_size": 36}),
     *[("graspbox/GraspPose-v0", {"obs": name, "image_size": (40, 48)}) for name in spaces.IMAGES],
+    # The hand touches nothing while it waits, so that Clear-v0 has nothing to see in `tactile`.
+    *[(CLEAR, {"obs": name}) for name in TABLES["clear"]["observations"] if name != "tactile"],
+    (CLEAR, {"obs": ("depth", "segmentation", "rgb", "state"), "image_size": 36, "layout": "packed"}),
+    (CLEAR, {"obs": "segmentation", "image_size": (40, 48), "layout": "bin", "objects_per_scene": (2, 4)}),
+    ("graspbox/GraspPose-v0", {"obs": ("state", "segmentation"), "image_size": 36, "layout": "packed"}),
     *[(GRASP, {"obs": name}) for name in TABLES["observations"]["twist"]],
+    (GRASP, {"obs": ("state", "segmentation"), "image_size": 36, "layout": "packed", "objects_per_scene": (2, 4)}),
     *[(GRASP, {"obs": name, "image_size": 36}) for name in spaces.IMAGES],
     (GRASP, {"obs": ("depth_palm", "proprio"), "randomization": "standard", "image_size": (40, 48)}),
     (GRASP, {"obs": ("proprio", "tactile"), "reward": "dense", "randomization": "standard"}),
@@ -54,7 +61,7 @@ def actions(env: Any, count: int) -> Any:
     env.action_space.seed(7)
     if env.spec.id == GRASP:
         return [env.action_space.sample() for _ in range(count)]
-    # A step of GraspPose-v0 is an episode: in every other one the palm is over the middle, facing down.
+    # Decisions take longer than steps: in every other one the palm is over the middle, facing down.
     drawn = [env.action_space.sample() for _ in range(count // 10)]
     for action in drawn[::2]:
         action[:9] = [*(0.1 * action[:2]), 0.1 * action[2] - 0.3, 1, 0, 0, 0, -1, 0]

@@ -67,6 +67,15 @@ def test_resting_poses_of_a_cuboid() -> None:
     assert (np.diff(probabilities) <= 1e-12).all()
 
 
+def test_least_width_of_a_cuboid_in_plan_view() -> None:
+    mesh = cuboid(0.1, 0.2, 0.3)
+    poses, _ = mesh.resting_poses()
+    found = {round(mesh.least_width(pose), 6) for pose in poses}
+    assert found == {0.1, 0.2}, "on its smallest and middle faces 0.1, on the largest 0.2"
+    with pytest.raises(errors.ConfigError, match="world_from_object"):
+        mesh.least_width(np.eye(3))
+
+
 @pytest.mark.parametrize(
     ("vertices", "faces", "complaint"),
     [

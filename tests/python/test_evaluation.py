@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from graspbox import evaluation, object_sets, policies
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import evaluate, run_trials, trial_seeds, wilson
 from graspbox.hands import load_hand
 from graspbox.policies import Policy, Task, Zero
 from interrupting import interrupted
 
-POSE, LOOP = IDS
+POSE, LOOP = SINGLE_OBJECT_IDS
 SET = ["procedural:can:0-4", "procedural:box:0-4"]
 
 
@@ -225,7 +225,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 def test_a_function_is_no_policy() -> None:
     policy: Any = lambda observation: observation  # noqa: E731
     with pytest.raises(ConfigError, match=r"policy is a function; give a graspbox\.policies\.Policy"):
-        evaluate(policy, IDS[0], "procedural:can:0", 1, 0)
+        evaluate(policy, SINGLE_OBJECT_IDS[0], "procedural:can:0", 1, 0)
 
 
 def test_environments_that_reset_by_themselves_are_refused() -> None:

@@ -85,6 +85,14 @@ def test_torchrl_rolls_out() -> None:
     assert rollout["next", "reward"].shape == (5, 1)
 
 
+def test_a_planner_on_distance_fields_clears_objects() -> None:
+    """It sees no mesh, and lifts things in most attempts."""
+    found = example("clear_with_your_planner").main("packed", rounds=3)
+    assert found.policy == "your_planner"
+    assert found.success_rate > 0.3
+    assert found.cleared.sum() >= 3
+
+
 @pytest.fixture
 def ray_of_its_own() -> Iterator[None]:
     """Start Ray here, so that no test joins another one's cluster."""

@@ -90,6 +90,20 @@ def test_frames_of_the_franka_hand() -> None:
     assert convention_of(hand).gripper == "panda"
 
 
+def test_vgn_places_a_hand_on_its_palm() -> None:
+    """Its fingers close along y; 0.065 m in front of the flange of the Franka hand, whose pads are at 0.1033 m."""
+    for name, ahead in (("panda_gripper", 0.1033 - 0.065), ("robotiq_2f_85", None)):
+        hand = graspbox.load_hand(name)
+        vgn_from_hand = exchange.frame_from_hand(hand, "vgn")
+        shapes, _, pads, _ = hand.shapes(hand.open(hand.preshape_limits[0]))
+        centers = (vgn_from_hand @ shapes)[pads][:, :3, 3]
+        assert centers[:, 1].min() < -0.03 < 0.03 < centers[:, 1].max()
+        np.testing.assert_allclose(centers[:, 0], 0.0, atol=1e-12)
+        assert np.linalg.det(vgn_from_hand) == pytest.approx(1.0)
+        if ahead is not None:
+            np.testing.assert_allclose(centers[:, 2], ahead, atol=1e-9)
+
+
 def test_frames_of_the_robotiq_gripper() -> None:
     """All formats have the frame of the base link: the fingers close along x, and the tips are 149 mm ahead."""
     hand = graspbox.load_hand("robotiq_2f_85")

@@ -145,7 +145,7 @@ def test_a_reference_leads_to_an_installed_policy(site: Path, tmp_path: Path) ->
 def test_trainings_take_the_name(site: Path, tmp_path: Path) -> None:
     pytest.importorskip("torch")
     from graspbox.recipes import feel
-    from graspbox.recipes.settings import FeelSettings
+    from graspbox.recipes.settings.feel import FeelSettings
     from graspbox.sb3 import export
 
     assert export._goal_of(tmp_path / "clone", "depth")[0]["goal"].policy == "depth"

@@ -9,13 +9,13 @@ import pytest
 
 from graspbox import object_sets
 from graspbox.cli import typer_app
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.evaluation import evaluate
 from graspbox.policies import Task
 from test_cli_files import write_box
 
-POSE, LOOP = IDS
+POSE, LOOP = SINGLE_OBJECT_IDS
 #: Volume of each box in cubic metres, and its mass at 400 kg/m3.
 VOLUME, FILLED = 0.06 * 0.06 * 0.1, 400 * 0.06 * 0.06 * 0.1
 
@@ -130,7 +130,7 @@ def test_demonstrations_remember_scale_and_mass(folder: Path, tmp_path: Path) ->
     assert env.reset(seed=0)[1]["object"] == "big"
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", SINGLE_OBJECT_IDS)
 def test_environments_take_scale_and_mass(folder: Path, env_id: str) -> None:
     write_box(folder / "big.off", 60, 60, 100)
     keywords: dict[str, Any] = {"objects": str(folder / "big.off"), "scale": 0.001, "mass": 0.25}

@@ -49,7 +49,8 @@ def test_the_wheel_holds_the_policies(wheel: Path, tmp_path: Path, monkeypatch: 
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
     package = tmp_path / "graspbox_policies"
-    assert sum(path.stat().st_size for path in package.rglob("*")) < 48e6
+    # Networks as ONNX and as weights; a package index takes files of at most 100 MB.
+    assert sum(path.stat().st_size for path in package.rglob("*")) < 68e6
     assert tuple(sorted(path.name for path in package.iterdir() if path.is_dir())) == installed.PUBLISHED
     for name in installed.PUBLISHED:
         # `load` compares every file with its hash in config.json.

@@ -11,13 +11,13 @@ import pytest
 
 import graspbox
 from graspbox import policies
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.envs.coding import encode_action, object_pose
 from graspbox.envs.grasp_pose import GraspPoseVectorEnv
 from graspbox.errors import ConfigError
 from graspbox.policies import Policy, Task
 
-POSE, LOOP = IDS
+POSE, LOOP = SINGLE_OBJECT_IDS
 CANS = "procedural:can:0-3"
 
 
@@ -32,7 +32,8 @@ def bound(name: str, envs: Any) -> Policy:
 
 
 def test_the_names_are_those_that_load_takes() -> None:
-    assert policies.names() == ("random", "zero", "planner", "expert", "partial_view_planner", "robust_oracle")
+    single = ("random", "zero", "planner", "expert", "partial_view_planner", "best_proposal")
+    assert policies.names() == (*single, "top_down", "scene_planner", "robust_oracle")
     for name in policies.names():
         assert policies.load(name).name == name
     # Recorded demonstrations and runs hold the name of before.
@@ -167,7 +168,7 @@ def test_objects_without_a_feasible_pose_get_zeros(monkeypatch: pytest.MonkeyPat
         return found
 
     monkeypatch.setattr(planning, "plan", nothing)
-    for env_id in IDS:
+    for env_id in SINGLE_OBJECT_IDS:
         envs = make(env_id, 1)
         policy = bound("planner", envs)
         observation, info = envs.reset(seed=0)

@@ -12,7 +12,7 @@ import graspbox
 import tiny_policy
 from datasets_for_tests import run as make_dataset
 from graspbox import evaluation, object_sets, policies
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import evaluate
 from graspbox.evaluation.conditions import CONDITIONS, settings_of
@@ -25,7 +25,7 @@ from graspbox.perception.crops import OCCUPIED, solid_occupancy
 
 CROP = CropConfig()
 CANS = "procedural:can:0-4"
-_, LOOP = IDS
+_, LOOP = SINGLE_OBJECT_IDS
 
 
 def ball(radius: float, height: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
@@ -158,7 +158,7 @@ def test_the_nearest_known_scene_gives_its_grasp(data: Path) -> None:
 # --- conditions and classes ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", SINGLE_OBJECT_IDS)
 @pytest.mark.parametrize("name", CONDITIONS)
 def test_every_condition_makes_environments(name: str, env_id: str) -> None:
     settings: dict[str, Any] = {"max_episode_steps": 3} if env_id == LOOP else {}

@@ -489,6 +489,7 @@ def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
         """Settings of a training that the card reads."""
 
         seed, data, objects, fresh = 3, (), ("procedural:seen:0-9", "ycb"), ("procedural:seen:10-19",)
+        layout = ("single",)
 
     stages: dict[str, dict[str, Any]] = {
         "scorer": {"seconds": 60.0, "trials": 500, "on_policy": 0, "reason": "steps", "steps": 9, "best": 0.9},

@@ -16,7 +16,7 @@ from graspbox.dataset.learned import of_splits
 from graspbox.models.calibration import Calibration
 from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid
-from graspbox.recipes.settings import QUICK_OBJECTS, Sizes
+from graspbox.recipes.settings.depth import QUICK_OBJECTS, DepthSettings, Sizes
 from interrupting import train_despite_kills
 
 pytestmark = pytest.mark.train
@@ -181,3 +181,54 @@ def test_weights_of_another_network_are_refused(trained: Path, tmp_path: Path) -
     save(folder, replace(read_depth_policy(folder), completion_width=6))
     with pytest.raises(errors.ConfigError, match="weights of another network"):
         load_graphs(folder)
+
+
+def test_a_policy_learns_from_scenes_of_several_objects(trained: Path, tmp_path: Path) -> None:
+    """It begins with the scorer of an earlier run, and ends with rounds of clearing."""
+    import torch
+
+    from graspbox.artifacts.weight_files import load_weights
+
+    out = tmp_path / "run"
+    words = ["--layout", "pile", "single", "--start", str(trained), "--completion", str(trained / "policy")]
+    subprocess.run([*command(out), *words, "--data", str(trained / "data" / "set")], check=True, capture_output=True)
+    policy = read_depth_policy(out / "policy")
+    assert policy.crop.gap > 0.3, "everything on the table counts as one object"
+    assert not policy.uses, "its completion learned more"
+    tuned, before = (load_weights(folder / "completion.safetensors") for folder in (out / "policy", trained / "policy"))
+    assert tuned.keys() == before.keys()
+    assert any(not torch.equal(tuned[name], before[name]) for name in tuned)
+    cleared = json.loads((out / "clear.json").read_text())["pile procedural:bottle:2000-2003"]
+    assert cleared["rounds"] == 2
+    assert cleared["attempts"] >= 2
+    sources = {str(np.load(path)["source"][0])[:1] for path in (out / "collect-1" / "train").glob("*.npz")}
+    assert sources == {"[", "p"}, "scenes of several objects in turn with single ones"
+    assert "| pile | `procedural:bottle:2000-2003` | 2 |" in (out / "policy" / "README.md").read_text()
+    for layout, why in (
+        (("heap",), "--layout has 'heap'; choose from single, packed, pile, bin"),
+        ((), "--layout is empty"),
+    ):
+        with pytest.raises(errors.ConfigError, match=why):
+            DepthSettings(out=tmp_path, layout=layout)
+
+
+def test_a_training_begins_with_a_published_policy(trained: Path, tmp_path: Path) -> None:
+    """The scorer learns more, and the head stays."""
+    import torch
+
+    from graspbox.artifacts.weight_files import load_weights
+    from graspbox.recipes import depth
+
+    out, published = tmp_path / "run", trained / "policy"
+    words = ["--start", str(published), "--completion", str(published), "--data", str(trained / "data" / "set")]
+    subprocess.run([*command(out), *words], check=True, capture_output=True)
+    begun, scorer = torch.load(out / "scorer" / "start.pt"), load_weights(published / "scorer-0.safetensors")
+    assert begun.keys() == scorer.keys()
+    for name, values in begun.items():
+        torch.testing.assert_close(values, scorer[name].to(values.dtype), atol=0, rtol=0)
+    final = load_weights(out / "policy" / "scorer-0.safetensors")
+    assert final.keys() == scorer.keys()
+    assert any(not torch.equal(final[name], scorer[name]) for name in final)
+    assert (out / "policy" / "head.safetensors").read_bytes() == (published / "head.safetensors").read_bytes()
+    with pytest.raises(errors.ConfigError, match="was trained for the hand 'reflex', not 'panda_gripper'"):
+        depth.train(DepthSettings(out=tmp_path / "other", hand="panda_gripper", start=published), "", print)

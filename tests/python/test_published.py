@@ -20,6 +20,8 @@ LEAST = {
     "head": (15, "graspbox/GraspPose-v0", "head"),
     "inspire": (14, "graspbox/GraspPose-v0", "inspire"),
     "panda": (18, "graspbox/GraspPose-v0", "panda"),
+    "panda_clutter": (17, "graspbox/GraspPose-v0", "panda_clutter"),
+    "reflex_clutter": (19, "graspbox/GraspPose-v0", "reflex_clutter"),
     "robotiq": (17, "graspbox/GraspPose-v0", "robotiq"),
     "study": (5, "graspbox/GraspPose-v0", "study"),
     "tuned": (17, "graspbox/Grasp-v0", "tuned"),

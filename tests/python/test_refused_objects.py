@@ -15,12 +15,12 @@ from graspbox._common.refusals import errors_of, is_refusal, reason
 from graspbox.dataset.scenes import SceneTask, Subject
 from graspbox.dataset.shards import Shard, make
 from graspbox.demonstrations import Demonstrations, record
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError, FileError, GraspboxError, InternalError, MeshError, SimulationError
 from graspbox.evaluation import evaluate, trial_seeds
 from test_cli_files import write_box
 
-POSE, LOOP = IDS
+POSE, LOOP = SINGLE_OBJECT_IDS
 #: Reason of each refusal.
 BAD = {"cut": "is truncated", "empty": "no triangles", "huge": "but the open hand", "pin": "cannot be simulated"}
 
@@ -78,7 +78,7 @@ def test_only_errors_of_objects_are_refusals() -> None:
     assert reason(MeshError("/meshes/mug.off: flat"), path) == "MeshError: /meshes/mug.off: flat"
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", SINGLE_OBJECT_IDS)
 def test_an_evaluation_goes_on_with_other_trials(meshes: str, env_id: str) -> None:
     """For any number of environments: first trials of all of them may be refused, or only some."""
     settings: dict[str, Any] = {"max_episode_steps": 2} if env_id == LOOP else {}

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from graspbox.envs import IDS
+from graspbox.envs import IDS, SINGLE_OBJECT_IDS
 from test_conformance import CASES, factory, label
 
 pytestmark = pytest.mark.train
@@ -48,7 +48,7 @@ def test_ppo_learns_for_a_few_steps(env_id: str, remote: str | None) -> None:
     assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", SINGLE_OBJECT_IDS)
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
 def test_the_files_for_rl_zoo_make_models(algorithm: str, env_id: str) -> None:
     """Every entry is read as RL Zoo reads it, and takes a few steps; RL Zoo itself is in no extra."""

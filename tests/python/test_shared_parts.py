@@ -121,7 +121,7 @@ def test_a_training_adopts_a_completion_that_is_shared_already(tmp_path: Path, o
     from graspbox.models.scenes import SceneConfig
     from graspbox.perception import HandGrid
     from graspbox.recipes.networks import TrainedNetworks
-    from graspbox.recipes.settings import QUICK
+    from graspbox.recipes.settings.depth import QUICK
 
     sharing(tmp_path / "sharing", own)
     networks = TrainedNetworks(tmp_path / "run", QUICK, HandGrid("reflex"), SceneConfig())

@@ -63,7 +63,7 @@ def learners(trials: GraspTrials) -> dict[str, Learn]:
 
     return {
         "completion": lambda folder, progress: train_completion(
-            folder, objects, objects, SHORT, SCENES, validation_objects=4, width=8, progress=progress
+            folder, objects, objects, SHORT, SCENES, validation_scenes=4, width=8, progress=progress
         ),
         "scorer": lambda folder, progress: train_scorer(
             folder,

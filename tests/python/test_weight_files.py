@@ -16,7 +16,6 @@ torch = pytest.importorskip("torch")
 from graspbox.artifacts.onnx_files import write_onnx  # noqa: E402
 from graspbox.artifacts.runtimes import onnx_network  # noqa: E402
 from graspbox.artifacts.weight_files import (  # noqa: E402
-    fold_norms,
     restore_weights,
     restored,
     round_weights,
@@ -25,6 +24,7 @@ from graspbox.artifacts.weight_files import (  # noqa: E402
 from graspbox.models.completion.network import CompletionNet  # noqa: E402
 from graspbox.models.head.network import AnchorNet  # noqa: E402
 from graspbox.models.scorer.network import ScorerNet  # noqa: E402
+from graspbox.training.norms import fold_norms  # noqa: E402
 
 pytestmark = pytest.mark.train
 #: Numbers of each constant.

@@ -28,7 +28,7 @@ from graspbox.artifacts.folders import file_hash, read_depth_policy, save, use_o
 from graspbox.artifacts.graphs import AnyHandScorerGraph, CompletionGraph, ScorerGraph
 from graspbox.artifacts.onnx_files import PARITY, write_onnx
 from graspbox.artifacts.runtimes import onnx_network, torch_network
-from graspbox.artifacts.weight_files import check_size, fold_norms, round_weights, save_weights
+from graspbox.artifacts.weight_files import check_size, round_weights, save_weights
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.models.calibration import Calibration
@@ -47,6 +47,7 @@ from graspbox.perception.finder import LOOKED_AT
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
+from graspbox.training.norms import fold_norms
 
 __all__ = [
     "FINALISTS",

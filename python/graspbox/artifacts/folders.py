@@ -212,7 +212,8 @@ def completion_folder(folder: str | os.PathLike[str], config: DepthPolicyConfig)
         return Path(folder)
     found = used_folder(folder, config, COMPLETION)
     used = read_depth_policy(found)
-    if COMPLETION in used.uses or (used.crop, used.completion_width) != (config.crop, config.completion_width):
+    fits = used.crop.has_voxels_of(config.crop) and used.completion_width == config.completion_width
+    if COMPLETION in used.uses or not fits:
         raise ConfigError(
             f"{Path(folder) / CONFIG}: uses.{COMPLETION} names {str(found)!r}, whose completion takes other crops, or "
             "is of yet another policy; name the policy with which this one was trained"

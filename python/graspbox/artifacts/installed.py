@@ -26,7 +26,10 @@ __all__ = ["GROUP", "PACKAGE", "PUBLISHED", "find", "folders", "is_bare", "name_
 GROUP = "graspbox.policies"
 #: The package of the published policies, and their names.
 PACKAGE = "graspbox-policies"
-PUBLISHED = ("clone", "depth", "feel", "head", "inspire", "panda", "robotiq", "study", "tuned")
+PUBLISHED = (
+    "clone", "depth", "feel", "head", "inspire", "panda", "panda_clutter",
+    "reflex_clutter", "robotiq", "study", "tuned",
+)  # fmt: skip
 _BARE = re.compile(r"[A-Za-z0-9][\w.-]*")
 _DOTTED = re.compile(r"\w+(\.\w+)*")
 

@@ -6,21 +6,19 @@ computes in single precision.
 """
 
 from collections.abc import Callable, Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from graspbox._common.files import read_bounded, write_bytes
 from graspbox.errors import ConfigError
+from graspbox.training.norms import fold_norms
 
 __all__ = [
     "LARGEST_NETWORK",
     "check_size",
-    "fold_norms",
     "load_weights",
     "restore_weights",
     "restored",
@@ -34,19 +32,6 @@ Net = TypeVar("Net", bound=nn.Module)
 LARGEST_NETWORK = 8_000_000
 #: Number of elements from which the precision of a tensor matters for the size of a file.
 _LARGE = 1024
-
-
-def fold_norms(net: nn.Module) -> None:
-    """Fold batch normalizations into the preceding convolutions, in place; for evaluation.
-
-    A module normalizes the output of a convolution if the normalization is registered directly after it.
-    """
-    for module in list(net.eval().modules()):
-        children = list(module.named_children())
-        for (name, convolution), (following, norm) in pairwise(children):
-            if isinstance(convolution, nn.Conv2d | nn.Conv3d) and isinstance(norm, nn.BatchNorm2d | nn.BatchNorm3d):
-                setattr(module, name, fuse_conv_bn_eval(convolution, norm))
-                setattr(module, following, nn.Identity())
 
 
 def round_weights(net: nn.Module) -> None:

@@ -25,6 +25,7 @@ from graspbox.cli import (
     view,
     voxelize,
 )
+from graspbox.cli.benchmarks.clutter import benchmark_app
 from graspbox.cli.exports.grasps import export_grasps
 from graspbox.cli.exports.scenes import export_scene
 from graspbox.cli.serving import environments, mcp, policies
@@ -47,6 +48,7 @@ typer_app.command("export")(record.export)
 typer_app.command("export-grasps")(export_grasps)
 typer_app.add_typer(train.train_app, name="train")
 typer_app.command("evaluate")(evaluate.evaluate)
+typer_app.add_typer(benchmark_app, name="benchmark")
 typer_app.command("report")(report.report)
 typer_app.command("serve")(environments.serve)
 typer_app.command("serve-policy")(policies.serve_policy)

@@ -1,20 +1,21 @@
 """``graspbox evaluate``: the success of a policy on seeded trials."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli import common
 from graspbox.cli.exports.recording import Rerun, RerunEpisodes, check_rerun, write_replays
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.envs.remote_config import RemoteConfig, client_token
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.replays import ActionLog, failed, shown
+from graspbox.layouts import SceneLayout
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MASSES
 from graspbox.policies import Policy, load
@@ -31,7 +32,10 @@ NumEnvs = Annotated[
 ]
 EnvId = Annotated[
     str | None,
-    typer.Option("--env", help=f"Environment: {' or '.join(IDS)}; by default the policy's own, else {IDS[0]}."),
+    typer.Option(
+        "--env",
+        help=f"Environment: {' or '.join(SINGLE_OBJECT_IDS)}; by default the policy's own, else the first.",
+    ),
 ]
 IncludeLearned = Annotated[
     bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
@@ -40,6 +44,16 @@ Condition = Annotated[str, typer.Option("--condition", help=f"Condition of the t
 Hand = Annotated[
     str | None,
     typer.Option("--hand", help="The hand, by its name or as hand.urdf,hand.toml; by default that of the policy."),
+]
+Lies = Annotated[
+    str,
+    typer.Option(
+        "--layout",
+        help=f"How objects lie: {', '.join(get_args(SceneLayout))}; except in the first, a target lies among others.",
+    ),
+]
+PerScene = Annotated[
+    int | None, typer.Option("--objects-per-scene", min=1, max=40, help="Number of objects of a layout; 5 by default.")
 ]
 Remote = Annotated[
     list[str] | None,
@@ -150,6 +164,8 @@ def evaluate(
     include_learned: IncludeLearned = False,
     condition: Condition = "nominal",
     hand: Hand = None,
+    layout: Lies = "single",
+    objects_per_scene: PerScene = None,
     seed: common.Seed = 0,
     num_envs: NumEnvs = 16,
     threads: common.Threads = None,
@@ -169,7 +185,7 @@ def evaluate(
     The policy may be on a server: ws://HOST:PORT of any server that speaks openpi's protocol. The exit status is 1 if
     some objects cannot be used; other trials replace theirs.
     """
-    _check_outputs(out, rerun, remote)
+    _check_outputs(out, rerun, remote, layout)
     _check_servers(policy, remote, token_file, ca_file)
     chosen = _policy(policy, obs, keys, chunk, token_file, ca_file)
     servers = _servers(remote, mass, token_file, ca_file)
@@ -177,7 +193,6 @@ def evaluate(
     found = None if remote else common.find(objects, split, scale, mass)
     log = ActionLog(load(chosen) if isinstance(chosen, str) else chosen)
     tried = (objects or ["procedural"]) if found is None else found
-    named: dict[str, Any] = {} if hand is None else {"hand": common.hand_like(hand)}
     with common.progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
@@ -194,7 +209,7 @@ def evaluate(
             num_threads=threads,
             remote=servers,
             progress=lambda done: bar.update(task, completed=done),
-            **named,
+            **_keywords(hand, layout, objects_per_scene),
         )
     _report(result, as_json)
     if out is not None:
@@ -204,18 +219,27 @@ def evaluate(
     common.end_with(result.refused)
 
 
+def _keywords(hand: str | None, layout: str, objects_per_scene: int | None) -> dict[str, Any]:
+    """Collect the keywords of the environment that are not its defaults."""
+    found: dict[str, Any] = {} if hand is None else {"hand": common.hand_like(hand)}
+    found |= {} if layout == "single" else {"layout": layout}
+    return found | ({} if objects_per_scene is None else {"objects_per_scene": objects_per_scene})
+
+
 def _check_servers(policy: str, remote: list[str] | None, token_file: str | None, ca_file: str | None) -> None:
     """Refuse options of servers where there is none."""
     if (token_file or ca_file) and not remote and not _is_url(policy):
         raise ConfigError("--token-file and --ca-file are for servers; name one by --remote, or as ws://HOST:PORT")
 
 
-def _check_outputs(out: Path | None, rerun: Path | None, remote: list[str] | None) -> None:
+def _check_outputs(out: Path | None, rerun: Path | None, remote: list[str] | None, layout: str) -> None:
     """Refuse files that cannot be written before anything is computed."""
     if out is not None:
         check_output(out)
     if rerun is not None and remote:
         raise ConfigError("--rerun records environments of this machine; leave out --remote")
+    if rerun is not None and layout != "single":
+        raise ConfigError(f"--rerun records single objects; leave it out, or --layout {layout}")
     check_rerun(rerun)
 
 

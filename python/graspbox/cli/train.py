@@ -33,18 +33,23 @@ class _Training(NamedTuple):
     summary: str
 
 
-_RECIPES, _SB3 = "graspbox.recipes.settings:", "graspbox.sb3.settings:"
+_RECIPES, _SB3 = "graspbox.recipes.settings.", "graspbox.sb3.settings:"
 TRAININGS = {
     name: _Training(f"graspbox.{module}", options, summary)
     for name, module, options, summary in (
-        ("depth", "recipes.depth", f"{_RECIPES}DepthSettings", "A policy that grasps from one depth image."),
-        ("any-hand", "recipes.any_hand", f"{_RECIPES}AnyHandSettings", "One scorer for many hands, also unseen ones."),
-        ("feel", "recipes.feel", f"{_RECIPES}FeelSettings", "Add a grasp-stability check to a depth policy."),
-        ("head", "recipes.head", f"{_RECIPES}HeadSettings", "Heads: one network from a depth image to a grasp."),
+        ("depth", "recipes.depth", f"{_RECIPES}depth:DepthSettings", "A policy that grasps from one depth image."),
+        (
+            "any-hand",
+            "recipes.any_hand",
+            f"{_RECIPES}any_hand:AnyHandSettings",
+            "One scorer for many hands, seen or not.",
+        ),
+        ("feel", "recipes.feel", f"{_RECIPES}feel:FeelSettings", "Add a grasp-stability check to a depth policy."),
+        ("head", "recipes.head", f"{_RECIPES}head:HeadSettings", "Heads: one network from a depth image to a grasp."),
         ("residual", "sb3.residual_training", f"{_SB3}ResidualSettings", "Correct a policy's grasps, by rewards."),
         ("clone", "sb3.cloning", f"{_SB3}CloneSettings", "Behaviour cloning of recorded demonstrations."),
         ("sb3", "sb3.training", f"{_SB3}Sb3Settings", "Reinforcement learning with Stable-Baselines3."),
-        ("study", "recipes.study", f"{_RECIPES}StudySettings", "The networks of the 2017 study, trained again."),
+        ("study", "recipes.study", f"{_RECIPES}study:StudySettings", "The networks of the 2017 study, trained again."),
     )
 }
 

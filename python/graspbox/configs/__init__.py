@@ -4,6 +4,7 @@ The core checks values when it uses them; errors name the field, its value and t
 arrays are accepted as numbers and lists.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Self
 
@@ -18,6 +19,7 @@ __all__ = [
     "CameraConfig",
     "CamerasConfig",
     "CleanConfig",
+    "ClutterConfig",
     "DecomposeConfig",
     "FrictionConfig",
     "LoadConfig",
@@ -298,13 +300,41 @@ class Randomization:
 
 
 @dataclass(frozen=True)
+class ClutterConfig:
+    """Scenes of several objects.
+
+    Attributes
+    ----------
+    layout : {"packed", "pile"} or mapping, optional
+        How the objects lie; a bin is ``{"bin": {"inside": [x, y, z]}}``, with the sides of its floor and the height of
+        its walls in metres. None: a single object, in one of its resting poses.
+    objects_per_scene : (int, int)
+        Least and greatest number of objects.
+    scale : (float, float)
+        Least and greatest scale of an object.
+    max_failures : int
+        Failed attempts in a row after which an episode of ``clear`` ends.
+    """
+
+    layout: str | Mapping[str, Mapping[str, Sequence[float]]] | None = None
+    objects_per_scene: tuple[int, int] = (5, 5)
+    scale: tuple[float, float] = (1.0, 1.0)
+    max_failures: int = 2
+
+    @property
+    def most_objects(self) -> int:
+        """The greatest number of objects in a scene."""
+        return 1 if self.layout is None else self.objects_per_scene[1]
+
+
+@dataclass(frozen=True)
 class AgentConfig:
     """Settings of environments.
 
     Attributes
     ----------
-    control : {"twist", "delta_pose", "target_pose", "grasp_pose"}
-        Control mode: the meaning of actions; ``grasp_pose`` is one decision per episode.
+    control : {"twist", "delta_pose", "target_pose", "grasp_pose", "clear"}
+        Control mode: the meaning of actions; ``grasp_pose`` is one decision per episode, ``clear`` several of them.
     autoreset : {"next_step", "same_step", "disabled"}
         When the next episode begins after an end.
     frame_skip : int
@@ -315,6 +345,8 @@ class AgentConfig:
         Names of the observations, in order.
     randomization : Randomization
         Randomization per episode.
+    clutter : ClutterConfig
+        How objects lie: ``clear`` clears all of them, in the other modes one of several is the target.
     cameras : CamerasConfig
         Cameras and images.
     success : SuccessCriterion
@@ -323,12 +355,13 @@ class AgentConfig:
         The trial that follows a decision; do not set its own `success`.
     """
 
-    control: Literal["twist", "delta_pose", "target_pose", "grasp_pose"] = "twist"
+    control: Literal["twist", "delta_pose", "target_pose", "grasp_pose", "clear"] = "twist"
     autoreset: Literal["next_step", "same_step", "disabled"] = "next_step"
     frame_skip: int = 1
     max_episode_steps: int | None = None
     observations: tuple[str, ...] = ("proprio", "tactile", "state")
     randomization: Randomization = field(default_factory=Randomization)
+    clutter: ClutterConfig = field(default_factory=ClutterConfig)
     cameras: CamerasConfig = field(default_factory=CamerasConfig)
     success: SuccessCriterion = field(default_factory=SuccessCriterion)
     trial: TrialConfig = field(default_factory=TrialConfig)

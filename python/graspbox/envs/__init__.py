@@ -4,10 +4,11 @@
 |---|---|
 | ``graspbox/GraspPose-v0`` | one decision per episode: a hand pose and a preshape |
 | ``graspbox/Grasp-v0`` | closed loop at 20 Hz: move the hand, close it, lift |
+| ``graspbox/Clear-v0`` | clear a table or a bin of several objects: a decision a step |
 
 | module | contents |
 |---|---|
-| `graspbox.envs.grasp`, `graspbox.envs.grasp_pose` | the two environments: tables of actions, observations, rewards, infos and reset options |
+| `graspbox.envs.grasp`, `graspbox.envs.grasp_pose`, `graspbox.envs.clear` | the environments: tables of actions, observations, rewards, infos and reset options |
 | `graspbox.envs.vector` | many environments stepped by one call, for ``gymnasium.make_vec`` |
 | `graspbox.envs._pools.preparation` | objects shared by environments, and their preparation |
 | `graspbox.envs.settings` | keywords of the environments |
@@ -15,10 +16,10 @@
 | `graspbox.envs.expert` | a scripted expert for ``Grasp-v0`` |
 | `graspbox.envs.scripted` | scripted motions, independent of the object |
 | `graspbox.envs.reward` | weights of the reward terms |
-| `graspbox.envs._window` | the window of ``render_mode="human"`` |
 | `graspbox.envs.spaces` | spaces and tables from the core |
 
-Both specs set ``reward_threshold`` to 0.9: with ``reward="sparse"``, nine of ten episodes succeed.
+``GraspPose-v0`` and ``Grasp-v0`` set ``reward_threshold`` to 0.9: with ``reward="sparse"``, nine of ten episodes
+succeed.
 
 A worker process started by ``spawn`` or ``forkserver`` (the default of Stable-Baselines3's ``SubprocVecEnv``) knows the
 ids only after it has imported graspbox. If the program imports it under ``if __name__ == "__main__"``, the workers do
@@ -32,10 +33,14 @@ other process it raises an error. Environments can be pickled and copied.
 import gymnasium
 
 #: All ids that the package registers; the conformance tests cover each of them.
-IDS = ("graspbox/GraspPose-v0", "graspbox/Grasp-v0")
+IDS = ("graspbox/GraspPose-v0", "graspbox/Grasp-v0", "graspbox/Clear-v0")
+#: Those whose episode is an attempt on one object.
+SINGLE_OBJECT_IDS = IDS[:2]
 
 #: Episodes of ``graspbox/Grasp-v0`` are truncated after this number of steps unless ``max_episode_steps`` is given.
 MAX_EPISODE_STEPS = 200
+#: Episodes of ``graspbox/Clear-v0`` are truncated after this number of attempts unless ``max_episode_steps`` is given.
+MAX_ATTEMPTS = 30
 #: With ``reward="sparse"``: nine of ten episodes succeed.
 REWARD_THRESHOLD = 0.9
 
@@ -57,4 +62,10 @@ def register() -> None:
         vector_entry_point="graspbox.envs.vector:GraspVectorEnv",
         max_episode_steps=MAX_EPISODE_STEPS,
         reward_threshold=REWARD_THRESHOLD,
+    )
+    gymnasium.register(
+        id=IDS[2],
+        entry_point="graspbox.envs.clear:ClearEnv",
+        vector_entry_point="graspbox.envs.clear:ClearVectorEnv",
+        max_episode_steps=MAX_ATTEMPTS,
     )

@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox._common.arguments import about, natural, plain, shown
-from graspbox.configs import AgentConfig, CamerasConfig, Randomization, TrialConfig
+from graspbox._common.window import Window
+from graspbox.configs import AgentConfig, CamerasConfig, ClutterConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs._pools.local import LocalPool, LocalSource, Pool, Source
 from graspbox.envs._pools.source import RemoteSource
-from graspbox.envs._window import Window
 from graspbox.envs.remote_config import remote_config
 from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
-from graspbox.envs.settings import RENDER_MODES, ObjectsArgument, Settings, complete
+from graspbox.envs.settings import RENDER_MODES, ObjectsArgument, Settings, complete, keywords
 from graspbox.errors import ConfigError
+from graspbox.layouts import SCALES, Arrangement, Layout, layout_named, scene_layout_named
 from graspbox.meshes import to_json
 
 _AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
@@ -124,9 +125,13 @@ class GraspCore:
         """Make spaces, weights and the pool."""
         obs = settings["obs"]
         self.hand, self.tables = self.source.hand, self.source.tables
-        # An environment with one decision per episode has a trial instead of a control mode.
+        # An environment whose steps are decisions has a trial instead of a control mode.
         self._decides = "trial" in settings
-        control = "grasp_pose" if self._decides else settings["control"]
+        decision: Literal["grasp_pose", "clear"] = "clear" if "max_failures" in settings else "grasp_pose"
+        clutter, layout = _clutter(settings), settings["layout"]
+        # A single object counts as a packed one: it stands where it was put.
+        self._layout: Layout = "packed" if layout == "single" else layout_named(layout)
+        control = decision if self._decides else settings["control"]
         if not self._decides and control not in self.tables["actions"]:
             known = ", ".join(self.tables["actions"])
             with about("control"):
@@ -134,7 +139,7 @@ class GraspCore:
         self.control, self.frame_skip = control, settings.get("frame_skip", 1)
         self.action_space = spaces.action_space(control, self.tables)
         self.action_size = spaces.size(spaces.columns_of(control, self.tables)[0])
-        seen = self.source.images(cameras)
+        seen = self.source.images(cameras, clutter.most_objects)
         with about("obs"):
             self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
         # A Dict space sorts its names.
@@ -151,6 +156,7 @@ class GraspCore:
             max_episode_steps=settings.get("max_episode_steps"),
             observations=tuple(name for name in names if name not in cameras.images),
             randomization=_randomization(settings["randomization"]),
+            clutter=clutter,
             cameras=cameras,
             success=success,
             # The closed loop has no trial whose lift height would have to reach the criterion's.
@@ -162,7 +168,7 @@ class GraspCore:
         self._process = os.getpid()
         self.begun = np.zeros(num_envs, dtype=np.bool_)
         self._terms = [term["name"] for term in self.tables["terms"]]
-        self._entries = spaces.entries(control, self.tables)
+        self._entries = spaces.entries(control, self.tables, layout != "single")
         # Numeric infos contain no names; do not load those of the objects, which may be many.
         names_of = {} if self._numeric else {"failures": self.tables["failures"], "objects": self.source.names()}
         self._names = {kind: np.array(found, dtype=object) for kind, found in names_of.items()}
@@ -306,6 +312,25 @@ class GraspCore:
             return None
         return pool.pictures(envs)
 
+    def arrangement(self, env: int) -> Arrangement:
+        """Return the objects of one environment as they lie, and its walls; **privileged**.
+
+        Raises
+        ------
+        ConfigError
+            For environments on a server.
+        """
+        found = self.local_pool.scene(env)
+        return Arrangement(
+            layout=self._layout,
+            target=found["target"],
+            objects=tuple(int(index) for index in found["objects"]),
+            meshes=tuple(found["meshes"]),
+            world_from_objects=found["world_from_objects"],
+            world_from_walls=found["world_from_walls"],
+            wall_half_extents=found["wall_half_extents"],
+        )
+
     def show(self) -> None:
         """Show the first environment in the window, with ``render_mode="human"``."""
         if self._window is not None:
@@ -345,6 +370,32 @@ class GraspCore:
                 f"the action has shape {actions.shape}; give {size} numbers for each of {rows} environments"
             )
         return np.ascontiguousarray(actions.reshape(rows, size))
+
+
+def _clutter(settings: Settings) -> ClutterConfig:
+    """Make the config of scenes from their keywords."""
+    with about("layout"):
+        layout = scene_layout_named(settings["layout"])
+    failures = natural(settings.get("max_failures", ClutterConfig.max_failures), "max_failures")
+    if layout == "single":
+        for name in ("objects_per_scene", "object_scale"):
+            if settings[name] != keywords(Settings)[name].default:
+                with about(name):
+                    raise ConfigError(
+                        f"{name} is {settings[name]!r}, but layout='single' has one object; choose another"
+                    )
+        return ClutterConfig(max_failures=failures)
+    count = settings["objects_per_scene"]
+    low, high = (count, count) if isinstance(count, int | np.integer) else count
+    with about("objects_per_scene"):
+        low, high = natural(low, "objects_per_scene"), natural(high, "objects_per_scene")
+    scale = SCALES[layout] if settings["object_scale"] is None else settings["object_scale"]
+    return ClutterConfig(
+        layout={"bin": {"inside": tuple(map(float, settings["bin_size"]))}} if layout == "bin" else layout,
+        objects_per_scene=(low, high),
+        scale=(float(scale[0]), float(scale[1])),
+        max_failures=failures,
+    )
 
 
 def _randomization(randomization: Literal["standard"] | Randomization | None) -> Randomization:

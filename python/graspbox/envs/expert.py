@@ -57,7 +57,7 @@ def planned(
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     **settings
-        As for `graspbox.plan`.
+        As for `graspbox.plan`: among others, ``neighbours``.
     """
     pose = object_pose(state, control=control, hand=hand)
     return planning.plan(mesh, hand=load_hand(hand), world_from_object=pose, **settings).best()
@@ -76,6 +76,8 @@ class Expert(ScriptedGrasp):
         As for `graspbox.envs.scripted.ScriptedMotion`.
     trial : TrialConfig
         Standoff, lift height, and the times to close, lift and hold; without a shake, which no action can command.
+    clears : float
+        Height above the table that the hand clears on its way as it does the object, metres: that of its neighbours.
 
     Raises
     ------
@@ -93,13 +95,14 @@ class Expert(ScriptedGrasp):
         hand: str | Hand | tuple[str, str] = "reflex",
         frame_skip: int = 1,
         trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
+        clears: float = 0.0,
     ) -> None:
         if trial.shake is not None:
             raise ConfigError("trial.shake is given, but an expert does not shake; give a TrialConfig without it")
         loaded = load_hand(hand)
         self._codec = Codec(control, loaded)
         goal = self._codec.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
-        start, top = self._codec.pose(state, "hand"), self._top(state)
+        start, top = self._codec.pose(state, "hand"), max(self._top(state), clears)
         super().__init__(start, goal, preshape, top, control=control, hand=loaded, frame_skip=frame_skip, trial=trial)
 
     def _top(self, state: ArrayLike) -> float:

@@ -1,4 +1,4 @@
-"""``graspbox/Grasp-v0``: a hand, a table, an object; closed loop at 20 Hz.
+"""``graspbox/Grasp-v0``: a hand, a table, an object, alone or among others; closed loop at 20 Hz.
 
 An object lies near the middle of a table in one of its resting poses. The hand starts open above it; the agent moves
 the hand, closes it and lifts. An episode ends with success as defined in `graspbox.simulation` (``success`` sets the
@@ -8,6 +8,11 @@ lost: off the table, or more than 0.5 m from its middle.
 The object lies within 5 cm of the table's middle, at any angle about the vertical. The grasp frame starts within 10 cm of
 the middle and 0.15 to 0.30 m above the table, the palm facing down with a tilt of up to 0.2 rad, at any angle about the
 vertical; if the hand would intersect the object, it starts higher, in steps of 5 cm.
+
+With ``layout="packed"``, ``"pile"`` or ``"bin"`` several objects lie on the table (`graspbox.layouts`), and "the object"
+of this page is one of them, the target: drawn from the seed's stream, uniformly among all that lie there, hidden ones
+included. Success, reward, infos and ``state`` are about the target alone; the hand may push the others. Factors of
+friction and mass apply to all objects, ``object_position`` of the randomization to none of them.
 
 Keywords
 --------
@@ -40,6 +45,10 @@ The last column names the environments that take a keyword: the single one, the 
 | picture | PictureConfig() | both |
 | control | 'twist' | both |
 | frame_skip | 1 | both |
+| layout | 'single' | both |
+| objects_per_scene | 5 | both |
+| object_scale | None | both |
+| bin_size | (0.3, 0.25, 0.12) | both |
 | autoreset_mode | AutoresetMode.NEXT_STEP | vector |
 | max_episode_steps | None | vector |
 | prepare_files | 128 | vector |
@@ -168,11 +177,13 @@ their poses. At the default size of 64 x 64 (``image_size``; a single bound appl
 | rgb | 64 x 64 x 3 | uint8 | 0 | 255 | front | camera | 1 | the background's colour | no | red, green, blue |
 | depth | 64 x 64 x 1 | float32 | 0 | 2 | front | camera | m | 0 | no | distance along the optical axis (not along the ray) |
 | rgbd | 64 x 64 x 4 | float32 | 0, 0, 0, 0 | 1, 1, 1, 2 | front | camera | 1; m | the background's colour; 0 | no | red, green, blue in [0, 1], then depth |
-| segmentation | 64 x 64 x 1 | uint8 | 0 | 11 | front | camera | 1 | 0 | yes | 0 background, 1 table and ground, 2 object, 3 + i link i of the hand |
+| segmentation | 64 x 64 x 1 | uint8 | 0 | 11 | front | camera | 1 | 0 | yes | 0 background, 1 table, ground and walls, 2 object (among others the target), 3 + i link i of the hand, then the other objects |
 | points | 64 x 64 x 3 | float32 | -0.511, -0.511, 0 | 0.511, 0.511, 2 | front | camera | m | 0, 0, 0 | no | the point seen: x right, y down, z forward from the camera |
 | voxels | 32 x 32 x 32 | uint8 | 0 | 2 | front, palm | world | 1 | 0 | no | 0 unseen, 1 free, 2 occupied (by table, object or hand); axes x, y, z |
 
 <!-- end -->
+
+Among others the label 2 is that of the target, in every scene: ``segmentation == 2`` is its mask.
 
 Labels of the ReFlex's links, from 3 on: base; swivel, proximal and distal link of finger 1; the same of finger 2;
 proximal and distal link of finger 3. ``segmentation`` is privileged, because its labels come from the simulation.
@@ -216,11 +227,22 @@ Returned by ``reset`` and ``step``; success is defined in `graspbox.simulation`:
 | failure | str |  | kind of the failure if the episode ended now; empty for a success, and before the first step |
 | lift | float | m | rise of the object's centre of mass above its resting height |
 | object | str |  | name of the object |
-| resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose |
+| resting | int |  | index of the object's resting pose; -1 if it was dropped at a given pose, or lies among others |
 | fits | bool |  | the object's least width in plan view, as the episode begins, is within the width that the hand states; True for a hand that states none |
 | touches | bool |  | the hand touches the object |
 | protective_stop | bool |  | the protective stop held the hand at some time in the last step |
 | reward_terms | dict |  | reward terms of the last step (float) by name; zeros after a reset |
+
+<!-- end -->
+
+With a layout of several objects, also:
+
+<!-- generated: further info with a target -->
+
+| entry | type | unit | meaning |
+|---|---|---|---|
+| neighbours | int |  | other objects in the scene |
+| neighbours_moved | int |  | of these, those that are more than 1 cm from where they lay as the episode began |
 
 <!-- end -->
 
@@ -230,7 +252,8 @@ entry such as ``reward_reach``.
 
 Options of a reset
 ------------------
-Options replace parts of the initial state; all other parts are sampled as without options.
+Options replace parts of the initial state; all other parts are sampled as without options. A scene of several objects
+follows from the seed alone: the first four options are refused there.
 
 | option | value |
 |---|---|
@@ -333,6 +356,14 @@ class GraspEnv(SingleEnv):
     frame_skip : int
         Control periods of 0.05 s per step: the action is held for all of them, and their reward terms are added. Slower
         control eases exploration.
+    layout : {"single", "packed", "pile", "bin"}
+        How objects lie: a single one, or a target among others (see `graspbox.layouts`).
+    objects_per_scene : int or pair of int
+        Number of objects, or the least and the greatest; 1 to 40.
+    object_scale : pair of float, optional
+        Least and greatest scale of an object; by default those of the layout in `graspbox.layouts.SCALES`.
+    bin_size : three float
+        Sides of the floor of a bin along x and y, and height of its walls, metres.
 
     Raises
     ------

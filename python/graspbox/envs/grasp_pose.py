@@ -1,7 +1,7 @@
 """``graspbox/GraspPose-v0``: one decision per episode.
 
-An object rests near the middle of a table. The agent chooses a hand pose and a preshape; the hand closes there, lifts
-and holds, and the episode ends.
+An object rests near the middle of a table, alone or among others. The agent chooses a hand pose and a preshape; the
+hand closes there, lifts and holds, and the episode ends.
 
 Keywords
 --------
@@ -29,6 +29,11 @@ world, not centred on the object.
 The two columns are orthonormalised in this order. If they are degenerate (one shorter than 0.001, or both parallel to
 within a thousandth of a radian), or if the hand collides with the object or the table at the pose or on the straight
 approach of 0.10 m along its z, the attempt is ``infeasible``: there is no trial, and the sparse reward is 0.
+
+Among others (``layout="packed"``, ``"pile"`` or ``"bin"``: see `graspbox.envs.grasp`) a hand that touches something on
+its approach pushes it aside, as in `graspbox.envs.clear`: an attempt is ``infeasible`` only if the rotation is
+degenerate, if the hand collides where the approach begins, or if the protective stop of 60 N ends the approach. The
+trial is about the target: one that lifts a neighbour alone fails.
 
 Observation
 -----------
@@ -104,7 +109,7 @@ The weighted sum of the terms, as in `graspbox.envs.grasp`; ``reward_weights`` r
 
 Info
 ----
-As in `graspbox.envs.grasp`, and:
+As in `graspbox.envs.grasp`, those with a target included, and:
 
 <!-- generated: further info of GraspPose-v0 -->
 

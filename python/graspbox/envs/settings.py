@@ -10,6 +10,8 @@ their docstrings from it.
 | `GraspPoseSettings` | `graspbox.envs.grasp_pose.GraspPoseEnv` |
 | `GraspVectorSettings` | `graspbox.envs.vector.GraspVectorEnv` |
 | `GraspPoseVectorSettings` | `graspbox.envs.grasp_pose.GraspPoseVectorEnv` |
+| `ClearSettings` | `graspbox.envs.clear.ClearEnv` |
+| `ClearVectorSettings` | `graspbox.envs.clear.ClearVectorEnv` |
 
 Every keyword that takes a config also takes a dictionary of its fields, so that ``EnvSpec.to_json`` and ``from_json``
 work for environments whose hand is given by name or by paths.
@@ -45,10 +47,13 @@ from graspbox._core import Hand
 from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, SuccessCriterion, TrialConfig
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError
+from graspbox.layouts import SceneLayout
 
 __all__ = [
     "NUM_ENVS",
     "OBJECTS",
+    "ClearSettings",
+    "ClearVectorSettings",
     "GraspPoseSettings",
     "GraspPoseVectorSettings",
     "GraspSettings",
@@ -200,9 +205,59 @@ class _ClosedLoop(TypedDict, total=False):
 
 
 class _Decision(TypedDict, total=False):
-    """Keywords of ``GraspPose-v0`` alone."""
+    """Keywords of ``GraspPose-v0`` and ``Clear-v0``."""
 
     trial: Annotated[TrialConfig, Keyword(TrialConfig(), "TrialConfig", "How the hand closes, lifts and holds.")]
+
+
+class _Target(TypedDict, total=False):
+    """Keyword of ``Grasp-v0`` and ``GraspPose-v0``."""
+
+    layout: Annotated[
+        SceneLayout,
+        Keyword(
+            "single",
+            '{"single", "packed", "pile", "bin"}',
+            "How objects lie: a single one, or a target among others (see `graspbox.layouts`).",
+        ),
+    ]
+
+
+class _Scene(TypedDict, total=False):
+    """Keywords of scenes of several objects."""
+
+    objects_per_scene: Annotated[
+        int | tuple[int, int],
+        Keyword(5, "int or pair of int", "Number of objects, or the least and the greatest; 1 to 40."),
+    ]
+    object_scale: Annotated[
+        tuple[float, float] | None,
+        Keyword(
+            None,
+            "pair of float, optional",
+            "Least and greatest scale of an object; by default those of the layout in `graspbox.layouts.SCALES`.",
+        ),
+    ]
+    bin_size: Annotated[
+        tuple[float, float, float],
+        Keyword(
+            (0.3, 0.25, 0.12),
+            "three float",
+            "Sides of the floor of a bin along x and y, and height of its walls, metres.",
+        ),
+    ]
+
+
+class _Clear(TypedDict, total=False):
+    """Keywords of ``Clear-v0`` alone."""
+
+    layout: Annotated[
+        SceneLayout,
+        Keyword("pile", '{"single", "packed", "pile", "bin"}', "How the objects lie: see `graspbox.layouts`."),
+    ]
+    max_failures: Annotated[
+        int, Keyword(2, "int", "Failed attempts in a row after which the episode ends; 2 in the rounds of VGN.")
+    ]
 
 
 class _Vector(TypedDict, total=False):
@@ -235,24 +290,32 @@ class _Vector(TypedDict, total=False):
     ]
 
 
-class GraspSettings(_Common, _ClosedLoop, total=False):
+class GraspSettings(_Common, _ClosedLoop, _Target, _Scene, total=False):
     """Keywords of the single ``Grasp-v0``."""
 
 
-class GraspPoseSettings(_Common, _Decision, total=False):
+class GraspPoseSettings(_Common, _Decision, _Target, _Scene, total=False):
     """Keywords of the single ``GraspPose-v0``."""
 
 
-class GraspVectorSettings(_Common, _ClosedLoop, _Vector, total=False):
+class GraspVectorSettings(_Common, _ClosedLoop, _Target, _Scene, _Vector, total=False):
     """Keywords of the native vector environment of ``Grasp-v0``."""
 
 
-class GraspPoseVectorSettings(_Common, _Decision, _Vector, total=False):
+class GraspPoseVectorSettings(_Common, _Decision, _Target, _Scene, _Vector, total=False):
     """Keywords of the native vector environment of ``GraspPose-v0``."""
 
 
-class Settings(_Common, _ClosedLoop, _Decision, _Vector, total=False):
-    """Keywords of any environment."""
+class ClearSettings(_Common, _Decision, _Clear, _Scene, total=False):
+    """Keywords of the single ``Clear-v0``."""
+
+
+class ClearVectorSettings(_Common, _Decision, _Clear, _Scene, _Vector, total=False):
+    """Keywords of the native vector environment of ``Clear-v0``."""
+
+
+class Settings(_Common, _ClosedLoop, _Decision, _Clear, _Scene, _Vector, total=False):
+    """Keywords of any environment; `layout` has the default of ``Clear-v0``."""
 
 
 #: Keywords whose types are checked where they are used.

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from graspbox.envs._pools.preparation import PreparesObjects
 from graspbox.envs.core import GraspCore, checked_seed, fresh_seed
+from graspbox.layouts import Arrangement
 from graspbox.object_sets import ObjectSet
 
 __all__ = ["SingleEnv"]
@@ -94,6 +95,10 @@ class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """Intrinsics (3, 3) and ``world_from_camera`` (4, 4) of every camera at present, by name."""
         return {name: (intrinsics, poses[0]) for name, (intrinsics, poses) in self._core.cameras().items()}
+
+    def arrangement(self) -> Arrangement:
+        """Return the objects as they lie, and walls; **privileged**, for environments in this process."""
+        return self._core.arrangement(0)
 
     def get_state(self) -> bytes:
         """Return the complete state of the environment, its random stream included."""

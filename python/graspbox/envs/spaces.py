@@ -111,10 +111,12 @@ class Tables(TypedDict):
     actions: dict[str, list[Column]]
     observations: dict[str, dict[str, list[Column]]]
     decision: Decision
+    clear: Decision
     privileged: list[str]
     absent: list[str]
     terms: list[Term]
     info: list[Entry]
+    target_info: list[Entry]
     failures: list[str]
     control_period: float
     workspace: list[list[float]]
@@ -139,15 +141,15 @@ def image_names(obs: str | Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in names if name.split("_")[0] in IMAGES)
 
 
-def images(hand: Hand, cameras: CamerasConfig) -> list[Image]:
-    """Return a row for each image in a config.
+def images(hand: Hand, cameras: CamerasConfig, objects: int = 1) -> list[Image]:
+    """Return a row for each image in a config; `objects` is the greatest number of objects in a scene.
 
     Raises
     ------
     ConfigError
         For an invalid image or camera.
     """
-    rows: list[Image] = json.loads(_core.image_tables(hand, to_json(cameras)))
+    rows: list[Image] = json.loads(_core.image_tables(hand, to_json(cameras), objects))
     return rows
 
 
@@ -184,15 +186,15 @@ def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[s
 
 
 def columns_of(control: str, found: Tables) -> tuple[list[Column], dict[str, list[Column]]]:
-    """Return the columns of the actions and observations of a control mode, or of ``"grasp_pose"``.
+    """Return the columns of the actions and observations of a control mode, of ``"grasp_pose"``, or of ``"clear"``.
 
     Raises
     ------
     ConfigError
         For an unknown control mode.
     """
-    if control == "grasp_pose":
-        return found["decision"]["actions"], found["decision"]["observations"]
+    if (decision := _decision(control, found)) is not None:
+        return decision["actions"], decision["observations"]
     if control not in found["actions"]:
         raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(found['actions'])}")
     return found["actions"][control], found["observations"][control]
@@ -253,9 +255,15 @@ def action_space(control: str, found: Tables) -> gymnasium.Space[Any]:
 
 def terms(control: str, found: Tables) -> list[Term]:
     """Return the reward terms of a control mode, without those that are always 0."""
-    return found["decision"]["terms"] if control == "grasp_pose" else found["terms"]
+    return (_decision(control, found) or found)["terms"]
 
 
-def entries(control: str, found: Tables) -> list[Entry]:
-    """Return the info entries of a control mode."""
-    return found["decision"]["info"] if control == "grasp_pose" else found["info"]
+def entries(control: str, found: Tables, several: bool = False) -> list[Entry]:
+    """Return the info entries of a control mode, and of one target among several objects."""
+    shared = (_decision(control, found) or found)["info"]
+    return [*shared, *found["target_info"]] if several and control != "clear" else shared
+
+
+def _decision(control: str, found: Tables) -> Decision | None:
+    """Return the tables of a control mode whose steps are decisions; None for another one."""
+    return {"grasp_pose": found["decision"], "clear": found["clear"]}.get(control)

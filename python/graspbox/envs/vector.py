@@ -38,6 +38,7 @@ from graspbox.envs._vector_parts import (
 from graspbox.envs.core import GraspCore, checked_options
 from graspbox.envs.settings import NUM_ENVS, OBJECTS, RENDER_MODES, GraspVectorSettings, ObjectsArgument, signed
 from graspbox.errors import ConfigError
+from graspbox.layouts import Arrangement
 from graspbox.object_sets import ObjectSet
 
 __all__ = ["GraspVectorEnv", "NativeVectorEnv"]
@@ -285,6 +286,10 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         results = self._results(now, last, count)
         results[-1].update(full({"env_id": now["env"]}, count))
         return results
+
+    def arrangement(self, env: int) -> Arrangement:
+        """Return the objects of an environment as they lie, and walls; **privileged**, in this process alone."""
+        return self._core.arrangement(env)
 
     def get_state(self, env: int) -> bytes:
         """Return the complete state of an environment, its random stream included."""

@@ -27,7 +27,7 @@ from gymnasium.vector import AutoresetMode
 
 from graspbox import object_sets, policies
 from graspbox._common.arguments import natural, plain
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError, MissingExtraError, ObjectSetError
 from graspbox.evaluation.conditions import settings_of
@@ -74,14 +74,15 @@ def evaluate(
 
     Training objects of the policy (`Policy.learned_from`) are left out, and so are objects that cannot be read or
     simulated: `Evaluation.refused` names them, and further seeds replace their trials. If no object is left, the result
-    has no trial.
+    has no trial. With a `layout` of several objects a trial counts for its target, and an object that cannot be used is
+    an error.
 
     Parameters
     ----------
     policy : Policy or str
         A policy, or a name for `graspbox.policies.load`.
     env_id : str, optional
-        One of `graspbox.envs.IDS`; by default the policy's own, else ``graspbox/GraspPose-v0``.
+        One of `graspbox.envs.SINGLE_OBJECT_IDS`; by default the policy's own, else ``graspbox/GraspPose-v0``.
     objects : str, Path, ObjectSet or sequence of str
         Object sets, from which each trial samples one object: see `graspbox.object_sets`. With ``remote`` those that
         the server offers.
@@ -115,9 +116,9 @@ def evaluate(
     count = _within("trials", trials, MAX_TRIALS)
     first = natural(seed, "seed", bits=64)
     width = min(_within("num_envs", num_envs, MAX_ENVS), count)
-    env_id = env_id or chosen.env_id or IDS[0]
-    if env_id.removeprefix("graspbox:") not in IDS:
-        raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
+    env_id = env_id or chosen.env_id or SINGLE_OBJECT_IDS[0]
+    if env_id.removeprefix("graspbox:") not in SINGLE_OBJECT_IDS:
+        raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(SINGLE_OBJECT_IDS)}")
     changed = settings_of(condition, env_id.removeprefix("graspbox:"))
     if twice := [name for name in changed if name in settings]:
         raise ConfigError(f"{twice[0]} is given, and the condition {condition!r} gives it too; leave one of them out")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from graspbox import evaluation, object_sets
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation.conditions import CONDITIONS, settings_of
 from graspbox.evaluation.object_classes import CLASSES, object_classes
@@ -99,7 +99,7 @@ class Comparison:
         wanted = {tuple(job.values()): job for job in self._jobs()}
         for job in wanted.values():
             # Checked before the work, not after hours of it.
-            settings_of(job["condition"], loaded[job["policy"]].env_id or IDS[0])
+            settings_of(job["condition"], loaded[job["policy"]].env_id or SINGLE_OBJECT_IDS[0])
         objects, left_out = self._unknown_objects(loaded, echo)
         # Policies added later must leave out the same objects.
         settings = {"trials": self.trials, **({"left_out": left_out} if left_out else {}), **self._named_hand}

@@ -30,7 +30,7 @@ from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.policies import DepthPolicy, Observer
 from graspbox.policies.base import Task
 from graspbox.policies.depth import load_finder
-from graspbox.policies.planner import KnownObjects, Planner
+from graspbox.policies.planner import KnownObjects, Planner, Subject
 from graspbox.simulation import Scene
 
 __all__ = ["DepthOracle", "Oracle", "OracleFinder", "RobustOracle", "robust_scores"]
@@ -218,10 +218,13 @@ class RobustOracle(Planner):
     def _bind(self, task: Task) -> None:
         if task.closed_loop:
             raise ConfigError(f"the policy {self.name!r} acts in graspbox/GraspPose-v0, not in {task.env_id!r}")
+        if task.layout != "single":
+            raise ConfigError(f"layout is {task.layout!r}, but the policy {self.name!r} simulates a single object")
         super()._bind(task)
 
-    def _decide(self, mesh: Mesh, state: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    def _decide(self, subject: Subject, state: NDArray[np.float32]) -> NDArray[np.float32] | None:
         """Choose among the feasible poses of the planner."""
+        mesh = subject.mesh
         pose = object_pose(state, hand=self._hand)
         plan = planning.plan(mesh, hand=self._hand, world_from_object=pose).best(_SIMULATED)
         if not len(plan):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox.envs import IDS
+from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation.results import Evaluation, TrialResult
 from graspbox.object_sets import ObjectSet, ObjectSpec
@@ -94,7 +94,7 @@ class Replay:
     Attributes
     ----------
     env_id : str
-        One of `graspbox.envs.IDS`.
+        One of `graspbox.envs.SINGLE_OBJECT_IDS`.
     settings : mapping
         Keywords of the environment as JSON holds them, without the objects and the observations.
     seed : int
@@ -149,7 +149,7 @@ class Replay:
         """
         try:
             steps = int(row["steps"])
-            if env_id not in IDS or not 0 < steps <= _MAX_STEPS:
+            if env_id not in SINGLE_OBJECT_IDS or not 0 < steps <= _MAX_STEPS:
                 raise ValueError(f"{env_id!r} with {steps} steps")
             raw = np.frombuffer(base64.b64decode(row["actions"], validate=True), dtype="<f4")
             actions = raw.reshape(steps, -1).astype(np.float32)
@@ -201,7 +201,7 @@ class Replay:
 
 @dataclass(frozen=True)
 class _Chosen:
-    """Trials of an evaluation that can be replayed, with their objects and actions."""
+    """Trials of an evaluation with their objects and actions; those of a single object can be replayed."""
 
     result: Evaluation
     log: ActionLog
@@ -210,9 +210,10 @@ class _Chosen:
     def replay(self, trial: TrialResult) -> Replay | None:
         actions = self.log.actions(trial.seed, trial.steps)
         spec = self.specs.get(trial.object)
-        if actions is None or spec is None or self.result.settings is None:
+        settings = self.result.settings
+        if actions is None or spec is None or settings is None or settings.get("layout", "single") != "single":
             return None
-        return Replay.of(self.result.env_id, self.result.settings, spec, trial, actions)
+        return Replay.of(self.result.env_id, settings, spec, trial, actions)
 
 
 def shown(result: Evaluation, log: ActionLog, objects: ObjectSet, count: int) -> list[Replay]:

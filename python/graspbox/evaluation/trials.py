@@ -184,7 +184,7 @@ class TrialRun:
         Called with every step of every trial (`Steps`), before the results of the trials that it ends.
     refused : callable, optional
         Called with the index of each trial whose object cannot be used, and the error, which names the object; by
-        default the error is raised.
+        default, and with several objects in a scene, the error is raised.
 
     Raises
     ------
@@ -206,6 +206,8 @@ class TrialRun:
             raise ConfigError("trials begin by an explicit reset; make the environments with autoreset_mode='Disabled'")
         if policy.task.num_envs != envs.num_envs:
             raise ConfigError(f"the policy is bound to {policy.task.num_envs} environments, these are {envs.num_envs}")
+        # A seed alone does not tell the objects of a scene of several: an unusable one is an error there.
+        refused = refused if policy.task.layout == "single" else None
         self._policy, self._seeds, self._watch, self._refused = policy, seeds, watch, refused
         # Gymnasium's class declares neither seeds per environment nor send and recv.
         self._native: Any = envs.unwrapped

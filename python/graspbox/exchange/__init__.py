@@ -27,6 +27,7 @@
 | `formats` | the table of formats; `save`, `save_each`, `with_mesh`, `load` |
 | `acronym`, `isaac`, `dexgraspbench` | writers and readers |
 | `checks` | values of files of unknown origin |
+| `tsdf` | truncated signed distance fields of depth images, as VGN takes them |
 """
 
 from graspbox.exchange.conventions import CONVENTIONS, Convention, frame_from_hand

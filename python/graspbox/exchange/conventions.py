@@ -5,6 +5,7 @@
 | ``hand`` | grasp frame, on the palm | z approach, x along which the fingers close | graspbox |
 | ``base`` | base link of the URDF | of the base link | Isaac Grasp, DexGraspBench |
 | ``gripper`` | base link of the URDF | of the base link, or as `CONVENTIONS` says | ACRONYM, GraspGen |
+| ``vgn`` | on the palm, as `CONVENTIONS` says | z approach, y along which the fingers close | VGN, GIGA |
 
 The grasp frame in the base link is an entry of ``hand.toml``, so your own hand needs no row in `CONVENTIONS`.
 
@@ -29,7 +30,7 @@ from graspbox._core import Hand
 __all__ = ["CONVENTIONS", "Convention", "Frame", "Mechanism", "convention_of", "frame_from_hand", "mechanism_of"]
 
 Array = NDArray[np.float64]
-Frame = Literal["base", "gripper"]
+Frame = Literal["base", "gripper", "vgn"]
 
 
 @dataclass(frozen=True)
@@ -44,18 +45,22 @@ class Convention:
         Prefix of the names of links and joints of graspbox's URDF in other programs.
     axes : {"base", "grasp"}
         Axes of the frame ``gripper``: those of the base link, or of the grasp frame.
+    vgn : float
+        Height of the origin of the frame ``vgn`` over that of the grasp frame, along z, metres.
     """
 
     gripper: str
     prefix: str = ""
     axes: Literal["base", "grasp"] = "base"
+    vgn: float = 0.0
 
 
 #: Hands with another name or frame in other programs, by their name in graspbox. In ACRONYM and GraspGen the
 #: fingers of the Franka Hand close along x, while they move along y of its link ``panda_hand``. Those of the Robotiq
-#: gripper close along x of its base link; GraspGen writes its grippers as ``robotiq_2f_140``.
+#: gripper close along x of its base link; GraspGen writes its grippers as ``robotiq_2f_140``. VGN's frame is 0.065 m in
+#: front of the flange (``config/panda.yaml`` of ``ethz-asl/vgn``), the grasp frame 0.066 m.
 CONVENTIONS = {
-    "panda_gripper": Convention("panda", prefix="panda_", axes="grasp"),
+    "panda_gripper": Convention("panda", prefix="panda_", axes="grasp", vgn=-0.001),
     "robotiq_2f_85": Convention("robotiq_2f_85", prefix="robotiq_85_"),
 }
 
@@ -188,7 +193,16 @@ def _spools(table: dict[str, Any], column: dict[str, int]) -> Iterator[tuple[int
 
 
 def frame_from_hand(hand: Hand, frame: Frame) -> Array:
-    """Return the pose (4, 4) of the grasp frame in the frame ``base`` or ``gripper`` of a hand, metres."""
+    """Return the pose (4, 4) of the grasp frame in the frame ``base``, ``gripper`` or ``vgn`` of a hand, metres."""
+    if frame == "vgn":
+        return np.array(
+            [
+                [0.0, -1.0, 0.0, 0.0],
+                [1.0, 0.0, 0.0, 0.0],
+                [0.0, 0.0, 1.0, -convention_of(hand).vgn],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
     base_from_hand = mechanism_of(hand).base_from_hand
     if frame == "base" or convention_of(hand).axes == "base":
         return base_from_hand.copy()

@@ -1,17 +1,18 @@
-"""Scenes for grasp trials: an object at rest, rendered once by a noisy camera, and its simulation."""
+"""Scenes for grasp trials: objects at rest, rendered once by a noisy camera, and their simulation."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox._core import Mesh
 from graspbox.errors import ConfigError, MeshError, SimulationError
 from graspbox.hands import Hand
-from graspbox.models.scenes import SceneSampler, look
+from graspbox.layouts import Layout
+from graspbox.models.cluttered import write_scene
+from graspbox.models.scenes import PlacedObjects, SceneSampler
 from graspbox.object_sets import ObjectSpec
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.crops import Crops, solid_occupancy
+from graspbox.perception.crops import Crops
 from graspbox.simulation import Scene
 
 __all__ = ["RenderedScene", "render_scene", "source_of"]
@@ -24,21 +25,21 @@ class RenderedScene:
     Attributes
     ----------
     source : str
-        Object set that holds the object alone.
-    mesh : Mesh
-        The object.
+        Object set that holds the object alone, or the text of a scene of several (`graspbox.models.cluttered`).
+    objects : PlacedObjects
+        The objects.
     world_from_object : (4, 4) float64
-        Its resting pose, metres.
+        Resting pose of the object, or of the one that reaches highest, metres.
     scene : Scene or None
         Its simulation; None if the object does not come to rest, or is too large for the hand.
     crops : Crops or None
-        The one crop around it; None without a simulation, or if the camera does not find the object.
+        The one crop; None without a simulation, or if the camera does not find an object.
     crop : CropConfig
         The crop's settings.
     """
 
     source: str
-    mesh: Mesh
+    objects: PlacedObjects
     world_from_object: NDArray[np.float64]
     scene: Scene | None
     crops: Crops | None
@@ -49,21 +50,40 @@ class RenderedScene:
         del channels
         if self.crops is None:
             raise ConfigError("the scene has no crop; the camera does not find its object")
-        inside = np.linalg.inv(self.crops.world_from_crop) @ self.world_from_object
-        return solid_occupancy([self.mesh], [0], inside, config=self.crop)
+        return self.objects.solid(self.crops, self.crop)
 
 
 def render_scene(sampler: SceneSampler, number: int, rng: np.random.Generator, hand: Hand) -> RenderedScene:
     """Sample a scene, simulate it with a hand and render it; the camera follows from the sampler's seed and number."""
+    layout = sampler.layouts[number % len(sampler.layouts)]
+    if layout != "single":
+        return _render_clutter(sampler, number, rng, hand, layout)
     index, mesh, start = sampler.rest(rng)
     source, crop = source_of(sampler.objects[index]), sampler.config.crop
     try:
         scene = Scene(mesh, hand=hand, world_from_object=start)
     except (MeshError, SimulationError):
-        return RenderedScene(source, mesh, start, None, None, crop)
+        return RenderedScene(source, PlacedObjects((mesh,), start[None]), start, None, None, crop)
     at_rest = scene.world_from_object
-    crops = look(mesh, at_rest, sampler.config, [sampler.seed, number], 1)
-    return RenderedScene(source, mesh, at_rest, scene, crops if crops.found[0] else None, crop)
+    placed = PlacedObjects((mesh,), at_rest[None])
+    crops = placed.look(sampler.config, [sampler.seed, number], 1)
+    return RenderedScene(source, placed, at_rest, scene, crops if crops.found[0] else None, crop)
+
+
+def _render_clutter(
+    sampler: SceneSampler, number: int, rng: np.random.Generator, hand: Hand, layout: Layout
+) -> RenderedScene:
+    """Sample, simulate and render a scene of several objects."""
+    crop = sampler.config.crop
+    try:
+        heap = sampler.heap(rng, layout, hand)
+        scene = Scene.of(heap.arrangement, hand=hand)
+    except (MeshError, SimulationError):
+        return RenderedScene("[]", PlacedObjects((), np.zeros((0, 4, 4))), np.eye(4), None, None, crop)
+    placed = PlacedObjects.of(heap.arrangement)
+    source = write_scene(placed, [source_of(sampler.objects[index]) for index in heap.objects], heap.scales)
+    crops = placed.look(sampler.config, [sampler.seed, number], 1)
+    return RenderedScene(source, placed, scene.world_from_object, scene, crops if crops.found[0] else None, crop)
 
 
 def source_of(spec: ObjectSpec) -> str:

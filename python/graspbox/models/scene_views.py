@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox._core import Mesh
-from graspbox.models.scenes import SceneConfig, look
-from graspbox.perception.crops import solid_occupancy
+from graspbox.models.cluttered import is_scene, read_scene
+from graspbox.models.scenes import PlacedObjects, SceneConfig
 from graspbox.perception.finder import Complete
 
 __all__ = ["SceneViews"]
@@ -76,9 +76,10 @@ class SceneViews:
         Parameters
         ----------
         source : str
-            Object set that holds the object of the scene alone.
+            Object set that holds the object of the scene alone, or the text of a scene of several
+            (`graspbox.models.cluttered`).
         world_from_object : (4, 4) float64
-            Its resting pose, metres.
+            Its resting pose, metres; a text has those of all objects.
         view : int
             Number of the view, less than `count`.
         """
@@ -109,13 +110,11 @@ class SceneViews:
     def _make(
         self, source: str, pose: NDArray[np.float64], view: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.float64]] | None:
-        mesh, name = self._mesh(source), zlib.crc32(source.encode() + pose.tobytes())
-        crops = look(mesh, pose, self._scenes, [self._seed, name, view], 1)
+        placed = read_scene(source) if is_scene(source) else PlacedObjects((self._mesh(source),), pose[None])
+        name = zlib.crc32(source.encode() + pose.tobytes())
+        crops = placed.look(self._scenes, [self._seed, name, view], 1)
         if not crops.found[0]:
             return None
-        if self._complete is None:
-            inside = np.linalg.inv(crops.world_from_crop) @ pose
-            completed = solid_occupancy([mesh], [0], inside, config=self._scenes.crop)
-        else:
-            completed = self._complete(crops.channels)
+        complete = self._complete
+        completed = placed.solid(crops, self._scenes.crop) if complete is None else complete(crops.channels)
         return np.concatenate([completed, crops.channels[0, :2]]), crops.world_from_crop[0]

@@ -1,6 +1,6 @@
 """Settings of perception, as frozen dataclasses; each mirrors a struct of the core."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 __all__ = ["CropConfig", "DepthNoise", "HandGridConfig", "ProposalConfig"]
 
@@ -102,6 +102,10 @@ class CropConfig:
     def voxel_size(self) -> float:
         """Side of a voxel, metres."""
         return self.side / self.resolution
+
+    def has_voxels_of(self, other: "CropConfig") -> bool:
+        """Whether the voxels of another crop mean the same; it may tell objects apart in another way (`gap`)."""
+        return replace(self, gap=other.gap) == other
 
     @property
     def origin(self) -> tuple[float, float, float]:

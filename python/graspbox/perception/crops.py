@@ -1,6 +1,6 @@
 """Depth images of an object on a table: sensor noise, and the voxels of a crop around the object."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +51,16 @@ class Crops(ByValue):
     def __len__(self) -> int:
         """Count the crops."""
         return len(self.found)
+
+    @classmethod
+    def joined(cls, parts: "Iterable[Crops]") -> "Crops":
+        """Join the crops of one or more tables."""
+        tables = [vars(part) for part in parts]
+        return cls(**{name: np.concatenate([table[name] for table in tables]) for name in tables[0]})
+
+    def rows(self, chosen: NDArray[np.bool_]) -> "Crops":
+        """Return the crops with a true flag (n,)."""
+        return Crops(**{name: values[chosen] for name, values in vars(self).items()})
 
 
 def add_depth_noise(

@@ -12,16 +12,18 @@
 | `save_hand_frames` | hands with their grasp frame and the frames of formats of grasps |
 | `save_hand_motion` | a hand open, half closed and closed, with its pads and grasp frame |
 | `save_episode`  | an episode of ``graspbox/Grasp-v0`` solved by the scripted expert, with images observed in it |
+| `save_video`    | a video of pictures with captions |
 | `save_rates`    | success and secure holds of policies, with confidence intervals |
 | `save_reliability` | observed success rate over the probability that a policy predicted |
 
-Paths are str or Path; their extension, one of `SUFFIXES`, sets the format. Paths are checked before any work, and files
-are written atomically. The choice of matplotlib's backend has no effect, because nothing here uses pyplot.
+Paths are str or Path; their extension, one of `SUFFIXES`, or of `VIDEO_SUFFIXES` for videos, sets the format. Paths are
+checked before any work, and files are written atomically. The choice of matplotlib's backend has no effect, because
+nothing here uses pyplot.
 
 The renderer of the environments renders objects and hands; matplotlib adds lines and text.
 
-Modules: `files` (paths, formats), `solids` (colours, meshes), `hands` (joints, pose glyphs), `view` (camera, lines with
-hidden parts), then one per picture.
+Modules: `files` (paths, formats), `videos`, `solids` (colours, meshes), `hands` (joints, pose glyphs), `view` (camera,
+lines with hidden parts), then one per picture.
 """
 
 import contextlib
@@ -62,12 +64,14 @@ from graspbox.pictures.plans import GraspExample, save_gallery, save_plan  # noq
 from graspbox.pictures.solids import Solid  # noqa: E402
 from graspbox.pictures.sweeps import AREA_GAINS, MIN_VOLUMES, save_sweep  # noqa: E402
 from graspbox.pictures.trials import Trial, firm_and_failed, save_kindness, save_stages  # noqa: E402
+from graspbox.pictures.videos import VIDEO_SUFFIXES, check_video, save_video  # noqa: E402
 from graspbox.pictures.view import Camera, View  # noqa: E402
 
 __all__ = [
     "AREA_GAINS",
     "MIN_VOLUMES",
     "SUFFIXES",
+    "VIDEO_SUFFIXES",
     "Camera",
     "GraspExample",
     "PosedHand",
@@ -75,6 +79,7 @@ __all__ = [
     "Trial",
     "View",
     "check_path",
+    "check_video",
     "firm_and_failed",
     "save_arrangements",
     "save_episode",
@@ -88,4 +93,5 @@ __all__ = [
     "save_reliability",
     "save_stages",
     "save_sweep",
+    "save_video",
 ]

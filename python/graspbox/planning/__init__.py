@@ -14,11 +14,21 @@ from graspbox._common.by_value import ByValue
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
-from graspbox.meshes import MeshLike, as_mesh
+from graspbox.meshes import MeshLike, Surroundings, as_mesh, placed
 from graspbox.planning import plan_files
 from graspbox.planning.boxes import Box, BoxTree
 
-__all__ = ["Box", "BoxTree", "DecomposeSettings", "Grasp", "Plan", "PlanSettings", "decompose", "plan", "rank_weights"]
+__all__ = [
+    "Box",
+    "BoxTree",
+    "DecomposeSettings",
+    "Grasp",
+    "Plan",
+    "PlanSettings",
+    "decompose",
+    "plan",
+    "rank_weights",
+]
 
 
 class DecomposeSettings(TypedDict, total=False):
@@ -248,6 +258,7 @@ def plan(
     config: PlanConfig = PlanConfig(),  # noqa: B008 (frozen)
     num_threads: int | None = None,
     features: bool = False,
+    neighbours: Surroundings | None = None,
     **settings: Unpack[PlanSettings],
 ) -> Plan:
     """Generate hand poses from an object's boxes, filter out collisions, and rank the rest by geometry alone.
@@ -269,6 +280,8 @@ def plan(
         Number of threads, 1 to 1024; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
     features : bool
         Whether to return the terms of the ranking for each pose.
+    neighbours : Surroundings, optional
+        Other objects and walls, which the open hand must not touch: what `graspbox.Arrangement.without` returns.
     **settings
         Fields of `PlanConfig` by name, instead of those of `config`.
 
@@ -283,7 +296,8 @@ def plan(
     chosen = {**settings} if seed is None else {**settings, "seed": seed}
     text = to_json(with_settings(config, PlanConfig, chosen))
     pose = None if world_from_object is None else floats(world_from_object, "world_from_object")
-    arrays = _core.plan(mesh, hand, text, pose, cache_folder(), num_threads, features)
+    around, walls = placed(neighbours)
+    arrays = _core.plan(mesh, hand, text, pose, cache_folder(), num_threads, features, around, walls)
     columns: dict[str, Any] = {name: arrays[name] for name in _ROWS}  # type: ignore[literal-required]
     return Plan(
         **columns,

@@ -4,9 +4,12 @@
 |---|---|---|
 | ``random``  | all | actions sampled uniformly from the action space |
 | ``zero``    | all | zero actions |
-| ``planner`` | all | grasps at the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
+| ``top_down`` | ``GraspPose-v0``, ``Clear-v0`` | straight down at the highest point of a depth image |
+| ``scene_planner`` | ``Clear-v0`` | the planner's first-ranked pose of all objects among their neighbours |
+| ``planner`` | of one object | the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
 | ``partial_view_planner`` | all | as ``planner``, on the surface that one depth camera sees |
+| ``best_proposal`` | all | of grasps proposed on that surface, all over the table, the one that geometry likes best |
 | ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with its networks: grasps the object in one depth image |
 | a folder    | its own | `NetworkPolicy`: one network from observations to actions, such as a clone |
@@ -16,6 +19,7 @@
 | ``depth``, ... | | such a folder of an installed package; ``graspbox-policies`` holds the published ones |
 
 ``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and use the object's mesh.
+``scene_planner`` is privileged, too: it is shown the scene.
 `load` makes a policy by its name, and `available` lists names; `graspbox.evaluation.evaluate` measures one; a policy of
 your own is a subclass of `Policy`.
 
@@ -24,13 +28,14 @@ your own is a subclass of `Policy`.
 | `base`    | `Policy`, the interface, and `Task`, the environments that a policy acts in |
 | `simple`  | ``random`` and ``zero`` |
 | `planner` | ``planner`` and ``expert`` |
+| `clutter` | ``top_down``, ``scene_planner``, and `TsdfPolicy`, which does what your planner says |
 | `depth`   | `DepthPolicy`: an `Observer`, a finder and an `Executor`; `DepthGrasp`: that of published networks |
 | `feel`    | `FeelThenLift` |
 | `head`    | `HeadGrasp`: one network |
 | `network` | `NetworkPolicy` |
 | `goals` | the grasp of another policy as an observation of ``Grasp-v0`` |
 | `residual` | `ResidualGrasp`: bounded corrections of the grasps of another policy |
-| `partial_view` | `PartialViewPlanner` and `NearestGrasp`, which see one depth image and have no scorer |
+| `partial_view` | `PartialViewPlanner`, `BestProposal` and `NearestGrasp`: one depth image, no scorer |
 | `grasp_image` | grasps for your own depth image |
 
 ``robust_oracle`` and policies with partial ground truth are in `graspbox.evaluation.oracles`.
@@ -65,17 +70,19 @@ from graspbox.errors import ConfigError
 from graspbox.policies._executor import Executor, GraspExecutor, PoseExecutor
 from graspbox.policies._observer import Observer
 from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.clutter import ScenePlanner, TopDown, TsdfPlan, TsdfPolicy
 from graspbox.policies.depth import DepthGrasp, DepthPolicy
 from graspbox.policies.feel import Attempt, FeelThenLift
 from graspbox.policies.head import HeadGrasp
 from graspbox.policies.network import NetworkPolicy
-from graspbox.policies.partial_view import NearestGrasp, PartialViewPlanner
+from graspbox.policies.partial_view import BestProposal, NearestGrasp, PartialViewPlanner
 from graspbox.policies.planner import Expert, Planner
 from graspbox.policies.simple import Random, Zero
 
 __all__ = [
     "Actions",
     "Attempt",
+    "BestProposal",
     "DepthGrasp",
     "DepthPolicy",
     "Executor",
@@ -91,7 +98,11 @@ __all__ = [
     "Policy",
     "PoseExecutor",
     "Random",
+    "ScenePlanner",
     "Task",
+    "TopDown",
+    "TsdfPlan",
+    "TsdfPolicy",
     "Zero",
     "available",
     "load",
@@ -105,7 +116,10 @@ def _robust_oracle() -> Policy:
 
 
 _BASELINES: dict[str, Callable[[], Policy]] = {
-    **{kind.name: kind for kind in (Random, Zero, Planner, Expert, PartialViewPlanner)},
+    **{
+        kind.name: kind
+        for kind in (Random, Zero, Planner, Expert, PartialViewPlanner, BestProposal, TopDown, ScenePlanner)
+    },
     "robust_oracle": _robust_oracle,
 }
 #: Former names, still used in recorded demonstrations and runs.

@@ -1,4 +1,4 @@
-"""Depth images of a policy: from the first camera of its environments, with the noise of a real one."""
+"""Depth images of a policy: from a camera of its environments, with the noise of a real one."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,7 +18,7 @@ __all__ = ["Observer"]
 
 
 class Observer:
-    """Takes depth images of the table with the environments' first camera, which must be fixed in the world.
+    """Takes depth images of the table with one of the environments' cameras, which must be fixed in the world.
 
     Parameters
     ----------
@@ -26,9 +26,13 @@ class Observer:
         The environments and their hand.
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
+    camera : int
+        Index of the camera.
 
     Attributes
     ----------
+    image : str
+        Name of its depth image in observations.
     hand_view : HandView
         The hand in the camera's image.
 
@@ -38,11 +42,18 @@ class Observer:
         If the camera is mounted on the hand.
     """
 
-    def __init__(self, task: Task, hand: Hand, noise: DepthNoise = DepthNoise()) -> None:  # noqa: B008 (frozen)
-        camera, size = task.cameras.cameras[0], task.cameras.image_size
-        if camera.mount != "world":
-            raise ConfigError(f"camera {camera.name!r} is mounted on the hand; put one first whose mount is 'world'")
-        self._world_from_camera, self._intrinsics, self._noise = camera_pose(camera), lens(camera.fov, size), noise
+    def __init__(
+        self,
+        task: Task,
+        hand: Hand,
+        noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
+        camera: int = 0,
+    ) -> None:
+        chosen, size = task.cameras.cameras[camera], task.cameras.image_size
+        if chosen.mount != "world":
+            raise ConfigError(f"camera {chosen.name!r} is mounted on the hand; put one first whose mount is 'world'")
+        self.image = f"depth_{chosen.name}" if camera else "depth"
+        self._world_from_camera, self._intrinsics, self._noise = camera_pose(chosen), lens(chosen.fov, size), noise
         self.hand_view = HandView(hand, self._world_from_camera, self._intrinsics, size)
 
     def look(self, row: Mapping[str, Any], seed: int) -> DepthView:
@@ -51,10 +62,10 @@ class Observer:
         Parameters
         ----------
         row : mapping
-            An environment's row of the observation: ``depth`` (H, W, 1), metres.
+            An environment's row of the observation: the image (H, W, 1), metres.
         seed : int
             Seed of the noise.
         """
-        clean = np.asarray(row["depth"])[None, :, :, 0]
+        clean = np.asarray(row[self.image])[None, :, :, 0]
         depth = add_depth_noise(clean, self._intrinsics, seed, self._noise)[0]
         return DepthView(depth, self._intrinsics, self._world_from_camera)

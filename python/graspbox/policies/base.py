@@ -1,10 +1,10 @@
 """`Policy`, the interface of all policies, and `Task`, the environments that one acts in."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import gymnasium
 import numpy as np
@@ -15,9 +15,18 @@ from numpy.typing import NDArray
 from graspbox import object_sets
 from graspbox._common.arguments import config_of
 from graspbox.configs.cameras import CamerasConfig
-from graspbox.envs import IDS
-from graspbox.envs.settings import OBJECTS, HandArgument, ObjectsArgument, Settings, keywords
+from graspbox.envs import IDS, SINGLE_OBJECT_IDS
+from graspbox.envs.settings import (
+    OBJECTS,
+    ClearSettings,
+    GraspSettings,
+    HandArgument,
+    ObjectsArgument,
+    Settings,
+    keywords,
+)
 from graspbox.errors import ConfigError
+from graspbox.layouts import Arrangement, SceneLayout
 
 __all__ = ["Actions", "Policy", "Task"]
 
@@ -53,6 +62,11 @@ class Task:
         See `graspbox.load_hand`.
     cameras : CamerasConfig
         Keyword ``cameras`` of the environments, with the size of their images.
+    layout : str
+        Keyword ``layout`` of the environments: with ``single`` there is one object.
+    scenes : callable, optional
+        Shows the scene of each environment by its index, for **privileged** policies; None for a single object in
+        ``GraspPose-v0`` or ``Grasp-v0``, and for observations that come from a client.
     """
 
     env_id: str
@@ -68,6 +82,8 @@ class Task:
     frame_skip: int
     hand: HandArgument
     cameras: CamerasConfig
+    layout: SceneLayout = "single"
+    scenes: Callable[[int], Arrangement] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def of(cls, envs: VectorEnv[Any, Any, Any] | gymnasium.Env[Any, Any]) -> Self:
@@ -95,7 +111,10 @@ class Task:
         values = {name: spec.kwargs.get(name, keywords(Settings)[name].default) for name in names}
         values["obs"] = values["obs"] if isinstance(values["obs"], str) else tuple(values["obs"])
         values |= {"sets": spec.kwargs.get("objects", OBJECTS.default), "cameras": _cameras(spec.kwargs)}
-        return cls(spec.id, num_envs, observation_space, action_space, **values)
+        clears = spec.id not in SINGLE_OBJECT_IDS
+        layout = spec.kwargs.get("layout", keywords(ClearSettings if clears else GraspSettings)["layout"].default)
+        scenes = _Scenes(envs) if clears or layout != "single" else None
+        return cls(spec.id, num_envs, observation_space, action_space, **values, layout=layout, scenes=scenes)
 
     @cached_property
     def objects(self) -> object_sets.ObjectSet:
@@ -110,10 +129,36 @@ class Task:
         """
         return object_sets.load(self.sets, scale=self.scale, mass=self.mass, split=self.split)
 
+    def scene(self, env: int, policy: str) -> Arrangement:
+        """Show the scene of an environment; **privileged**.
+
+        Raises
+        ------
+        ConfigError
+            If it cannot be seen, as for environments on a server; the message names the policy.
+        """
+        if self.scenes is None:
+            raise ConfigError(
+                f"the policy {policy!r} sees no scene; bind it to several objects in environments of this process"
+            )
+        return self.scenes(env)
+
     @property
     def closed_loop(self) -> bool:
         """Whether an episode is many actions (``Grasp-v0``), not one decision (``GraspPose-v0``)."""
         return self.env_id.startswith("graspbox/Grasp-")
+
+
+@dataclass(frozen=True)
+class _Scenes:
+    """The scenes of environments, single or vector."""
+
+    envs: Any
+
+    def __call__(self, env: int) -> Arrangement:
+        if isinstance(self.envs, VectorEnv):
+            return cast(Arrangement, self.envs.unwrapped.arrangement(env))  # type: ignore[attr-defined]
+        return cast(Arrangement, self.envs.unwrapped.arrangement())
 
 
 def _cameras(arguments: Mapping[str, Any]) -> CamerasConfig:

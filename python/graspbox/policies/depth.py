@@ -12,6 +12,7 @@ from graspbox._core import Hand
 from graspbox.artifacts.configs import DepthPolicyConfig
 from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.artifacts.runtimes import Backend, load_parts
+from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import DepthNoise
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder
@@ -30,9 +31,9 @@ __all__ = ["DepthGrasp", "DepthPolicy", "load_finder"]
 class DepthPolicy(Policy):
     """Grasps the object in one depth image: an observer looks, a finder chooses, an executor moves the hand.
 
-    It looks once per episode. In ``GraspPose-v0`` the grasp is the action. In ``Grasp-v0`` the hand first leaves the
-    image, and then moves to the grasp as the scripted expert does. Where no object is seen or no grasp is found,
-    its actions are zeros.
+    It looks once per episode, and before every attempt in ``Clear-v0``. There and in ``GraspPose-v0`` the grasp is the
+    action. In ``Grasp-v0`` the hand first leaves the image, and then moves to the grasp as the scripted expert does.
+    Where no object is seen or no grasp is found, its actions are zeros.
 
     Parameters
     ----------
@@ -80,6 +81,7 @@ class DepthPolicy(Policy):
         #: Seed of each environment's pending look, and the finder that then chooses.
         self._waiting: list[int | None] = [None] * task.num_envs
         self._finders = [self.finder] * task.num_envs
+        self._clears = task.env_id == IDS[2]
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         if seed is not None:
@@ -96,6 +98,8 @@ class DepthPolicy(Policy):
         """Choose grasps in environments that are ready; continue the motion in the others."""
         actions = self._zeros()
         for env in range(self.task.num_envs):
+            if self._clears and self._waiting[env] is None:
+                self._wait(env, self._other_than(self.found[env]))
             row = {name: observation[name][env] for name in self.obs}
             if self._waiting[env] is not None and self.executor.ready(env, row):
                 self.executor.start(env, self._look(env, row), row)
@@ -103,6 +107,13 @@ class DepthPolicy(Policy):
             if action is not None:
                 actions[env] = action
         return actions
+
+    def _other_than(self, last: FoundGrasp | None) -> Finder:
+        """Give a finder for the attempt after another one in the same scene.
+
+        If that failed, the same grasp would fail again; if it succeeded, nothing is left there.
+        """
+        return self.finder if last is None or not isinstance(self.finder, GraspFinder) else self.finder.avoiding(last)
 
     def find(self, env: int, seed: int, row: Mapping[str, Any]) -> FoundGrasp | None:
         """Look and choose in one environment, without moving; None where no grasp is found.

@@ -2,20 +2,21 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import planning
 from graspbox._core import Mesh
-from graspbox.envs import expert
+from graspbox.envs import SINGLE_OBJECT_IDS, expert
 from graspbox.envs.coding import encode_action, hand_pose, object_pose
 from graspbox.errors import ConfigError
+from graspbox.layouts import Arrangement
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.simulation import load_hand
 
-__all__ = ["Expert", "KnownObjects", "Planner"]
+__all__ = ["Expert", "KnownObjects", "Planner", "Subject"]
 
 #: Among how many of the planner's best poses the expert chooses.
 _CHOICES = 40
@@ -26,6 +27,13 @@ _ASIDE = 0.05
 _MESHES = 128
 
 
+class Subject(NamedTuple):
+    """The object of an episode, and its neighbours; None without any."""
+
+    mesh: Mesh
+    around: Arrangement | None
+
+
 class KnownObjects:
     """The objects of some environments, for policies that use them.
 
@@ -33,9 +41,16 @@ class KnownObjects:
     ----------
     task : Task
         The environments.
+
+    Raises
+    ------
+    ConfigError
+        If there are several objects in a scene: the names do not tell their scales.
     """
 
     def __init__(self, task: Task) -> None:
+        if task.layout != "single":
+            raise ConfigError(f"layout is {task.layout!r}, but a policy that knows meshes by name needs 'single'")
         self._objects = task.objects
         self._indices = {name: i for i, name in enumerate(task.objects.names)}
         #: Loads the mesh of an object by its name; the last ones are kept.
@@ -64,7 +79,8 @@ class KnownObjects:
 class Planner(Policy):
     """Grasps at the planner's first-ranked pose of the object as it lies; **privileged**.
 
-    It plans once per episode, with the object's mesh and the observation ``state``. In ``GraspPose-v0`` the pose is the
+    It plans once per episode, with the object's mesh and the observation ``state``, and among others with their meshes
+    and poses too (`Task.scenes`). In ``GraspPose-v0`` the pose is the
     action; in ``Grasp-v0`` the scripted expert (`graspbox.envs.expert`) moves the hand there. Where the planner finds
     no feasible pose its actions are zeros.
     """
@@ -73,14 +89,18 @@ class Planner(Policy):
     obs: str | tuple[str, ...] | None = "state"
 
     def _bind(self, task: Task) -> None:
+        if task.env_id not in SINGLE_OBJECT_IDS:
+            raise ConfigError(
+                f"the policy {self.name!r} grasps a single object; for {task.env_id!r} use 'scene_planner'"
+            )
         self._hand = load_hand(task.hand)
         self._objects: list[str | None] = [None] * task.num_envs
         self._experts: list[expert.Expert | None] = [None] * task.num_envs
-        self._known = KnownObjects(task)
+        self._known = KnownObjects(task) if task.layout == "single" else None
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         # The plan waits for the first observation, which holds the object's pose.
-        self._objects[env] = self._known.name_in(info, self.name)
+        self._objects[env] = "" if self._known is None else self._known.name_in(info, self.name)
         self._experts[env] = None
 
     def act(self, observation: Any) -> Actions:
@@ -89,35 +109,46 @@ class Planner(Policy):
         actions = self._zeros()
         for env, state in enumerate(states):
             name, self._objects[env] = self._objects[env], None
+            subject = None if name is None else self._subject(env, name)
             if not self.task.closed_loop:
-                action = None if name is None else self._decide(self._known.mesh(name), state)
+                action = None if subject is None else self._decide(subject, state)
                 if action is not None:
                     actions[env] = action
                 continue
-            if name is not None:
-                self._experts[env] = self._expert(self._known.mesh(name), state)
+            if subject is not None:
+                self._experts[env] = self._expert(subject, state)
             driver = self._experts[env]
             if driver is not None:
                 actions[env] = driver.act(state)
         return actions
 
-    def _decide(self, mesh: Mesh, state: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    def _subject(self, env: int, name: str) -> Subject:
+        """Find the object of an episode that begins, and its neighbours."""
+        if self._known is not None:
+            return Subject(self._known.mesh(name), None)
+        scene = self.task.scene(env, self.name)
+        assert scene.target is not None  # these environments have one
+        return Subject(scene.meshes[scene.target], scene.without(scene.target))
+
+    def _decide(self, subject: Subject, state: NDArray[np.float32]) -> NDArray[np.float32] | None:
         """Write the first-ranked pose as an action of ``GraspPose-v0``; None if there is none."""
         pose = object_pose(state, hand=self._hand)
-        plan = planning.plan(mesh, hand=self._hand, world_from_object=pose).best(1)
+        mesh, around = subject
+        plan = planning.plan(mesh, hand=self._hand, world_from_object=pose, neighbours=around).best(1)
         if not len(plan):
             return None
         return encode_action(pose @ plan.poses[0], plan.preshape[0], hand=self._hand)
 
-    def _expert(self, mesh: Mesh, state: NDArray[np.float32]) -> expert.Expert | None:
+    def _expert(self, subject: Subject, state: NDArray[np.float32]) -> expert.Expert | None:
         """Make the expert of an episode of ``Grasp-v0``."""
-        task = self.task
-        plan = expert.planned(mesh, state, control=task.control, hand=self._hand)
+        task, (mesh, around) = self.task, subject
+        plan = expert.planned(mesh, state, control=task.control, hand=self._hand, neighbours=around)
         if not len(plan):
             return None
         chosen = self._choose(plan, mesh, state)
         settings: dict[str, Any] = {"control": task.control, "frame_skip": task.frame_skip, "hand": self._hand}
-        return expert.Expert(state, plan.poses[chosen], plan.preshape[chosen], **settings)
+        clears = 0.0 if around is None else around.top()
+        return expert.Expert(state, plan.poses[chosen], plan.preshape[chosen], clears=clears, **settings)
 
     def _choose(self, plan: planning.Plan, mesh: Mesh, state: NDArray[np.float32]) -> int:
         del plan, mesh, state

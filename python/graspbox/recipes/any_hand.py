@@ -1,6 +1,6 @@
 """The stages that train one scorer on the trials of many hands (extra ``train``).
 
-`graspbox.recipes.settings.AnyHandSettings` describes each; ``graspbox train any-hand`` runs them.
+`graspbox.recipes.settings.any_hand.AnyHandSettings` describes each; ``graspbox train any-hand`` runs them.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,12 +33,12 @@ from graspbox.perception import HandGrid, HandGridConfig
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import DepthGrasp
-from graspbox.recipes.cards import write_card
+from graspbox.recipes.cards import package_licence, write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.recipes.collection import CollectConfig, collect, load_trials
 from graspbox.recipes.depth import FINDER, reporter, results_of
 from graspbox.recipes.depth_cards import any_hand_card
-from graspbox.recipes.settings import ANY_HAND_QUICK, AnyHandSettings, package_licence
+from graspbox.recipes.settings.any_hand import ANY_HAND_QUICK, AnyHandSettings
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
 from graspbox.training.runs import Run

@@ -6,6 +6,7 @@
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 from graspbox._common.files import write_text
@@ -14,7 +15,7 @@ from graspbox.artifacts.configs import PolicyConfig
 from graspbox.artifacts.downloads import CARD, hub
 from graspbox.evaluation import wilson
 
-__all__ = ["Card", "ScoreRow", "code", "listed", "paragraph", "rate", "table", "times", "write_card"]
+__all__ = ["Card", "ScoreRow", "code", "listed", "package_licence", "paragraph", "rate", "table", "times", "write_card"]
 
 _LICENCE = "Apache-2.0; see `LICENSE`. `graspbox objects` names the licences of the objects."
 
@@ -184,3 +185,12 @@ def _metadata(config: PolicyConfig, scores: Sequence[ScoreRow]) -> str:
             eval_results=results,
         )
     )
+
+
+def package_licence() -> Path | None:
+    """Find the licence of this package, under which trained policies are published."""
+    try:
+        found = [path for path in files("graspbox") or () if path.name == "LICENSE"]
+    except PackageNotFoundError:
+        return None
+    return Path(str(found[0].locate())) if found else None

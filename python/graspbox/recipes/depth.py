@@ -1,13 +1,13 @@
 """The stages that train a policy of one depth image, from a data set to a published folder (extra ``train``).
 
-`graspbox.recipes.settings.DepthSettings` describes each; ``graspbox train depth`` runs them.
+`graspbox.recipes.settings.depth.DepthSettings` describes each; ``graspbox train depth`` runs them.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from graspbox.artifacts.graphs import ScorerGraph
 from graspbox.artifacts.runtimes import Parts, Scorer, load_parts, torch_network
 from graspbox.dataset.learned import evaluated_split, of_datasets, of_splits
 from graspbox.errors import ConfigError
+from graspbox.evaluation.rounds import clear_rounds
+from graspbox.layouts import SceneLayout, layout_named
 from graspbox.models.calibration import Calibration, calibration_error, fit_logits
 from graspbox.models.completion.network import CompletionNet, train_completion
 from graspbox.models.head.configs import HeadConfig
@@ -30,16 +32,16 @@ from graspbox.models.scorer.shared import SHARED_SHAPE
 from graspbox.models.scorer.training import train_scorer
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
-from graspbox.perception import HandGrid, ProposalConfig
+from graspbox.perception import CropConfig, HandGrid, ProposalConfig
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import DepthGrasp
-from graspbox.recipes.cards import write_card
+from graspbox.recipes.cards import package_licence, write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.recipes.collection import CollectConfig, check_hand, collect, load_trials
 from graspbox.recipes.depth_cards import depth_card
-from graspbox.recipes.networks import TrainedNetworks
-from graspbox.recipes.settings import QUICK, QUICK_OBJECTS, DepthSettings, package_licence
+from graspbox.recipes.networks import TrainedNetworks, is_published, is_shared, learned_before
+from graspbox.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
 from graspbox.training.runs import Run
@@ -50,6 +52,10 @@ __all__ = ["FINDER", "train"]
 
 #: Settings of the policy's decision; `Sizes.refinements` sets the number of refinements.
 FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=80), predicted=32, children=5)
+#: Gap of a crop that takes everything on the table for one object, metres.
+EVERYTHING = 0.5
+#: Learning rate with which a completion is trained further.
+_TUNING_RATE = 3e-4
 #: Number of trials per scene: enough that the random ones reveal the scorer's errors.
 _COLLECTED = {"most": 256, "predicted": 96}
 
@@ -64,18 +70,22 @@ def train(settings: DepthSettings, command: str, echo: Callable[[str], None]) ->
     Raises
     ------
     ConfigError
-        If the folder holds a run with other settings, if the evaluation has only training objects, or if a data set is
-        of another hand.
+        If the folder holds a run with other settings, if the evaluation has only training objects, or if a data set or
+        the policy with which it begins is of another hand.
     """
     if settings.quick:
         settings = replace(settings, sizes=QUICK, **QUICK_OBJECTS)
     learned = [*of_datasets(settings.data), *of_splits((*settings.objects, *settings.fresh))]
     if settings.completion is not None:
         learned += read_depth_policy(folder_of(settings.completion)).learned_from
+    if settings.start is not None:
+        learned += learned_before(settings.start)
     for objects in settings.evaluated:
         if not learned_sets.without(object_sets.load(objects, split=evaluated_split(objects)), learned):
             raise ConfigError(f"--evaluated is {objects!r}; name objects from which nothing is learned")
     check_hand(settings.data, settings.load_hand())
+    if settings.start is not None and is_published(settings.start):
+        read_depth_policy(settings.start).settings_for(settings.load_hand())
     with settings.run(echo) as run:
         training = _DepthTraining(settings, run, learned)
         training.go(command)
@@ -88,8 +98,14 @@ class _DepthTraining:
     def __init__(self, settings: DepthSettings, run: Run, learned: list[str]) -> None:
         self.settings, self.sizes, self.run, self.learned = settings, settings.sizes, run, learned
         self.seed, self.out = settings.seed, settings.out
-        self.scenes, hand = SceneConfig(), settings.load_hand()
-        shape = None if settings.start is None else SHARED_SHAPE
+        self.layouts = cast("tuple[SceneLayout, ...]", settings.layout)
+        #: Whether the completion of another policy learns more: that of single objects is poor in heaps.
+        self.tunes_completion = settings.completion is not None and self.layouts != ("single",)
+        several = self.layouts != ("single",)
+        self.scenes = SceneConfig(crop=CropConfig(gap=EVERYTHING if several else CropConfig.gap))
+        hand = settings.load_hand()
+        start = settings.start
+        shape = None if start is None or not is_shared(start) else SHARED_SHAPE
         fitted = settings_of(hand, FINDER.proposals, shape=shape)
         self.finder, self.anchors = replace(FINDER, proposals=fitted.proposals), fitted.anchors
         self.grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
@@ -99,7 +115,7 @@ class _DepthTraining:
 
     def sampler(self, objects: str | tuple[str, ...], split: object_sets.Split | None, seed: int) -> SceneSampler:
         """Sample scenes of a set of objects."""
-        return SceneSampler(object_sets.load(objects, split=split), self.scenes, seed)
+        return SceneSampler(object_sets.load(objects, split=split), self.scenes, seed, self.layouts)
 
     def go(self, command: str) -> None:
         """Run the stages."""
@@ -129,6 +145,8 @@ class _DepthTraining:
         stage("export", hours.evaluate, lambda s: self.export(calibration))
         stage("ablations", hours.evaluate, lambda s: self.export_ablations(s.folder, calibration))
         stage("evaluate", hours.evaluate, self.evaluate)
+        if layouts := [layout for layout in self.settings.layout if layout != "single"]:
+            stage("clear", hours.evaluate, partial(self.clear, layouts=layouts))
         folder = self.policy_folder()
         config, settings = read_depth_policy(folder), self.settings
         card = depth_card(
@@ -161,12 +179,17 @@ class _DepthTraining:
         return {"max_seconds": stage.limit, "seed": self.seed, "device": self.settings.device}
 
     def complete(self, stage: Run) -> dict[str, Any]:
-        """Train the completion and export it: onnxruntime runs it twice as fast."""
+        """Train the completion, or adopt one, and export it: onnxruntime runs it twice as fast."""
+        sizes, start = self.sizes, None
+        adopted: dict[str, Any] = {}
         if self.settings.completion is not None:
-            adopted = self.networks.adopt_completion(folder_of(self.settings.completion))
-            return {"policy": adopted.name, "sha256": adopted.files["completion.onnx"]}
-        sizes = self.sizes
+            policy = self.networks.adopt_completion(folder_of(self.settings.completion))
+            adopted = {"policy": policy.name, "sha256": policy.files["completion.onnx"]}
+            if not self.tunes_completion:
+                return adopted
+            start = self.networks.completion_net()
         config = TrainConfig(
+            learning_rate=_TUNING_RATE if adopted else TrainConfig.learning_rate,
             batch_size=sizes.completion_batch,
             max_steps=sizes.completion_steps,
             validate_every=sizes.validate_every,
@@ -182,12 +205,16 @@ class _DepthTraining:
             held_out,
             config,
             self.scenes,
-            validation_objects=count,
+            layouts=self.layouts,
+            validation_scenes=count,
             width=sizes.completion_width,
+            start=start,
             progress=reporter(stage, "overlap"),
         )
+        if start is not None:
+            self.networks.keep_tuned(start)
         write_completion(self.networks.completion_net(), stage.folder / "completion.onnx", self.scenes.crop)
-        return results_of(trained)
+        return adopted | results_of(trained)
 
     @cached_property
     def views(self) -> SceneViews:
@@ -228,7 +255,14 @@ class _DepthTraining:
         return results_of(trained) | {"trials": len(train), "on_policy": sum(len(trials) for trials in on_policy)}
 
     def head(self, stage: Run) -> dict[str, Any]:
-        """Train the head whose grasps are scored together with the proposals, on the data set, and export it."""
+        """Train the head whose grasps are scored together with the proposals, on the data set, and export it.
+
+        A published policy with which the training begins brings its own.
+        """
+        start = self.settings.start
+        if start is not None and is_published(start) and self.networks.adopt_head(start):
+            write_head(self.networks.head_net(), stage.folder / "head.onnx", self.scenes.crop)
+            return {"policy": str(start)}
         steps = self.sizes.head_steps
         config = TrainConfig(
             batch_size=16,
@@ -318,7 +352,7 @@ class _DepthTraining:
 
     def completion_of_export(self) -> CompletionNet | Path:
         """Return the trained completion, or the folder of the policy that has it."""
-        if self.settings.completion is None:
+        if self.settings.completion is None or self.tunes_completion:
             return self.networks.completion_net()
         folder = folder_of(self.settings.completion)
         return completion_folder(folder, read_depth_policy(folder))
@@ -336,7 +370,7 @@ class _DepthTraining:
             self.networks.members(),
             calibration,
             # The completion is trained on `settings.objects`, even with `data`.
-            learned_from=[*of_datasets(self.data), *self.learned],
+            learned_from=dict.fromkeys([*of_datasets(self.data), *self.learned]),
             hand=self.grid.hand,
             crop=self.scenes.crop,
             grid=self.grid.config,
@@ -397,6 +431,25 @@ class _DepthTraining:
                 **{k: v for k, v in result.to_json().items() if k != "objects"},
                 "ece": round(calibration_error(tried.judged[:, 0, 0], tried.success[:, 0]), 4),
             }
+        return results
+
+    def clear(self, stage: Run, layouts: list[str]) -> dict[str, Any]:
+        """Clear scenes of several objects with the policy: see `graspbox.evaluation.rounds`."""
+        policy, results = DepthGrasp(self.policy_folder()), dict[str, Any]()
+        for layout in layouts:
+            for objects in self.settings.evaluated:
+                progress = stage.counter(self.sizes.cleared, f"rounds ({layout}, {objects})")
+                found = clear_rounds(
+                    policy,
+                    objects=objects,
+                    split=evaluated_split(objects),
+                    layout=layout_named(layout),
+                    rounds=self.sizes.cleared,
+                    hand=self.settings.named_hand,
+                    progress=progress,
+                    stop=stage.late,
+                )
+                results[f"{layout} {objects}"] = found.to_json()
         return results
 
 

@@ -1,7 +1,7 @@
 """Cards of policies that use one depth image: `DepthGrasp`, `HeadGrasp` and `FeelThenLift`."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,10 @@ __all__ = ["any_hand_card", "depth_card", "feel_card", "head_card"]
 
 _DECISION, _GRASP = "graspbox/GraspPose-v0", "graspbox/Grasp-v0"
 _SUMMARY = "Grasps an object on a table from one depth image; it needs neither a mesh nor the object's true pose."
+_SEVERAL = (
+    "It looks at everything on the table at once, and clears scenes of several objects in `graspbox/Clear-v0`, one "
+    "attempt after another."
+)
 _METHOD = (
     f"First attempts in `{_DECISION}`, on objects that were not used in training; the depth images have the noise of a "
     "real camera."
@@ -32,7 +36,7 @@ def _use(folder: Path) -> str:
 def _limits(scenes: SceneConfig) -> tuple[str, ...]:
     near, far = scenes.distance
     return (
-        f"One object on a flat table, no larger than a cube of 0.3 m. The camera is {near} to {far} m away, at least "
+        f"What is on the flat table fits a cube of 0.3 m. The camera is {near} to {far} m away, at least "
         f"{scenes.elevation * 57.29578:.0f} degrees above the table.",
         "Depth images have the noise of a structured-light sensor. Such sensors do not measure transparent and shiny "
         "surfaces; the training images show none.",
@@ -63,10 +67,8 @@ def depth_card(
     scores = []
     for objects, found in stages["evaluate"].items():
         if objects != "seconds":
-            split = evaluated_split(objects)
             counts = (found["trials"], found["succeeded"], found["secure"])
-            name = f"{objects}/{split}" if split else objects
-            scores.append(ScoreRow(name, _DECISION, *counts, more=_more(found)))
+            scores.append(ScoreRow(_with_split(objects), _DECISION, *counts, more=_more(found)))
     weight, tried = config.calibration.secure_weight, []
     for name, found in stages.items():
         stage, _, count = name.partition("-")
@@ -89,20 +91,53 @@ def depth_card(
     trials = max(found["trials"] for found in stages.values() if "on_policy" in found)
     on_policy = max(found.get("on_policy", 0) for found in stages.values())
     learned = f"Seed {settings.seed}. {trials} trials of {data} (split `train`), then {on_policy} trials "
-    learned += f"of grasps that the policy chose on {fresh}."
+    learned += f"of grasps that the policy chose on {fresh}, in scenes of the layout {listed(settings.layout)}."
     stage_table = times({name: (found["seconds"], _result(name, found)) for name, found in stages.items()})
     return Card(
-        summary=_SUMMARY,
+        summary=_SUMMARY if settings.layout == ("single",) else f"{_SUMMARY} {_SEVERAL}",
         commands=(
             _use(folder),
             f"graspbox grasp-image DEPTH.npy --intrinsics FX FY CX CY --policy policies/{folder.name}",
         ),
         method=_METHOD,
         scores=scores,
-        details=f"{details}\n\n{table(columns, tried, 'r')}",
+        details=f"{details}\n\n{table(columns, tried, 'r')}{_cleared(stages.get('clear', {}))}",
         training=f"{code(command)}\n\n{paragraph(learned)}\n\n{stage_table}",
         limits=_limits(scenes),
     )
+
+
+def _cleared(found: Mapping[str, Any]) -> str:
+    """Describe the rounds of clearing, if there were any."""
+    rows = [
+        (
+            row["layout"],
+            f"`{_with_split(name.partition(' ')[2])}`",
+            str(row["rounds"]),
+            *(f"{row[key]:.1%} ({low:.1%} to {high:.1%})" for key, (low, high) in _intervals(row)),
+        )
+        for name, row in found.items()
+        if name != "seconds"
+    ]
+    if not rows:
+        return ""
+    text = paragraph(
+        "Rounds of clearing five objects in `graspbox/Clear-v0`, which end after two failed attempts in a row "
+        "(`graspbox benchmark clutter`): successful attempts, and objects taken away."
+    )
+    return f"\n\n{text}\n\n{table(('layout', 'objects', 'rounds', 'success', 'cleared'), rows, 'r')}"
+
+
+def _with_split(objects: str) -> str:
+    """Name an object set with the split of its evaluation."""
+    split = evaluated_split(objects)
+    return f"{objects}/{split}" if split else objects
+
+
+def _intervals(row: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[float]]]:
+    """Name the rates of rounds, with their intervals."""
+    yield "success_rate", row["success_interval"]
+    yield "cleared", row["cleared_interval"]
 
 
 def any_hand_card(
@@ -170,14 +205,16 @@ def _result(name: str, found: Mapping[str, Any]) -> str:
             for split, part in found.items()
             if split != "seconds"
         )
-    if name.startswith("calibrate") or name in ("evaluate", "export", "ablations"):
+    if name.startswith("calibrate") or name in ("evaluate", "export", "ablations", "clear"):
         return ""
     if name == "data":
         return f"{found['train']} trials for training, {found['validation']} for validation"
-    if "policy" in found:
-        return f"that of the policy `{found['policy']}`"
+    adopted = f"that of the policy `{found['policy']}`" if "policy" in found else ""
+    if "steps" not in found:
+        return adopted
     measure = {"completion": "overlap (IoU)", "head": "first choices that held"}.get(name, "AUC")
-    return f"{found['steps']} steps, {measure} {found['best']:.3f}"
+    trained = f"{found['steps']} steps, {measure} {found['best']:.3f}"
+    return f"{adopted}, trained further: {trained}" if adopted else trained
 
 
 def head_card(

@@ -1,6 +1,6 @@
 """The stages that add a grasp-stability check to a policy of one depth image (extra ``train``).
 
-`graspbox.recipes.settings.FeelSettings` describes each; ``graspbox train feel`` runs them.
+`graspbox.recipes.settings.feel.FeelSettings` describes each; ``graspbox train feel`` runs them.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from graspbox.recipes.depth import reporter
 from graspbox.recipes.depth_cards import feel_card
 from graspbox.recipes.feel_chart import save_feel_chart
 from graspbox.recipes.paired import PairedTrials, at_threshold, best_threshold, run_pairs
-from graspbox.recipes.settings import FEEL_QUICK, FeelSettings
+from graspbox.recipes.settings.feel import FEEL_QUICK, FeelSettings
 from graspbox.recipes.stability_trials import BLOCK, Recorder, StabilityTrials
 from graspbox.training.array_files import load_or_make
 from graspbox.training.configs import TrainConfig

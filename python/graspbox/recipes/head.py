@@ -19,11 +19,11 @@ from graspbox.object_sets import name_and_split
 from graspbox.perception import HandGrid
 from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import HeadGrasp
-from graspbox.recipes.cards import write_card
+from graspbox.recipes.cards import package_licence, write_card
 from graspbox.recipes.collection import check_hand, load_trials
 from graspbox.recipes.depth import reporter
 from graspbox.recipes.depth_cards import head_card
-from graspbox.recipes.settings import HeadSettings, package_licence
+from graspbox.recipes.settings.head import HeadSettings
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
 from graspbox.training.runs import Rows, Run

@@ -1,35 +1,40 @@
 """The networks trained by the stages of a run, loaded from its folder."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 
-from graspbox._common.files import replacing, write_bytes
+from graspbox._common.files import read_bounded, replacing, write_bytes
 from graspbox.artifacts import weight_files
 from graspbox.artifacts.configs import DepthPolicyConfig
+from graspbox.artifacts.downloads import CONFIG
 from graspbox.artifacts.folders import completion_folder, read_depth_policy
 from graspbox.artifacts.runtimes import AnchorHead, Completion, onnx_network
+from graspbox.dataset.learned import of_splits
 from graspbox.errors import ConfigError
 from graspbox.models.completion.network import CompletionNet
 from graspbox.models.head.network import AnchorNet
-from graspbox.models.head.training import load_head
+from graspbox.models.head.training import load_head, save_head
 from graspbox.models.scenes import SceneConfig
 from graspbox.models.scorer.network import ScorerNet
 from graspbox.models.scorer.shared import SharedScorerNet
 from graspbox.perception import HandGrid
 from graspbox.perception.anchors import Anchors
-from graspbox.recipes.settings import Sizes
-from graspbox.training.trainer import load_weights
+from graspbox.recipes.settings.depth import Sizes
+from graspbox.training.trainer import load_weights, read_weights
 
-__all__ = ["TrainedNetworks", "shared_weights"]
+__all__ = ["TrainedNetworks", "is_published", "is_shared", "latest_weights", "learned_before"]
 
-#: Weights of a completion that was not trained in the run.
+#: Weights of a completion that began in another run, with folded norms.
 ADOPTED = "completion.safetensors"
+#: Largest file of settings that is read, bytes.
+_LARGEST_SETTINGS = 1_000_000
 
 
-def shared_weights(run: Path) -> Path:
-    """Find the weights of a run of ``graspbox train any-hand``: those of its last round.
+def latest_weights(run: Path) -> Path:
+    """Find the scorer of a run of ``graspbox train depth`` or ``any-hand``: the weights of its last round.
 
     Raises
     ------
@@ -40,7 +45,44 @@ def shared_weights(run: Path) -> Path:
     for path in (*reversed(found), run / "scorer" / "weights.pt"):
         if path.exists():
             return path
-    raise ConfigError(f"there is no trained scorer in {str(run)!r}; name a run of graspbox train any-hand")
+    raise ConfigError(f"there is no trained scorer in {str(run)!r}; name a run of graspbox train depth or any-hand")
+
+
+def is_published(folder: Path) -> bool:
+    """Whether a folder holds a published policy, not a run."""
+    return (folder / CONFIG).exists()
+
+
+def is_shared(run: Path) -> bool:
+    """Whether the scorer of a run or a published policy is one of many hands.
+
+    Raises
+    ------
+    ConfigError
+        As `latest_weights`, and if the file is not one of weights.
+    """
+    if is_published(run):
+        return read_depth_policy(run).hand_numbers is not None
+    return any(name.startswith("describe") for name in read_weights(latest_weights(run)))
+
+
+def learned_before(start: Path) -> list[str]:
+    """Name the objects from which a published policy learned, or a run and the runs with which it began.
+
+    Runs that are gone are left out.
+
+    Raises
+    ------
+    ConfigError, FileError
+        If the policy or the settings of a run cannot be read.
+    """
+    if is_published(start):
+        return list(read_depth_policy(start).learned_from)
+    if not (path := start / "settings.json").exists():
+        return []
+    settings = json.loads(read_bounded(path, _LARGEST_SETTINGS))
+    own = of_splits([*settings.get("objects", ()), *settings.get("fresh", ())])
+    return own + (learned_before(Path(before)) if (before := settings.get("start")) else [])
 
 
 @dataclass(frozen=True)
@@ -86,7 +128,7 @@ class TrainedNetworks:
             If the folder holds no policy of one depth image, or one with other crops.
         """
         config = read_depth_policy(policy)
-        if config.crop != self.scenes.crop:
+        if not config.crop.has_voxels_of(self.scenes.crop):
             raise ConfigError(
                 f"the completion of {str(policy)!r} takes {config.crop}, this training {self.scenes.crop}"
             )
@@ -94,6 +136,10 @@ class TrainedNetworks:
         for name in (ADOPTED, "completion.onnx"):
             write_bytes(self.out / "completion" / name, (owner / name).read_bytes())
         return config
+
+    def keep_tuned(self, net: CompletionNet) -> None:
+        """Replace the adopted completion by one that was trained further."""
+        weight_files.save_weights(net, self.out / "completion" / ADOPTED)
 
     def folder(self, member: int, round_: int) -> Path:
         """Return the folder of a member's weights: the first member has weights after each round."""
@@ -107,8 +153,8 @@ class TrainedNetworks:
         load_weights(net, self.folder(member, round_) / "weights.pt")
         return net
 
-    def adopt_scorer(self, run: Path) -> Path:
-        """Copy the scorer of many hands of a run of ``graspbox train any-hand`` into this run, for its hand.
+    def adopt_scorer(self, folder: Path) -> Path:
+        """Copy the scorer of a run of ``graspbox train depth`` or ``any-hand``, or of a policy, for this run's hand.
 
         Returns
         -------
@@ -118,15 +164,52 @@ class TrainedNetworks:
         Raises
         ------
         ConfigError
-            If the folder holds no such run, or its scorer is of another width.
+            If the folder holds neither, or its scorer is of another width or hand.
         """
-        net = SharedScorerNet.load(shared_weights(run), [self.grid]).of_hand(self.grid)
+        net = self._published_scorer(folder) if is_published(folder) else self._scorer_of_run(folder)
         if (width := net.stem.out_channels) != self.sizes.width:
-            raise ConfigError(f"the scorer in {str(run)!r} has the width {width}; give --sizes.width {width}")
+            raise ConfigError(f"the scorer in {str(folder)!r} has the width {width}; give --sizes.width {width}")
         target = self.folder(0, 0) / "start.pt"
         with replacing(target) as temporary:
             torch.save(net.state_dict(), temporary)
         return target
+
+    def _scorer_of_run(self, run: Path) -> ScorerNet:
+        weights = latest_weights(run)
+        if is_shared(run):
+            return SharedScorerNet.load(weights, [self.grid]).of_hand(self.grid)
+        net = ScorerNet(self.grid, len(read_weights(weights)["stem.weight"]))
+        load_weights(net, weights)
+        return net
+
+    def _published_scorer(self, folder: Path) -> ScorerNet:
+        config = read_depth_policy(folder)
+        grid, _ = config.settings_for(self.grid.hand)
+        if grid != self.grid.config:
+            raise ConfigError(f"the scorer in {str(folder)!r} has the grid {grid}, this training {self.grid.config}")
+        weights = folder / config.member_weights[0]
+        if config.hand_numbers is not None:
+            shared = weight_files.restored(lambda: SharedScorerNet([self.grid], config.width), weights)
+            return shared.of_hand(self.grid)
+        return weight_files.restored(lambda: ScorerNet(self.grid, config.width), weights)
+
+    def adopt_head(self, policy: Path) -> bool:
+        """Copy the head of a published policy into the run, if it has one.
+
+        Raises
+        ------
+        ConfigError
+            If its crops are others.
+        """
+        config = read_depth_policy(policy)
+        if (head := config.head) is None:
+            return False
+        if not config.crop.has_voxels_of(self.scenes.crop):
+            raise ConfigError(f"the head of {str(policy)!r} takes {config.crop}, this training {self.scenes.crop}")
+        weights = policy / "head.safetensors"
+        net = weight_files.restored(lambda: AnchorNet(len(self.grid.preshapes), head, self.scenes.crop), weights)
+        save_head(self.out / "head", net, head)
+        return True
 
     def head_net(self) -> AnchorNet:
         """Load the trained head."""

@@ -16,9 +16,9 @@ from graspbox._common.progress import shown_time
 from graspbox.artifacts.weight_files import LARGEST_NETWORK
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet
-from graspbox.recipes.cards import rate, table, write_card
+from graspbox.recipes.cards import package_licence, rate, table, write_card
 from graspbox.recipes.network_cards import measure, pose_card
-from graspbox.recipes.settings import StudySettings, package_licence
+from graspbox.recipes.settings.study import StudySettings
 from graspbox.study.comparison import study_objects
 from graspbox.study.execution import BASELINES, Scenes, execute
 from graspbox.study.export import export_pose_model

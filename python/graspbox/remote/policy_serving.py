@@ -10,6 +10,7 @@ import json
 import threading
 import time
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -176,7 +177,8 @@ class _Actors:
         settings = {**policy.settings, **({} if policy.obs is None else {"obs": policy.obs})}
         # Made only for its spaces.
         env = gymnasium.make_vec(env_id, 1, objects="procedural:can:0", **settings)
-        self._task = Task.of(env)
+        # Its observations come from clients.
+        self._task = replace(Task.of(env), scenes=None)
         env.close()
         self._policy, self._lock = policy, threading.Lock()
         self._actors: dict[int, _Actor] = {}

@@ -52,7 +52,7 @@ def description_of(core: GraspCore, environment: str) -> dict[str, Any]:
         "action_space": space_of(core.action_space),
         "control": core.control,
         "tables": core.tables,
-        "images": core.source.images(core.config.cameras),
+        "images": core.source.images(core.config.cameras, core.config.clutter.most_objects),
         "weights": core.weights.tolist(),
         "objects": core.source.count,
         "has_files": core.source.has_files,

@@ -49,7 +49,7 @@ def make_vec(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any,
     Parameters
     ----------
     env_id : str
-        One of `graspbox.envs.IDS`.
+        One of `graspbox.envs.SINGLE_OBJECT_IDS`.
     num_envs : int
         Number of environments.
     **settings

@@ -39,6 +39,8 @@ _LIFT_FREQUENCY = 50.0
 #: Colours of the object, the table, the hand's pads and its other shapes.
 _OBJECT_RGBA, _TABLE_RGBA = "0.85 0.55 0.25 1", "0.9 0.87 0.8 1"
 _PAD_RGBA, _BARE_RGBA = "0.1 0.33 0.4 1", "0.78 0.8 0.84 1"
+#: Beginnings of the names of geoms that are not the hand's.
+_RESERVED = ("object_", "wall_")
 #: MuJoCo's groups of geoms: visible and hidden by default.
 _SHOWN, _HIDDEN = "1", "3"
 
@@ -99,6 +101,8 @@ class _Builder:
             default, "geom", condim="3", solref=number_text(numerics.solref), solimp=number_text(numerics.solimp)
         )
         self.world = ET.SubElement(self.root, "worldbody")
+        #: Names of the geoms that neither move nor belong to the hand.
+        self.scenery: list[str] = []
 
     def text(self, comments: Sequence[str] = ()) -> str:
         """Return the model; an exported one is indented, with comments at its top."""
@@ -118,6 +122,7 @@ class _Builder:
         light.set("specular", "0.1 0.1 0.1")
 
     def add_table(self) -> None:
+        self.scenery.append("table")
         geom = ET.SubElement(self.world, "geom", name="table", type="plane", contype="0", conaffinity="1")
         geom.set("size", number_text([1, 1, 1]))
         geom.set("friction", number_text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
@@ -125,17 +130,27 @@ class _Builder:
             geom.set("rgba", _TABLE_RGBA)
             geom.set("size", number_text([TABLE_SIDE / 2, TABLE_SIDE / 2, 1]))
 
-    def add_object(self, item: ObjectData, files: MeshFiles | None, friction: float = 0.0) -> None:
+    def add_wall(self, world_from_wall: Array, half_extents: Array) -> None:
+        """Add a fixed box with the friction of the table."""
+        name = f"wall_{len(self.scenery)}"
+        self.scenery.append(name)
+        geom = ET.SubElement(self.world, "geom", name=name, type="box", contype="0", conaffinity="1")
+        geom.set("size", number_text(half_extents))
+        geom.set("friction", number_text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
+        _add_pose(geom, world_from_wall)
+
+    def add_object(self, item: ObjectData, files: MeshFiles | None, friction: float = 0.0, number: int = 0) -> None:
         """Add a free body: its parts collide, its visual mesh does not."""
         assets = ET.SubElement(self.root, "asset")
-        body = ET.SubElement(self.world, "body", name="object")
+        name, part = object_name(number), f"part_{number}" if number else "part"
+        body = ET.SubElement(self.world, "body", name=name)
         _add_pose(body, item.start)
-        ET.SubElement(body, "freejoint", name="object")
+        ET.SubElement(body, "freejoint", name=name)
         _add_inertial(body, item.mass, item.center, item.inertia)
         for i, points in enumerate(item.parts):
             # The inertia of a part is not used, but it defines the frame of the geom.
-            mesh = ET.SubElement(assets, "mesh", name=f"part_{i}", inertia="convex")
-            geom = ET.SubElement(body, "geom", name=f"object_{i}", type="mesh", mesh=f"part_{i}")
+            mesh = ET.SubElement(assets, "mesh", name=f"{part}_{i}", inertia="convex")
+            geom = ET.SubElement(body, "geom", name=f"{name}_{i}", type="mesh", mesh=f"{part}_{i}")
             geom.set("contype", "1")
             geom.set("conaffinity", "0")
             geom.set("friction", number_text([friction, 0, 0]))
@@ -211,8 +226,10 @@ class _Builder:
             element.set("solimp", number_text(numerics.solimp))
 
         for shape in shape_groups(hand):
-            if shape.part != "palm":
-                pair(shape.name, "table", shape.friction * physics.friction.table)
+            for name in self.scenery:
+                # The carriage does not feel the palm on the table; a wall can be beside it.
+                if shape.part != "palm" or name != "table":
+                    pair(shape.name, name, shape.friction * physics.friction.table)
         for one, two in colliding_shapes(hand):
             pair(one.name, two.name, one.friction * two.friction)
 
@@ -348,7 +365,7 @@ def _check_names(hand: HandDescription) -> None:
     }
     for kind, (names, taken) in own.items():
         for index, name in enumerate(names):
-            if name in taken or name in names[:index] or (kind == "collision" and name.startswith("object_")):
+            if name in taken or name in names[:index] or (kind == "collision" and name.startswith(_RESERVED)):
                 why = "twice" if name in names[:index] else "which the model needs for something else"
                 raise ConfigError(
                     f"the hand {hand.name!r} has the {kind} {name!r}, {why}; rename it in the hand's files"
@@ -380,6 +397,38 @@ def trial_model(hand: HandDescription, item: ObjectData, physics: PhysicsConfig,
     builder.add_object(item, None)
     builder.add_hand(hand)
     return builder.text()
+
+
+def heap_model(
+    hand: HandDescription,
+    items: Sequence[ObjectData],
+    walls: Sequence[tuple[Array, Array]],
+    physics: PhysicsConfig,
+    numerics: Numerics,
+) -> str:
+    """Return the model of several objects, walls (pose and half extents) and the hand, for trials at any pose.
+
+    Two objects meet with the product of their frictions. Where an object meets something else, MuJoCo takes the
+    friction of the geom with the higher priority, which is the other's.
+    """
+    builder = _Builder(f"{hand.name} and {len(items)} objects", physics, numerics, None)
+    builder.add_table()
+    for pose, half_extents in walls:
+        builder.add_wall(pose, half_extents)
+    for number, item in enumerate(items):
+        builder.add_object(item, None, physics.friction.object**2, number)
+    builder.add_hand(hand)
+    for geom in builder.world.iter("geom"):
+        if geom.get("name", "").startswith("object_"):
+            geom.set("conaffinity", "1")
+        else:
+            geom.set("priority", "1")
+    return builder.text()
+
+
+def object_name(number: int) -> str:
+    """Name the body and the joint of an object."""
+    return f"object_{number}" if number else "object"
 
 
 def scene_model(

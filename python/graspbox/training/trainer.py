@@ -29,6 +29,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any, Generic, TypeVar
 
 import torch
@@ -38,9 +39,20 @@ from torch.utils.tensorboard import SummaryWriter
 from graspbox._common.files import dumps, replacing, write_text
 from graspbox.errors import ConfigError
 from graspbox.training.configs import TrainConfig
+from graspbox.training.norms import fold_norms
 from graspbox.training.runs import Rows, Run
 
-__all__ = ["TrainConfig", "TrainProgress", "Trained", "Trainer", "device_of", "load_weights", "moved", "save_atomic"]
+__all__ = [
+    "TrainConfig",
+    "TrainProgress",
+    "Trained",
+    "Trainer",
+    "device_of",
+    "load_weights",
+    "moved",
+    "read_weights",
+    "save_atomic",
+]
 
 Batch = TypeVar("Batch")
 #: Share of the training in which the learning rate of ``warmup_cosine`` rises to its greatest value.
@@ -356,18 +368,36 @@ def save_atomic(value: Any, path: Path) -> None:
         torch.save(value, temporary)
 
 
-def load_weights(net: nn.Module, path: Path) -> None:
-    """Load the weights of a network, and set it to evaluation.
+def read_weights(path: Path) -> dict[str, Tensor]:
+    """Read the weights of a network from a run's folder.
 
     Raises
     ------
     ConfigError
-        If there are none, or they belong to another network.
+        If there are none, or the file is not one of weights.
     """
     if not path.exists():
         raise ConfigError(f"there are no weights {path}; train the network first")
     try:
-        net.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
+        weights: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
+    except (OSError, RuntimeError, EOFError, UnpicklingError) as error:
+        raise ConfigError(f"{path} is not a file of weights: {error}") from None
+    return weights
+
+
+def load_weights(net: nn.Module, path: Path) -> None:
+    """Load the weights of a network, and set it to evaluation; weights without norms fold those of the network.
+
+    Raises
+    ------
+    ConfigError
+        As `read_weights`, and if the weights belong to another network.
+    """
+    weights = read_weights(path)
+    if net.state_dict().keys() != weights.keys():
+        fold_norms(net)
+    try:
+        net.load_state_dict(weights)
     except RuntimeError as error:
         raise ConfigError(f"{path} holds the weights of another network; train this one in another folder") from error
     net.eval()

@@ -54,7 +54,7 @@ class Source(Protocol):
     #: Whether servers step the environments, whose objects need not be on this machine.
     is_remote: bool
 
-    def images(self, cameras: CamerasConfig) -> list[spaces.Image]: ...
+    def images(self, cameras: CamerasConfig, objects: int = 1) -> list[spaces.Image]: ...
     def names(self) -> list[str]: ...
     def objects(self) -> ObjectSet: ...
     def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> Pool: ...
@@ -103,9 +103,9 @@ class LocalSource:
         self.has_files = any(spec.path is not None for spec in objects)
         self.count = len(objects)
 
-    def images(self, cameras: CamerasConfig) -> list[spaces.Image]:
-        """Return a row for each image in a config."""
-        return spaces.images(self.hand, cameras)
+    def images(self, cameras: CamerasConfig, objects: int = 1) -> list[spaces.Image]:
+        """Return a row for each image in a config, of scenes of at most this number of objects."""
+        return spaces.images(self.hand, cameras, objects)
 
     def names(self) -> list[str]:
         """Return the names of the objects, in order."""

@@ -13,6 +13,8 @@ from graspbox.envs._pools.remote import OnlyPool, RemotePool
 from graspbox.envs._pools.spread import SpreadPool
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.envs.settings import (
+    ClearSettings,
+    ClearVectorSettings,
     GraspPoseSettings,
     GraspPoseVectorSettings,
     GraspSettings,
@@ -33,6 +35,8 @@ KINDS: dict[type, tuple[str, bool]] = {
     GraspVectorSettings: ("graspbox/Grasp-v0", True),
     GraspPoseSettings: ("graspbox/GraspPose-v0", False),
     GraspPoseVectorSettings: ("graspbox/GraspPose-v0", True),
+    ClearSettings: ("graspbox/Clear-v0", False),
+    ClearVectorSettings: ("graspbox/Clear-v0", True),
 }
 #: Keywords that concern the client alone.
 _LOCAL = ("remote", "num_threads", "copy", "prepare_files")
@@ -97,7 +101,7 @@ class RemoteSource:
         self.tables: spaces.Tables = described["tables"]
         self.has_files, self.count = described["has_files"], described["objects"]
 
-    def images(self, cameras: CamerasConfig) -> list[spaces.Image]:
+    def images(self, cameras: CamerasConfig, objects: int = 1) -> list[spaces.Image]:
         """Rows of the images, as described by the server."""
         rows: list[spaces.Image] = self._pool.description["images"]
         return rows

@@ -1,10 +1,10 @@
 """Completion: an object's occupancy predicted from one depth image.
 
 `CompletionNet` is a small 3-D U-Net over the voxels of a crop. Its labels need no simulation: `train_completion`
-renders objects at rest (`graspbox.models.scenes`) and voxelizes their meshes.
+renders scenes at rest (`graspbox.models.scenes`) and voxelizes their meshes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -15,12 +15,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from graspbox import object_sets
+from graspbox.layouts import SceneLayout
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.training.trainer import TrainConfig, Trained, Trainer, TrainProgress, device_of, moved
 
 __all__ = ["CompletionBatch", "CompletionNet", "completion_losses", "iou", "train_completion"]
 
-#: Views of each object in a batch: preparing an object costs more than rendering it.
+#: Views of each scene in a batch: preparing a scene costs more than rendering it.
 _VIEWS = 4
 #: Number of the first validation scene; training scenes start at 0.
 _VALIDATION_FROM = 1 << 40
@@ -90,7 +91,7 @@ class CompletionBatch:
     channels : (n, 3, N, N, N) float32
         Channels of crops, 0 to 1.
     solid : (n, N, N, N) float32
-        Share of each voxel that the object fills.
+        Share of each voxel that objects fill.
     """
 
     channels: Tensor
@@ -125,8 +126,10 @@ def train_completion(
     config: TrainConfig = TrainConfig(),  # noqa: B008 (frozen)
     scenes: SceneConfig = SceneConfig(),  # noqa: B008 (frozen)
     *,
-    validation_objects: int = 48,
+    layouts: Sequence[SceneLayout] = ("single",),
+    validation_scenes: int = 48,
     width: int = 16,
+    start: CompletionNet | None = None,
     progress: Callable[[TrainProgress], None] = lambda _: None,
 ) -> Trained:
     """Train a completion, or resume it; `folder`, `config` and `progress` as in `graspbox.training.trainer`.
@@ -137,13 +140,17 @@ def train_completion(
         Training objects, and held-out objects whose mean overlap (IoU) selects the best weights.
     scenes : SceneConfig
         How scenes are rendered.
-    validation_objects : int
-        Number of objects rendered for validation; the same at every validation.
+    layouts : sequence of str
+        How objects lie in the scenes, in turn.
+    validation_scenes : int
+        Number of scenes rendered for validation; the same at every validation.
     width : int
         See `CompletionNet`.
+    start : CompletionNet, optional
+        A trained network, with which the training begins; it is trained in place.
     """
     torch.manual_seed(config.seed)
-    sampler, held_out = SceneSampler(objects, scenes, config.seed), SceneSampler(validation, scenes, config.seed)
+    sampler, held_out = (SceneSampler(one, scenes, config.seed, layouts) for one in (objects, validation))
     kept: list[CompletionBatch] = []
 
     def batch(step: int) -> CompletionBatch:
@@ -151,21 +158,22 @@ def train_completion(
 
     def validate(net: nn.Module) -> dict[str, float]:
         if not kept:
-            count = max(1, validation_objects // 4)
+            count = max(1, validation_scenes // 4)
             batches = (_quick(_batch(held_out, _VALIDATION_FROM + i, 4)) for i in range(count))
             kept.extend(moved(batch, device_of(net)) for batch in batches)
         found = torch.cat([iou(torch.sigmoid(net(b.channels)), b.solid) for b in kept])
         return {"iou": float(found.mean()), "iou_of_worst_tenth": float(found.quantile(0.1))}
 
-    net = CompletionNet(width).to(memory_format=torch.channels_last_3d)
-    settings = {"width": width, "scenes": asdict(scenes), "validation_objects": validation_objects}
+    net = (CompletionNet(width) if start is None else start).to(memory_format=torch.channels_last_3d)
+    settings = {"width": width, "scenes": asdict(scenes), "validation_scenes": validation_scenes}
+    settings |= {"layouts": list(layouts), "start": start is not None}
     settings |= {"objects": f"{objects.name} ({len(objects)})", "validation": f"{validation.name} ({len(validation)})"}
     trainer = Trainer(net, folder, config, batch=batch, losses=completion_losses, validate=validate, settings=settings)
     return trainer.run(progress)
 
 
-def _batch(sampler: SceneSampler, number: int, objects: int) -> CompletionBatch:
-    scenes = sampler.sample(number, objects, _VIEWS)
+def _batch(sampler: SceneSampler, number: int, count: int) -> CompletionBatch:
+    scenes = sampler.sample(number, count, _VIEWS)
     return CompletionBatch(_unit(scenes.crops.channels), _unit(scenes.solids(sampler.config.crop)))
 
 

@@ -41,6 +41,7 @@ __all__ = [
     "head_losses",
     "load_head",
     "pose_losses",
+    "save_head",
     "train_head",
 ]
 
@@ -242,8 +243,7 @@ def choose_constant(folder: Path, data: HeadData) -> dict[str, float]:
             net = ConstantNet(height, preshape)
             tried.append((data.validation(net), net))
     measures, best = max(tried, key=lambda one: one[0]["held"])
-    _describe(Path(folder), HeadConfig(kind="constant"))
-    save_atomic(best.state_dict(), Path(folder) / "weights.pt")
+    save_head(Path(folder), best, HeadConfig(kind="constant"))
     return measures
 
 
@@ -324,6 +324,12 @@ def _describe(folder: Path, head: HeadConfig) -> None:
     if path.exists():
         refuse_changes(folder, json.loads(path.read_text()), now)
     write_text(path, dumps(now) + "\n")
+
+
+def save_head(folder: Path, net: HeadNet, head: HeadConfig) -> None:
+    """Write a head as a training does; `load_head` reads it."""
+    _describe(folder, head)
+    save_atomic(net.state_dict(), folder / "weights.pt")
 
 
 def load_head(folder: Path, preshapes: int, crop: CropConfig = CropConfig()) -> HeadNet:  # noqa: B008 (frozen)

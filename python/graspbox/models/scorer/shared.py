@@ -6,7 +6,6 @@ also of one without trials: an ordinary `ScorerNet`, with the features of its pr
 
 from collections.abc import Sequence
 from pathlib import Path
-from pickle import UnpicklingError
 
 import numpy as np
 import torch
@@ -16,7 +15,8 @@ from graspbox.errors import ConfigError
 from graspbox.models.scorer.hand_numbers import CELL, HAND_NUMBERS, HandTables, hand_numbers, tables_of
 from graspbox.models.scorer.network import ScorerNet, moments_of
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.training.trainer import load_weights
+from graspbox.training.norms import fold_norms
+from graspbox.training.trainer import load_weights, read_weights
 
 __all__ = ["SHARED_SHAPE", "SharedScorerNet"]
 
@@ -86,12 +86,9 @@ class SharedScorerNet(ScorerNet):
         Raises
         ------
         ConfigError
-            If the file holds the weights of another network.
+            As `read_weights`, and if the file holds the weights of another network.
         """
-        try:
-            saved = torch.load(weights, map_location="cpu", weights_only=True)
-        except (OSError, RuntimeError, UnpicklingError) as error:
-            raise ConfigError(f"{weights} is not a file of weights: {error}") from None
+        saved = read_weights(weights)
         stem = saved.get("stem.weight")
         if stem is None or "describe.0.weight" not in saved:
             raise ConfigError(f"{weights} does not hold a scorer of many hands; graspbox train any-hand makes one")
@@ -100,8 +97,12 @@ class SharedScorerNet(ScorerNet):
         return net
 
     def of_hand(self, grid: HandGrid) -> ScorerNet:
-        """Return the scorer of one hand, trained or not, for evaluation."""
+        """Return the scorer of one hand, trained or not, for evaluation; folded norms stay folded."""
         net = ScorerNet(grid, self._width)
+        if any(
+            getattr(net, part).state_dict().keys() != getattr(self, part).state_dict().keys() for part in _SHARED_PARTS
+        ):
+            fold_norms(net)
         for part in _SHARED_PARTS:
             getattr(net, part).load_state_dict(getattr(self, part).state_dict())
         with torch.no_grad():

@@ -11,19 +11,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from graspbox import _core, object_sets
-from graspbox.errors import ConfigError
 from graspbox.evaluation.results import wilson
 from graspbox.hands import load_hand
 from graspbox.object_sets import ObjectSet
 from graspbox.validation.forces.sources import chosen
-from graspbox.validation.mujoco.compare import check_settings, describe, judge
+from graspbox.validation.mujoco.compare import check_patch, check_settings, describe, judge
 from graspbox.validation.mujoco.report import Report
 from graspbox.validation.mujoco.scene import Numerics
 
 __all__ = ["ChoicesReport", "compare_choices"]
-
-#: Greatest `patch`, metres.
-_LARGEST_PATCH = 0.02
 
 
 @dataclass
@@ -116,8 +112,7 @@ def compare_choices(
     """
     numerics = numerics or Numerics()
     check_settings(trials, numerics)
-    if not 0.0 <= patch <= _LARGEST_PATCH:
-        raise ConfigError(f"patch is {patch}; give metres, 0 to {_LARGEST_PATCH}")
+    check_patch(patch)
     found = chosen(policy, object_sets.load(objects), trials, seed)
     hand = load_hand((found.result.settings or {}).get("hand", "reflex"))
     described = describe(hand)

@@ -13,6 +13,7 @@ model). It needs ``mujoco`` (extra ``dev``).
 | `compare`     | many trials in both engines: equal labels, differences, speed |
 | `report`      | results of the comparison |
 | `robust`      | success of perturbed copies of grasps in both engines |
+| `heaps`       | attempts among several objects and walls |
 | `exported`    | trials replayed in exported scenes, from their files alone |
 | `command`, `export_command`, `robust_command` | the commands ``mujoco`` and ``planner``, ``export`` and ``robust`` |
 

@@ -70,6 +70,8 @@ PLANNER_OBJECTS = tuple(
     )
 )
 
+#: Greatest mean distance of a contact area from its middle, metres.
+_LARGEST_PATCH = 0.02
 #: Trials to repeat at half the time step.
 Repeat = Literal["none", "different", "all"]
 
@@ -130,6 +132,12 @@ def _repeat(
         replace(row, halved=(bool(ours), outcome.success))
         for row, ours, outcome in zip(rows, core, theirs, strict=True)
     ]
+
+
+def check_patch(patch: float) -> None:
+    """Refuse a mean distance of a contact area from its middle that is out of range; metres."""
+    if not 0.0 <= patch <= _LARGEST_PATCH:
+        raise ConfigError(f"patch is {patch}; give metres, 0 to {_LARGEST_PATCH}")
 
 
 def check_settings(trials: int, numerics: Numerics) -> None:

@@ -81,10 +81,10 @@ class Drive:
         np.maximum.at(loads, self._owner, data.actuator_force[self._index] * np.sign(self._wound))
         return loads
 
-    def apply(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Move the actuators by a time step, and set MuJoCo's commands and dampings."""
+    def apply(self, model: mujoco.MjModel, data: mujoco.MjData, *, closes: bool = True) -> None:
+        """Move the actuators by a time step unless the hand stays open; set MuJoCo's commands and dampings."""
         before = self.positions
-        pulls = self.loads(data) < self._limit
+        pulls = closes & (self.loads(data) < self._limit)
         after = np.where(pulls, np.minimum(before + self._speed * self.dt, np.maximum(self._travel, before)), before)
         self.positions = after
         q = data.qpos[self.addresses]

@@ -18,7 +18,7 @@ from graspbox.envs.motion import minimum_jerk
 from graspbox.outcomes import FailureKind
 from graspbox.scene_export.contents import joint_motion, quaternion
 from graspbox.scene_export.description import Array
-from graspbox.scene_export.mjcf import CARRIAGE_INERTIA
+from graspbox.scene_export.mjcf import CARRIAGE_INERTIA, object_name
 from graspbox.validation.mujoco.drive import Drive
 from graspbox.validation.mujoco.scene import Scene
 
@@ -101,10 +101,9 @@ class Replay:
         self.dt = scene.numerics.timestep
         self.steps = 0
         self.drive = Drive(scene, scene.hand.open_positions(preshape))
-        self._object_dof = int(self.model.joint("object").dofadr[0])
         self._place(world_from_hand)
         mujoco.mj_forward(self.model, self.data)
-        self.resting_height = float(self.data.xipos[scene.object_body, 2])
+        self.resting_heights = self.data.xipos[list(scene.object_bodies), 2].copy()
 
     def _place(self, world_from_hand: Array) -> None:
         scene, model, data = self.scene, self.model, self.data
@@ -120,23 +119,27 @@ class Replay:
             model.body_pos[body], model.body_quat[body] = frame[:3, 3], quaternion(frame[:3, :3])
         mujoco.mj_setConst(model, data)
         mujoco.mj_resetData(model, data)
-        rest = scene.object.start
-        start = model.joint("object").qposadr[0]
-        data.qpos[start : start + 3] = rest[:3, 3]
-        data.qpos[start + 3 : start + 7] = quaternion(rest[:3, :3])
+        for number, item in enumerate(scene.objects):
+            rest, start = item.start, model.joint(object_name(number)).qposadr[0]
+            data.qpos[start : start + 3] = rest[:3, 3]
+            data.qpos[start + 3 : start + 7] = quaternion(rest[:3, :3])
         # Servo-driven joints and mimic joints of the open hand.
         for index, (address, _) in scene.joints.items():
             data.qpos[address] = hand.start_position(index, list(self.drive.positions))
         self._carriage = (int(model.joint("carriage").qposadr[0]), int(model.joint("carriage").dofadr[0]))
 
-    def contacts(self) -> tuple[bool, int, float]:
-        """Return whether the object touches the table, how many hand links touch it, and their greatest depth, m."""
+    def contacts(self, body: int | None = None) -> tuple[bool, int, float]:
+        """Return whether an object touches table or walls, how many hand links touch it, and their greatest depth, m.
+
+        The object is that of a body, by default the first.
+        """
+        body = self.scene.object_body if body is None else body
         contact = self.data.contact
         geoms, distance = contact.geom, contact.dist
         scene = self.scene
         if len(distance) == 0:
             return False, 0, 0.0
-        object_first, object_second = scene.is_object[geoms[:, 0]], scene.is_object[geoms[:, 1]]
+        object_first, object_second = (self.model.geom_bodyid[geoms] == body).T
         other = np.where(object_first, geoms[:, 1], geoms[:, 0])
         pressing = (object_first | object_second) & (distance < 0.0)
         hand = pressing & scene.is_hand[other]
@@ -172,9 +175,12 @@ class Replay:
         data.qpos[now], data.qvel[dof] = after, speed
         self.steps += 1
 
-    def object_place(self) -> Array:
-        """Return the centre of mass relative to the hand up to a constant, m; the hand only translates vertically."""
-        place: Array = self.data.xipos[self.scene.object_body].copy()
+    def object_place(self, body: int | None = None) -> Array:
+        """Return a centre of mass relative to the hand up to a constant, m; the hand only translates vertically.
+
+        The object is that of a body, by default the first.
+        """
+        place: Array = self.data.xipos[self.scene.object_body if body is None else body].copy()
         place[2] -= self.data.qpos[self._carriage[0]]
         return place
 
@@ -219,48 +225,80 @@ def replay(
     return run_trial(Replay(scene, world_from_hand, preshape, times), trace=trace, early_stop=early_stop)
 
 
+@dataclass
+class _Judge:
+    """Judges the grasp of one object of a trial."""
+
+    body: int
+    resting_height: float
+    places: deque[Array]
+    holds: bool = True
+    touching: int = 0
+    links: int = 0
+    rise: float = 0.0
+    highest: float = 0.0
+    left_table: bool = False
+    on_scenery: bool = True
+    fastest: float = 0.0
+    deepest: float = 0.0
+
+    def look(self, run: Replay, every: float, *, closing: bool, holding: bool) -> None:
+        """Look at the object, once per `every` seconds, while the hand closes, lifts or holds."""
+        was_on_scenery = self.on_scenery
+        self.on_scenery, self.links, depth = run.contacts(self.body)
+        self.rise = float(run.data.xipos[self.body, 2]) - self.resting_height
+        self.highest = max(self.highest, self.rise)
+        self.left_table = self.left_table or (was_on_scenery and not self.on_scenery)
+        if closing:
+            self.touching = self.links
+        self.places.append(run.object_place(self.body))
+        if holding:
+            speed = float(np.linalg.norm(self.places[-1] - self.places[0])) / (max(len(self.places) - 1, 1) * every)
+            self.fastest, self.deepest = max(self.fastest, speed), max(self.deepest, depth)
+            self.holds = self.holds and self.rise >= LIFT_HEIGHT and not self.on_scenery and speed < REST_SPEED
+
+    def failure(self, finite: bool) -> FailureKind:
+        """Name the kind of a failure; `finite` is False if the simulation diverged."""
+        if self.touching == 0:
+            return "no_contact"
+        if not finite or (self.links > 0 and not self.on_scenery and self.rise >= LIFT_HEIGHT):
+            return "unstable"
+        return "dropped" if self.highest >= CLEAR_OF_TABLE and self.left_table else "slipped"
+
+
 def run_trial(run: Replay, *, trace: bool = False, early_stop: bool = False) -> Outcome:
     """Run a trial from its start; the options are those of `replay`."""
     if not run.is_feasible():
         return Outcome(False, "infeasible", 0.0, np.inf, (0, 0), 0.0, 0.0)
-    scene, times, dt = run.scene, run.times, run.dt
+    return run_grasp(run, trace=trace, early_stop=early_stop)
+
+
+def run_grasp(run: Replay, *, trace: bool = False, early_stop: bool = False) -> Outcome:
+    """Close, lift and hold, whether or not the hand has room; among several objects, any may be held."""
+    times, dt = run.times, run.dt
     close, end, hold = (round(t / dt) for t in (times.close_time, times.end, HOLD_TIME))
     look, rows = max(1, round(_LOOK_EVERY / dt)), max(1, round(0.01 / dt))
     samples = [run.sample()] if trace else []
-    places: deque[Array] = deque(maxlen=round(REST_TIME / (look * dt)) + 1)
-    touching, highest, left_table, was_on_scenery = 0, 0.0, False, True
-    holds, fastest, deepest, rise, links, on_scenery = True, 0.0, 0.0, 0.0, 0, True
+    judges = [
+        _Judge(body, float(height), deque(maxlen=round(REST_TIME / (look * dt)) + 1))
+        for body, height in zip(run.scene.object_bodies, run.resting_heights, strict=True)
+    ]
     while run.steps < end:
         run.step()
         if trace and run.steps % rows == 0:
             samples.append(run.sample())
         if run.steps % look:
             continue
-        on_scenery, links, depth = run.contacts()
-        rise = float(run.data.xipos[scene.object_body, 2]) - run.resting_height
-        highest = max(highest, rise)
-        left_table = left_table or (was_on_scenery and not on_scenery)
-        was_on_scenery = on_scenery
-        if run.steps <= close:
-            touching = links
-        elif early_stop and rise + times.lift_height - times.rise(run.steps * dt) + _CURL_RISE < LIFT_HEIGHT:
-            holds = False
+        for judge in judges:
+            judge.look(run, look * dt, closing=run.steps <= close, holding=run.steps > end - hold)
+        most = max(judge.rise for judge in judges) + times.lift_height - times.rise(run.steps * dt)
+        if early_stop and run.steps > close and most + _CURL_RISE < LIFT_HEIGHT:
+            for judge in judges:
+                judge.holds = False
             break
-        places.append(run.object_place())
-        if run.steps > end - hold:
-            speed = float(np.linalg.norm(places[-1] - places[0])) / (max(len(places) - 1, 1) * look * dt)
-            fastest, deepest = max(fastest, speed), max(deepest, depth)
-            holds = holds and rise >= LIFT_HEIGHT and not on_scenery and speed < REST_SPEED
     finite = bool(np.isfinite(run.data.qpos).all()) and not run.data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number
-    success = holds and finite
-    failure: FailureKind | None = None
-    if not success:
-        if touching == 0:
-            failure = "no_contact"
-        elif not finite or (links > 0 and not on_scenery and rise >= LIFT_HEIGHT):
-            failure = "unstable"
-        elif highest >= CLEAR_OF_TABLE and left_table:
-            failure = "dropped"
-        else:
-            failure = "slipped"
-    return Outcome(success, failure, rise, fastest, (touching, links), deepest, run.steps * dt, samples)
+    best = max(judges, key=lambda judge: (judge.holds, judge.touching, judge.highest))
+    success = best.holds and finite
+    failure = None if success else best.failure(finite)
+    touching = (best.touching, best.links)
+    return Outcome(success, failure, best.rise, best.fastest, touching, best.deepest, run.steps * dt, samples)

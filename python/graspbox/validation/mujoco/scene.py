@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import mujoco
@@ -15,9 +16,9 @@ from graspbox.configs import PhysicsConfig
 from graspbox.errors import ConfigError
 from graspbox.scene_export.contents import ObjectData
 from graspbox.scene_export.description import BASE, HandDescription
-from graspbox.scene_export.mjcf import Numerics, mujoco_actuators, trial_model
+from graspbox.scene_export.mjcf import Numerics, heap_model, mujoco_actuators, object_name, trial_model
 
-__all__ = ["Numerics", "ObjectData", "Scene", "build", "indexed"]
+__all__ = ["Numerics", "ObjectData", "Scene", "build", "build_heap", "indexed"]
 
 
 @dataclass
@@ -34,6 +35,9 @@ class Scene:
     is_hand: NDArray[np.bool_]
     base_body: int
     object_body: int
+    #: All objects, the first of which is `object`, and their bodies.
+    objects: tuple[ObjectData, ...] = ()
+    object_bodies: tuple[int, ...] = ()
     #: Address in ``qpos`` and index in ``qvel`` of each dynamic joint, by the index of its link.
     joints: dict[int, tuple[int, int]] = field(default_factory=dict)
     #: MuJoCo's actuators for each of the hand's actuators: one per tendon or driven joint, none for a rigid drive.
@@ -58,17 +62,43 @@ def build(
         # Only then does the factor of the other surface equal the coefficient.
         raise ConfigError(f"friction.object is {physics.friction.object}; the MuJoCo model needs 1")
     model = mujoco.MjModel.from_xml_string(trial_model(hand, item, physics, numerics))
-    if patch > 0.0:
-        model.geom_condim[:] = 4
-        model.geom_friction[:, 1] = patch * model.geom_friction[:, 0]
+    _add_patch(model, patch)
     return indexed(model, hand, item, numerics)
 
 
-def indexed(model: mujoco.MjModel, hand: HandDescription, item: ObjectData, numerics: Numerics) -> Scene:
+def _add_patch(model: mujoco.MjModel, patch: float) -> None:
+    """Let contacts resist turning about their normal: see `build`."""
+    if patch > 0.0:
+        model.geom_condim[:] = 4
+        model.geom_friction[:, 1] = patch * model.geom_friction[:, 0]
+
+
+def build_heap(
+    hand: HandDescription,
+    items: Sequence[ObjectData],
+    walls: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    numerics: Numerics | None = None,
+    *,
+    patch: float = 0.0,
+) -> Scene:
+    """Compile the model of one or more objects, walls (pose and half extents) and the hand, with default physics."""
+    numerics = numerics or Numerics()
+    model = mujoco.MjModel.from_xml_string(heap_model(hand, items, walls, PhysicsConfig(), numerics))
+    _add_patch(model, patch)
+    return indexed(model, hand, items[0], numerics, items[1:])
+
+
+def indexed(
+    model: mujoco.MjModel,
+    hand: HandDescription,
+    item: ObjectData,
+    numerics: Numerics,
+    others: Sequence[ObjectData] = (),
+) -> Scene:
     """Find the parts of a compiled model by their names."""
     names = [model.geom(i).name for i in range(model.ngeom)]
     is_object = np.array([n.startswith("object_") for n in names])
-    is_scenery = np.array([n == "table" for n in names])
+    is_scenery = np.array([n == "table" or n.startswith("wall_") for n in names])
     scene = Scene(
         model=model,
         hand=hand,
@@ -79,6 +109,8 @@ def indexed(model: mujoco.MjModel, hand: HandDescription, item: ObjectData, nume
         is_hand=~(is_object | is_scenery),
         base_body=model.body(hand.links[BASE].name).id,
         object_body=model.body("object").id,
+        objects=(item, *others),
+        object_bodies=tuple(int(model.body(object_name(number)).id) for number in range(1 + len(others))),
     )
     for link in hand.free():
         joint = model.joint(hand.links[link].joint)

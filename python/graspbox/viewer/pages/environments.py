@@ -39,7 +39,7 @@ _BY_POLICY, _BY_SLIDERS, _BY_KEYS = "policy", "sliders", "keys"
 
 
 class EnvironmentPage(Page):
-    """Page of an environment; `content` is its id, one of `graspbox.envs.IDS`."""
+    """Page of an environment; `content` is its id, one of `graspbox.envs.SINGLE_OBJECT_IDS`."""
 
     title: ClassVar[str] = "environment"
 

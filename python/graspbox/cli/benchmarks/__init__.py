@@ -1,0 +1,1 @@
+"""``graspbox benchmark``: protocols of the field, for any policy."""

@@ -1,0 +1,167 @@
+"""``graspbox/Clear-v0``: clear a table, or a bin, of several objects.
+
+Objects lie packed, in a pile or in a bin (`graspbox.layouts`); with ``layout="single"`` one lies as in
+`graspbox.envs.grasp_pose`, and its workspace is that of packed ones. A step is a decision, as the one of
+`graspbox.envs.grasp_pose`: the agent chooses a hand pose and a preshape; the hand closes there, lifts and holds.
+Objects that it holds at the end are taken away, the hand returns to where it waited, the others come to rest, and the
+next observation shows them. Objects that end outside the workspace, or the bin, are lost.
+
+An episode ends when nothing is left, or after ``max_failures`` failed attempts in a row, as the rounds of VGN do
+(Breyer et al., "Volumetric Grasping Network", 2020). Under ``gymnasium.make`` it is truncated after 30 attempts.
+
+Keywords
+--------
+Those of `graspbox.envs.grasp_pose`, with another default of ``layout``, and ``max_failures``.
+
+Action
+------
+``Box(-1, 1, (10,), float32)``, in the world frame (z up, table top at z = 0):
+
+<!-- generated: action of clear -->
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0 | x | -0.25 | 0.25 | m | hand position, world |
+| 1 | y | -0.25 | 0.25 | m | hand position, world |
+| 2 | z | 0 | 0.4 | m | hand position, world |
+| 3-8 | rotation | -1 | 1 | 1 | first two columns of world_from_hand, any length; degenerate ones name no pose |
+| 9 | preshape | 0 | pi/2 | rad | preshape |
+
+<!-- end -->
+
+The open hand reaches its pose on a straight approach of 0.10 m along its z, at 0.2 m/s, and pushes aside what it
+touches.
+An attempt is ``infeasible`` if the rotation is degenerate, if the hand collides with something where the approach begins
+(both move nothing), or if the protective stop of 60 N ends the approach, as on the table or a wall.
+
+Observation
+-----------
+As in `graspbox.envs.grasp_pose`. ``state`` is **privileged**; it describes the object that reaches highest.
+
+<!-- generated: vectors of Clear-v0 -->
+
+| vector | shape | dtype | privileged |
+|---|---|---|---|
+| proprio | 28 | float32 | no |
+| state | 19 | float32 | yes |
+| tactile | 27 | float32 | no |
+
+<!-- end -->
+
+Images show every object. In ``segmentation`` the first object is 2, the others follow the links of the hand; an object
+keeps its label while it is there, and walls have that of the table. Once the last object is taken away, the observation
+shows it in the hand.
+
+Reward
+------
+The weighted sum of the terms, as in `graspbox.envs.grasp_pose`; ``reward="sparse"`` is 1 for every attempt that
+succeeds. The terms describe the object on which the closed hand presses most.
+
+Info
+----
+As in `graspbox.envs.grasp`, and the entries below. ``is_success``, ``is_secure``, ``lift``, ``failure``, ``touches``
+and ``object`` describe the last attempt; an attempt that lifts two objects at once succeeds once and clears two.
+
+<!-- generated: further info of Clear-v0 -->
+
+| entry | type | unit | meaning |
+|---|---|---|---|
+| infeasible | bool |  | the hand could not reach its pose |
+| survives_shake | bool |  | the object was still in the hand after the shake; False without `trial=TrialConfig(shake=...)` |
+| attempts | int |  | attempts since the episode began |
+| cleared | int |  | objects taken away so far |
+| lost | int |  | objects that left the workspace otherwise |
+| remaining | int |  | objects that are still there |
+| disturbed | int |  | objects still there that the last attempt moved by more than 1 cm |
+
+<!-- end -->
+
+VGN's success rate is the number of attempts that succeed over ``attempts``; its declutter rate is ``cleared`` over the
+number of objects after the reset, which is ``remaining`` then.
+
+Options of a reset
+------------------
+``world_from_hand``, ``preshape``, ``friction``, ``mass`` and ``cameras``, as in `graspbox.envs.grasp_pose`. Objects and
+layout follow from the seed alone, except that a single object takes its options too.
+
+Version history
+---------------
+v0: first version.
+"""  # noqa: E501 (tables)
+
+from typing import Unpack
+
+from graspbox.envs.core import GraspCore
+from graspbox.envs.settings import (
+    NUM_ENVS,
+    OBJECTS,
+    RENDER_MODES,
+    ClearSettings,
+    ClearVectorSettings,
+    ObjectsArgument,
+    signed,
+)
+from graspbox.envs.single import SingleEnv
+from graspbox.envs.vector import NativeVectorEnv
+
+__all__ = ["ClearEnv", "ClearVectorEnv"]
+
+
+# The sections Parameters are written by scripts/generate_docs.py.
+class ClearEnv(SingleEnv):
+    """Decisions until a scene is cleared: see the module for its tables, and `graspbox.envs.single.SingleEnv`.
+
+    Parameters
+    ----------
+    objects
+        As of `graspbox.envs.grasp_pose.GraspPoseEnv`.
+    layout : {"single", "packed", "pile", "bin"}
+        How the objects lie: see `graspbox.layouts`.
+    max_failures : int
+        Failed attempts in a row after which the episode ends; 2 in the rounds of VGN.
+    **settings
+        Other keywords of `graspbox.envs.grasp_pose.GraspPoseEnv`.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError, MissingExtraError, HandError
+        For a wrong argument; objects are read when they are first sampled.
+    """
+
+    metadata = {"render_modes": [*RENDER_MODES], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
+
+    @signed(ClearSettings)
+    def __init__(self, objects: ObjectsArgument = OBJECTS.default, **settings: Unpack[ClearSettings]) -> None:
+        super().__init__(GraspCore(ClearSettings, 1, objects, settings))
+
+
+class ClearVectorEnv(NativeVectorEnv):
+    """Vector environment of ``Clear-v0``: ``gymnasium.make_vec("graspbox/Clear-v0", num_envs=16)``.
+
+    Each environment equals the single one bit for bit. The methods are those of `graspbox.envs.vector.NativeVectorEnv`.
+
+    Parameters
+    ----------
+    num_envs, objects
+        As of `graspbox.envs.grasp_pose.GraspPoseVectorEnv`.
+    layout : {"single", "packed", "pile", "bin"}
+        How the objects lie: see `graspbox.layouts`.
+    max_failures : int
+        Failed attempts in a row after which the episode ends; 2 in the rounds of VGN.
+    **settings
+        Other keywords of `graspbox.envs.grasp_pose.GraspPoseVectorEnv`.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError, MissingExtraError, HandError
+        For a wrong argument; objects are read when they are first sampled.
+    """
+
+    @signed(ClearVectorSettings)
+    def __init__(
+        self,
+        num_envs: int = NUM_ENVS.default,
+        objects: ObjectsArgument = OBJECTS.default,
+        **settings: Unpack[ClearVectorSettings],
+    ) -> None:
+        super().__init__(GraspCore(ClearVectorSettings, num_envs, objects, settings), settings.get("copy", True))

@@ -1,0 +1,190 @@
+"""Options of ``graspbox train depth``."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, get_args
+
+from graspbox.errors import ConfigError
+from graspbox.layouts import SceneLayout
+from graspbox.training.options import HandOption, Options
+
+__all__ = ["QUICK", "QUICK_OBJECTS", "DepthSettings", "Hours", "Sizes"]
+
+
+@dataclass(frozen=True)
+class Hours:
+    """Time limits of the stages, hours."""
+
+    data: float = 3.0
+    completion: float = 1.75
+    scorer: float = 0.6
+    head: float = 0.9
+    collect: float = 0.3
+    """Per round."""
+    round: float = 0.35
+    """Per round."""
+    member: float = 1.0
+    """Per further member of the ensemble."""
+    calibrate: float = 0.2
+    """For all calibrations together."""
+    evaluate: float = 0.7
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Upper bounds on data and training; ``--quick`` makes all of them small."""
+
+    poses: int = 128
+    """Trials per scene of the data set."""
+    rests: int = 2
+    """Scenes per object of the data set."""
+    completion_steps: int = 12_000
+    scorer_steps: int = 15_000
+    head_steps: int = 4_000
+    round_steps: int = 6_000
+    batch: int = 256
+    completion_batch: int = 16
+    completion_width: int = 16
+    """Channels of the completion's first layer."""
+    width: int = 48
+    """Channels of the scorer's first layer."""
+    rounds: int = 6
+    members: int = 1
+    """Scorers of the ensemble."""
+    refinements: tuple[int, ...] = (0,)
+    """Refinement counts that the calibration compares; the policy uses the best one for held-out objects."""
+    scenes: int = 4_000
+    """Scenes of each round."""
+    held_out_scenes: int = 150
+    """Validation scenes of each round."""
+    choices: int = 1_500
+    """Scenes for calibration."""
+    trials: int = 1_000
+    """Trials of each set of objects in the evaluation."""
+    cleared: int = 40
+    """Rounds of each layout of several objects, and set of objects, in the evaluation."""
+    validate_every: int = 250
+
+    def __post_init__(self) -> None:
+        if self.members < 1:
+            raise ConfigError(f"--sizes.members is {self.members}; give 1 or more")
+        if not self.refinements or min(self.refinements) < 0:
+            raise ConfigError(f"--sizes.refinements is {self.refinements}; give one count or more, each 0 or more")
+
+
+#: Sizes of ``--quick``.
+QUICK = Sizes(
+    poses=16,
+    rests=1,
+    completion_steps=6,
+    scorer_steps=12,
+    head_steps=6,
+    round_steps=6,
+    batch=32,
+    completion_batch=4,
+    completion_width=4,
+    width=8,
+    rounds=3,
+    members=3,
+    refinements=(0, 2),
+    scenes=4,
+    held_out_scenes=2,
+    choices=6,
+    trials=6,
+    cleared=2,
+    validate_every=6,
+)
+#: Objects of ``--quick``.
+QUICK_OBJECTS: dict[str, Any] = {
+    "objects": ("procedural:can:0-9",),
+    "fresh": ("procedural:can:10-29",),
+    "evaluated": ("procedural:bottle:2000-2003",),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthSettings(HandOption):
+    """Train a policy that grasps from one depth image, from nothing to a folder that `graspbox evaluate` runs.
+
+        graspbox train depth --out out/depth
+        graspbox train depth --out out/depth --data out/data --publish policies/depth
+        graspbox train depth --out out/panda --hand panda_gripper --completion policies/depth
+        graspbox train depth --out out/quick --quick
+
+    Stages, each with a time limit (--hours.NAME; together at most 12 hours), a log (log.txt) and results (NAME.json):
+
+    1. data: a data set of trials (graspbox dataset), unless --data names some.
+    2. completion: the object's occupancy from one camera's view; labels are rendered. --completion takes that of
+       another policy, of any hand, and trains it further if --layout has several objects.
+    3. scorer: the first member, on the data set. --start takes its initial weights from an earlier run, from a
+       published policy, or from a scorer of many hands, which needs few trials of this one.
+    4. head: one network that predicts grasps (graspbox train head), on the data set. Its best grasps are scored
+       together with the geometric proposals.
+    5. collect-N, round-N: trials of grasps chosen by the proposals and the scorer on fresh objects; training resumes
+       with half of each batch from them.
+    6. member-N: further members of the ensemble, on all trials (--sizes.members 3; by default there is one scorer).
+    7. calibrate-N: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two settings; the
+       default is 0). They determine the weight of a secure hold in the choice, and calibrate the scorer's logits to
+       probabilities.
+    8. export, ablations: the policy's folder, and in ablations the policy before the rounds, before the ensemble,
+       before the refinement, and without the head; scripts/evaluate_policies.py measures the effect of each step.
+    9. evaluate: the exported policy in GraspPose-v0 on objects excluded from training, and its calibration
+       there.
+    10. clear: rounds of clearing scenes of several objects (graspbox benchmark clutter), if --layout has any.
+
+    The same command resumes after an interruption, even after SIGKILL. With a larger --sizes.rounds it adds rounds to a
+    finished run. --quick runs all stages in minutes, as a check of the pipeline; such a policy grasps badly. Needs the
+    extras cli, data, ycb and train.
+    """
+
+    free: ClassVar[tuple[str, ...]] = (*Options.free, "hours", "publish")
+    growing: ClassVar[dict[str, tuple[str, ...]]] = {
+        "sizes.rounds": ("member-*", "calibrate-*", "export*", "ablations*", "evaluate*", "clear*")
+    }
+
+    data: tuple[Path, ...] = ()
+    """Existing data sets of trials, with this hand; by default one is made in the run's folder."""
+    objects: tuple[str, ...] = (
+        "procedural:seen:0-199",
+        "procedural:prism:200-799",
+        "procedural:bracket:200-799",
+        "procedural:carton:200-799",
+        "ycb",
+    )
+    """Objects of the generated data set, and of the completion."""
+    fresh: tuple[str, ...] = (
+        "procedural:seen:200-399",
+        "procedural:prism:1000-1799",
+        "procedural:bracket:1000-1799",
+        "procedural:carton:1000-1799",
+    )
+    """Objects of the rounds (split train), and of validation and calibration (split validation)."""
+    evaluated: tuple[str, ...] = ("procedural:unseen:0-19", "ycb")
+    """Objects of the evaluation; only the split test, except for unseen families."""
+    layout: tuple[str, ...] = ("single",)
+    """How objects lie in the scenes of the rounds and of the calibration, in turn: single, packed, pile, bin. With
+    several objects the policy looks at all of them at once, and clears scenes (Clear-v0)."""
+    completion: str | None = None
+    """A policy of one depth image, by folder or name, whose completion is used: it knows no hand. With several objects
+    it is trained further on scenes of the layouts. By default one is trained."""
+    start: Path | None = None
+    """A run of `graspbox train depth` with this hand, or of `graspbox train any-hand`, or the folder of a published
+    policy, with whose scorer the first member begins. The head of a published policy is used as it is."""
+    publish: Path | None = None
+    """Folder of the exported policy; by default ``policy`` in the run's folder."""
+    name: str = "depth"
+    """Name of the policy."""
+    quick: bool = False
+    """Run all stages in minutes."""
+
+    hours: Hours = field(default_factory=Hours)
+    sizes: Sizes = field(default_factory=Sizes)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        known = get_args(SceneLayout)
+        for layout in self.layout:
+            if layout not in known:
+                raise ConfigError(f"--layout has {layout!r}; choose from {', '.join(known)}")
+        if not self.layout:
+            raise ConfigError(f"--layout is empty; give one or more of {', '.join(known)}")

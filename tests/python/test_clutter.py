@@ -1,0 +1,247 @@
+"""Policies, rounds, training scenes and the benchmark of scenes of several objects."""
+
+import json
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import graspbox
+from graspbox import object_sets, policies
+from graspbox.errors import ConfigError
+from graspbox.evaluation.rounds import Rounds, clear_rounds
+from graspbox.layouts import draw_objects, objects_that_fit, scaled
+from graspbox.models.cluttered import is_scene, read_scene, write_scene
+from graspbox.models.scene_trials import render_scene, source_of
+from graspbox.models.scene_views import SceneViews
+from graspbox.models.scenes import COUNTS, PlacedObjects, SceneConfig, SceneSampler
+from graspbox.perception.configs import CropConfig, DepthNoise
+
+OBJECTS = ("procedural:box:0-3", "procedural:can:0-3")
+HAND = "panda_gripper"
+#: Everything on the table counts as one object.
+WIDE = SceneConfig(crop=CropConfig(gap=0.5))
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    program = [sys.executable, "-m", "graspbox", *arguments]
+    return subprocess.run(program, capture_output=True, text=True, timeout=300)
+
+
+def scene(count: int = 3, layout: Any = "packed", seed: int = 3) -> graspbox.Arrangement:
+    specs = list(object_sets.load(OBJECTS))
+    return graspbox.arrange(
+        [spec.load() for spec in draw_objects(specs, count, layout, seed)], layout, seed=seed, hand=HAND
+    )
+
+
+def test_rounds_are_counted_and_repeat() -> None:
+    settings: dict[str, Any] = {"objects": OBJECTS, "layout": "packed", "hand": HAND, "objects_per_scene": 3}
+    seen: list[int] = []
+    rounds = clear_rounds("scene_planner", rounds=4, progress=seen.append, **settings)
+    assert seen == [1, 2, 3, 4]
+    assert (rounds.cleared + rounds.lost <= rounds.begun).all()
+    assert rounds.successes.sum() + sum(rounds.failures.values()) == rounds.attempts.sum()
+    assert rounds.cleared_share > 0.7, "a planner that knows the meshes clears boxes and cans"
+    again = clear_rounds("scene_planner", rounds=2, seed=2, **settings)
+    assert (again.attempts == rounds.attempts[2:]).all()
+    first = clear_rounds("scene_planner", rounds=2, **settings)
+    joined = Rounds.joined([first, again])
+    assert joined.to_json() == rounds.to_json()
+    low, high = joined.to_json()["success_interval"]
+    assert low < joined.success_rate <= high
+
+
+def test_rounds_end_with_the_budget_and_refuse_nonsense() -> None:
+    settings: dict[str, Any] = {"objects": OBJECTS, "hand": HAND, "rounds": 1}
+    found = clear_rounds("scene_planner", layout="packed", max_attempts=2, **settings)
+    assert found.attempts.tolist() == [2]
+    with pytest.raises(ConfigError, match="no round was finished"):
+        clear_rounds("random", stop=lambda: True, **settings)
+    with pytest.raises(ConfigError, match="there are no rounds"):
+        Rounds.joined([])
+    with pytest.raises(ConfigError, match="graspbox/Clear-v0"):
+        graspbox.evaluation.evaluate("scene_planner", trials=1, objects=OBJECTS)
+
+
+def test_baselines_act_on_images_alone() -> None:
+    """Cans no wider than half the gripper stand alone: from above they can all be lifted."""
+    settings: dict[str, Any] = {"objects": "procedural:can:0-9", "hand": HAND, "layout": "packed", "rounds": 3}
+    thin = clear_rounds("top_down", objects_per_scene=1, object_scale=(0.5, 0.6), image_size=128, **settings)
+    assert thin.success_rate == 1.0
+    planned = clear_rounds("partial_view_planner", objects_per_scene=2, object_scale=(0.5, 0.6), **settings)
+    assert planned.successes.sum() >= 1
+
+
+def test_objects_that_were_learned_from_are_left_out() -> None:
+    policy = policies.load("scene_planner")
+    policy.learned_from = (OBJECTS[0],)
+    settings: dict[str, Any] = {"layout": "packed", "hand": HAND, "rounds": 1}
+    found = clear_rounds(policy, objects=OBJECTS, **settings)
+    assert found.left_out == len(object_sets.load(OBJECTS[0])) > 0
+    assert found.to_json()["objects_left_out"] == found.left_out
+    with pytest.raises(ConfigError, match="learned from all objects"):
+        clear_rounds(policy, objects=OBJECTS[0], **settings)
+
+
+def test_a_scene_planner_needs_a_scene() -> None:
+    policy = policies.load("scene_planner")
+    assert isinstance(policy, policies.ScenePlanner)
+    env = gymnasium.make("graspbox/Clear-v0", objects=OBJECTS, layout="packed")
+    policy.bind(replace(policies.Task.of(env), scenes=None))
+    with pytest.raises(ConfigError, match="sees no scene"):
+        policy.act(None)
+    with pytest.raises(ConfigError, match="use 'scene_planner'"):
+        clear_rounds("planner", objects=OBJECTS, rounds=1, obs="state")
+
+
+def test_scenes_are_written_and_read() -> None:
+    found = scene()
+    names = [mesh.name for mesh in found.meshes]
+    sources = [f"procedural:{name.rpartition('-')[0]}:{int(name.rpartition('-')[2])}" for name in names]
+    text = write_scene(found, sources, [0.75] * len(names))
+    assert is_scene(text)
+    assert not is_scene(sources[0])
+    read = read_scene(text)
+    np.testing.assert_allclose(read.world_from_objects, found.world_from_objects, atol=2e-7)
+    for mesh, source in zip(read.meshes, sources, strict=True):
+        whole = object_sets.load(source)[0].load()
+        np.testing.assert_allclose(mesh.vertices, 0.75 * whole.vertices, atol=1e-12)
+        assert mesh.mass == pytest.approx(0.75**3 * whole.mass)
+
+
+def test_walls_of_a_bin_are_written_and_read_and_are_no_objects() -> None:
+    specs = object_sets.load(OBJECTS)[:3]
+    found = graspbox.arrange([spec.load() for spec in specs], "bin", seed=3, hand=HAND)
+    sources = [source_of(specs[i]) for i in found.objects]
+    read = read_scene(write_scene(found, sources, [1.0] * len(sources)))
+    assert len(read.wall_half_extents) == len(found.wall_half_extents) == 4
+    np.testing.assert_allclose(read.wall_half_extents, found.wall_half_extents, atol=2e-6)
+    np.testing.assert_allclose(read.world_from_walls, found.world_from_walls, atol=2e-7)
+    crops = read.look(WIDE, [1], 1)
+    bare = replace(read, world_from_walls=np.zeros((0, 4, 4)), wall_half_extents=np.zeros((0, 3)))
+    assert crops.object.sum() > 1.2 * bare.look(WIDE, [1], 1).object.sum(), "walls are seen"
+    np.testing.assert_array_equal(read.solid(crops, WIDE.crop), bare.solid(crops, WIDE.crop))
+
+
+def test_objects_that_fit_are_those_that_the_hand_spans() -> None:
+    """Boxes stand on their base in packed scenes, and lie on any face in piles."""
+    boxes, widest = object_sets.load("procedural:box:0-19"), graspbox.load_hand(HAND).widest
+    packed = objects_that_fit(boxes, "packed", HAND)
+    for spec in boxes:
+        width = 0.9 * np.ptp(spec.load().vertices[:, :2], axis=0).min()
+        assert (spec.name in packed.names) == (width <= widest)
+    piled = objects_that_fit(boxes, "pile", HAND)
+    assert 0 < len(packed) < len(boxes)
+    assert 0 < len(piled) < len(boxes)
+    for spec in piled:
+        assert np.ptp(spec.load().vertices, axis=0).min() <= widest, "some side is spanned"
+    assert len(objects_that_fit(boxes, "pile", "reflex")) == len(boxes), "nothing is too wide for this hand"
+    found = clear_rounds("random", objects="procedural:box:0-19", layout="packed", rounds=1, hand=HAND)
+    assert found.too_wide == found.to_json()["objects_too_wide"] == len(boxes) - len(packed)
+    huge = object_sets.load("procedural:box:0-3", scale=4.0)
+    with pytest.raises(ConfigError, match=r"none of 4 objects .* fits the hand; name smaller ones"):
+        clear_rounds("random", objects=huge, layout="packed", rounds=1, hand=HAND)
+
+
+def test_scaled_objects_equal_those_of_a_scaled_set() -> None:
+    spec = object_sets.load("procedural:mug:3")[0]
+    one, other = spec.load().scaled(0.8, None), scaled(spec, 0.8).load()
+    np.testing.assert_allclose(np.sort(one.bounds), np.sort(other.bounds), atol=1e-9)
+    assert one.mass == pytest.approx(other.mass, rel=1e-6)
+    with pytest.raises(ConfigError, match="`scale` is 0"):
+        spec.load().scaled(0.0, None)
+
+
+def test_a_view_of_several_objects_sees_them_all() -> None:
+    found = scene()
+    placed = PlacedObjects.of(found)
+    target = placed.middle
+    seen = graspbox.views(
+        found.meshes[0],
+        world_from_object=found.world_from_objects[0],
+        neighbours=placed.others(),
+        target=target,
+        count=4,
+        images="segmentation",
+    )
+    assert seen.segmentation is not None
+    assert set(range(2, 2 + len(found))) <= set(np.unique(seen.segmentation).tolist())
+    alone = graspbox.views(found.meshes[0], world_from_object=found.world_from_objects[0], target=target, count=4)
+    assert (alone.depth >= seen.depth - 1e-6).all(), "neighbours only hide"
+
+
+def test_a_crop_of_a_scene_holds_every_object() -> None:
+    found = scene()
+    placed = PlacedObjects.of(found)
+    quiet = replace(WIDE, noise=DepthNoise(0.0, 0.0, 0.0, 0.0))
+    wide, one = placed.look(quiet, [1], 1), placed.look(replace(quiet, crop=CropConfig(gap=0.0)), [1], 1)
+    assert wide.object.sum() > one.object.sum(), "without a gap only the largest group is an object"
+    solid, alone = (
+        placed.solid(wide, WIDE.crop),
+        replace(placed, meshes=found.meshes[:1], world_from_objects=found.world_from_objects[:1]),
+    )
+    filled = (solid >= 128).sum()
+    assert filled > (alone.solid(wide, WIDE.crop) >= 128).sum()
+    volume = sum(mesh.volume for mesh in found.meshes)
+    assert filled * WIDE.crop.voxel_size**3 == pytest.approx(volume, rel=0.25)
+
+
+@pytest.mark.parametrize("layout", ["packed", "pile", "bin"])
+def test_training_scenes_are_simulated_and_rendered_again(layout: Any) -> None:
+    sampler = SceneSampler(object_sets.load(OBJECTS), WIDE, 0, (layout, "single"))
+    hand, counts = graspbox.load_hand(HAND), set()
+    for number in range(0, 8, 2):
+        found = render_scene(sampler, number, np.random.default_rng(number), hand)
+        again = render_scene(sampler, number, np.random.default_rng(number), hand)
+        assert found.source == again.source
+        assert is_scene(found.source)
+        counts.add(len(found.objects.meshes))
+        assert found.scene is not None
+        assert found.crops is not None
+        views = SceneViews(WIDE)
+        seen = views.get(found.source, found.world_from_object, 0)
+        assert seen is not None
+        # Crops differ in what they cut off, most of all where they hold a bin.
+        share = 0.3 if layout == "bin" else 0.1
+        assert (seen[0][0] >= 128).sum() == pytest.approx((found.true_occupancy(seen[0]) >= 128).sum(), rel=share)
+    assert len(counts) > 1
+    assert max(counts) <= COUNTS[layout][1]
+    single = render_scene(sampler, 1, np.random.default_rng(1), hand)
+    assert not is_scene(single.source)
+
+
+def test_a_trial_succeeds_with_any_object() -> None:
+    """Poses are in the frame of the highest object; a trial on another one counts as well."""
+    found = scene()
+    simulated = graspbox.Scene.of(found, hand=HAND)
+    highest = simulated.world_from_object
+    succeeded = []
+    for index, (mesh, pose) in enumerate(zip(found.meshes, found.world_from_objects, strict=True)):
+        plan = graspbox.plan(mesh, hand=HAND, world_from_object=pose, neighbours=found.without(index)).best(2)
+        outcomes = simulated.simulate(np.linalg.inv(highest) @ pose @ plan.poses, plan.preshape)
+        succeeded.append(bool(outcomes.success.any()))
+    assert sum(succeeded) >= 2
+    copy = pickle.loads(pickle.dumps(simulated))
+    assert (copy.world_from_object == highest).all()
+    with pytest.raises(graspbox.errors.SimulationError):
+        graspbox.Scene.of(PlacedObjects((), np.zeros((0, 4, 4))), hand=HAND)
+
+
+def test_the_command_writes_what_it_prints(tmp_path: Path) -> None:
+    out = tmp_path / "clutter.json"
+    arguments = ["benchmark", "clutter", "random", "--hand", HAND, "--rounds", "1", "--seed", "0", "--layout", "pile"]
+    done = command(*arguments, "--objects", OBJECTS[1], "--out", str(out), "--json")
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads(done.stdout)
+    assert json.loads(out.read_text()) == [row]
+    assert (row["policy"], row["hand"], row["layout"], row["rounds"]) == ("random", HAND, "pile", 1)
+    wrong = command("benchmark", "clutter", "random", "--layout", "heap")
+    assert wrong.returncode in (1, 2)
+    assert "layout is 'heap'" in wrong.stderr
