@@ -300,6 +300,7 @@ class Scene:
         meshes: Sequence[Mesh],
         world_from_objects: NDArray[np.float64],
         walls: Sequence[tuple[NDArray[np.float64], Sequence[float]]],
+        target: int | None,
         hand: Hand,
         physics: str,
         cache: str | PathLike[str] | None,
@@ -340,9 +341,9 @@ class Scene:
     ) -> ForceArrays:
         """Pull the object at every pose along and against each axis of the world, and lift it off the table."""
     def trace(
-        self, pose: NDArray[np.float64], preshape: float, config: str
+        self, pose: NDArray[np.float64], preshape: float, factors: Sequence[float], config: str
     ) -> tuple[OutcomeArrays, dict[str, NDArray[Any]]]:
-        """Run a trial; its samples are the fields of `graspbox.Trace` by name."""
+        """Run a trial with factors on friction and mass; its samples are the fields of `graspbox.Trace` by name."""
 
 @final
 class Objects:
@@ -563,13 +564,17 @@ class SceneImageArrays(TypedDict):
 
 def render_scenes(
     meshes: Sequence[Mesh],
-    mesh_of: Sequence[int],
-    world_from_object: NDArray[np.float64],
+    meshes_of: Sequence[Sequence[int]],
+    world_from_objects: NDArray[np.float64],
+    walls: Sequence[Sequence[tuple[NDArray[np.float64], Sequence[float]]]],
     world_from_camera: NDArray[np.float64],
     config: str,
     num_threads: int | None,
 ) -> SceneImageArrays:
-    """Render n images, each of the mesh with index `mesh_of` (n,) at `world_from_object` (n, 4, 4)."""
+    """Render n images, each of the meshes with the indices `meshes_of`, and of walls.
+
+    `world_from_objects` (m, 4, 4) are the poses of all of them, one image after the other.
+    """
 
 def camera_poses(plan: str, target: Sequence[float], count: int, seed: int) -> NDArray[np.float64]:
     """Where the cameras of a plan stand around `target` (3,): ``world_from_camera`` (count, 4, 4)."""

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
-from graspbox._common.arguments import floats, to_json
+from graspbox._common.arguments import floats, natural, to_json
 from graspbox._core import Hand, Mesh
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import ConfigError
@@ -95,38 +95,50 @@ class Scene:
         settings = to_json(physics, PhysicsConfig, "physics")
         self._core = _core.Scene(object_mesh, self._hand, settings, start, cache or cache_folder())
         self._made_from = (object_mesh, self._hand, start, physics, cache)
-        self._around: Surroundings | None = None
+        self._around: tuple[Surroundings, int | None] | None = None
 
     @classmethod
     def of(
         cls,
         scene: Surroundings,
         *,
+        target: int | None = None,
         hand: HandLike = "reflex",
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
     ) -> Self:
         """Make a scene of several objects and walls, all of them at rest, such as `graspbox.arrange` returns.
 
-        A trial may grasp any of them: it is about the one on which the closed hand presses most. "The object" of the
-        other methods, in whose frame poses are given, is the one that reaches highest.
+        Parameters
+        ----------
+        scene : Surroundings
+            Objects and walls with their poses.
+        target : int, optional
+            Index of "the object" of the other methods: poses are given in its frame, and only a trial that lifts it
+            succeeds. By default a trial may grasp any object, and is about the one on which the closed hand presses
+            most; poses are then given in the frame of the one that reaches highest.
+        hand, physics
+            As for `Scene`.
 
         Raises
         ------
         SimulationError
             If there is no object, too many of them, or one that cannot be simulated.
+        ConfigError
+            If there is no object of the target's index.
         """
         objects, walls = placed(scene)
         poses = np.stack([pose for _, pose in objects]) if objects else np.zeros((0, 4, 4))
+        chosen = None if target is None else natural(target, "target")
         made, settings = cls.__new__(cls), to_json(physics, PhysicsConfig, "physics")
         made._hand = load_hand(hand)
         meshes = [mesh for mesh, _ in objects]
-        made._core = _core.Scene.of_objects(meshes, poses, walls, made._hand, settings, cache_folder())
-        made._made_from, made._around = (made._core.mesh, made._hand, None, physics, None), scene
+        made._core = _core.Scene.of_objects(meshes, poses, walls, chosen, made._hand, settings, cache_folder())
+        made._made_from, made._around = (made._core.mesh, made._hand, None, physics, None), (scene, chosen)
         return made
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self._around is not None:
-            return _scene_of, (self._around, self._hand, self.physics)
+            return _scene_of, (*self._around, self._hand, self.physics)
         return _scene, self._made_from
 
     def __copy__(self) -> "Scene":
@@ -192,7 +204,7 @@ class Scene:
         poses, preshape, config, num_threads
             As `graspbox.simulate`.
         friction, mass : (n,) array_like, or float
-            Factors on the object's friction and mass, per trial or for all, 0.01 to 100.
+            Factors on the friction and the mass of every object, per trial or for all, 0.01 to 100.
         """
         if isinstance(poses, Plan):
             self.check_plan(poses)
@@ -267,6 +279,8 @@ class Scene:
         pose: ArrayLike | Grasp,
         preshape: float | None = None,
         *,
+        friction: float = 1.0,
+        mass: float = 1.0,
         config: TrialConfig = TrialConfig(legacy=True),  # noqa: B008 (frozen)
     ) -> tuple[Outcomes, Trace]:
         """Run one trial as `simulate` does, and record a sample every 10 ms.
@@ -277,6 +291,8 @@ class Scene:
             ``object_from_hand``; a grasp of a plan includes its preshape.
         preshape : float
             See `graspbox.simulate`; not with a grasp of a plan.
+        friction, mass : float
+            Factors on the friction and the mass of every object, 0.01 to 100.
         config : TrialConfig
             The trial; by default with the reference study's measures, which delay early stops.
 
@@ -301,7 +317,8 @@ class Scene:
         angle = floats(preshape, "preshape")
         if angle.size != 1:
             raise ConfigError(f"preshape has shape {list(angle.shape)}; give one number")
-        outcome, samples = self._core.trace(matrix, float(angle.item()), to_json(config, TrialConfig))
+        factors = [float(_for_each(factor, name, 1)[0]) for name, factor in (("friction", friction), ("mass", mass))]
+        outcome, samples = self._core.trace(matrix, float(angle.item()), factors, to_json(config, TrialConfig))
         return Outcomes._from_core(outcome), Trace(**samples)
 
 
@@ -330,9 +347,9 @@ def _scene(
     return Scene(mesh, hand=hand, world_from_object=start, physics=physics, cache=cache)
 
 
-def _scene_of(around: Surroundings, hand: Hand, physics: PhysicsConfig) -> Scene:
+def _scene_of(around: Surroundings, target: int | None, hand: Hand, physics: PhysicsConfig) -> Scene:
     """Rebuild a pickled scene of several objects."""
-    return Scene.of(around, hand=hand, physics=physics)
+    return Scene.of(around, target=target, hand=hand, physics=physics)
 
 
 def simulate(

@@ -11,6 +11,7 @@ from graspbox import object_sets
 from graspbox.dataset import candidates, scenes
 from graspbox.dataset.candidates import HandGeometry, Poses, Surface
 from graspbox.dataset.settings import CandidateShares, DatasetConfig
+from graspbox.object_sets import ObjectSpec
 
 HANDS = graspbox.Hand.names()
 
@@ -102,7 +103,7 @@ def rows(source: str, hand: str = "reflex", **settings: object) -> dict[str, obj
     spec = object_sets.load(source)[0]
     task = scenes.SceneTask(scenes.Subject(spec, spec.group, spec.split), 0)
     config = DatasetConfig(**{"poses": 40, "views": 0, **settings})  # type: ignore[arg-type]
-    return scenes.label(task, spec.load(), graspbox.load_hand(hand), geometry(hand), config)
+    return scenes.label(task, ObjectSpec.load, graspbox.load_hand(hand), geometry(hand), config)[0]
 
 
 def test_scene_has_its_shares_and_no_collision() -> None:
@@ -146,7 +147,8 @@ def test_resting_poses_follow_their_probabilities() -> None:
     likely = probabilities >= 0.05
     counts = np.zeros(likely.sum())
     for rest in range(config.rests):
-        found = scenes.label(scenes.SceneTask(subject, rest), mesh, hand, geometry("reflex"), config)
+        task = scenes.SceneTask(subject, rest)
+        found, _ = scenes.label(task, lambda _: mesh, hand, geometry("reflex"), config)
         up = np.asarray(found["world_from_object"])[0, 2, :3]
         counts[(poses[likely][:, 2, :3] @ up).argmax()] += 1
     assert (np.abs(counts - config.rests * probabilities[likely] / probabilities[likely].sum()) <= 1).all()

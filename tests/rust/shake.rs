@@ -217,7 +217,7 @@ fn shaken_trials_are_traced_and_equal_on_any_number_of_threads() {
     let outcomes = on(1);
     assert_eq!(outcomes, on(3));
     let shaken = outcomes.iter().position(|o| o.shake_shift.is_some()).unwrap();
-    let trial = trace_trial(&scene, &poses[shaken], config, &Progress::default(), |_| ()).unwrap();
+    let trial = trace_trial(&scene, &poses[shaken], [1.0, 1.0], config, &Progress::default(), |_| ()).unwrap();
     let (outcome, trace) = (trial.outcome, trial.trace);
     assert_eq!(outcome, outcomes[shaken]);
     let calm = config.close_time + config.lift_time + config.hold_time;

@@ -78,12 +78,7 @@ pub fn run_observed_trials<O: Observer + Send>(
 ) -> Result<Vec<Finished<O>>, EpisodeError> {
     check_config(scene, &config)?;
     check_poses(scene.template().hand(), poses)?;
-    let count = poses.len() as f64;
-    in_range("number of factors", factors.len() as f64, count..=count, "(one pair for each pose)")?;
-    for [friction, mass] in factors {
-        in_range("friction factor", *friction, FACTORS[0]..=FACTORS[1], "")?;
-        in_range("mass factor", *mass, FACTORS[0]..=FACTORS[1], "")?;
-    }
+    check_factors(factors, poses.len())?;
     let one = |(pose, factors): (&GraspPose, &[f64; 2])| -> Result<Option<Finished<O>>, EpisodeError> {
         if progress.stopped() {
             return Ok(None);
@@ -102,21 +97,23 @@ pub fn run_observed_trials<O: Observer + Send>(
     Ok(finished)
 }
 
-/// One trial as [`run_trials`] runs it, with its trace and an observer. A pose that the open hand does not reach gives an infeasible
+/// One trial as [`run_observed_trials`] runs it, with its trace. A pose that the open hand does not reach gives an infeasible
 /// outcome without samples.
 ///
 /// # Errors
-/// As [`run_trials`].
+/// As [`run_observed_trials`].
 pub fn trace_trial<O: Observer>(
     scene: &Arc<Scene>,
     pose: &GraspPose,
+    factors: [f64; 2],
     config: TrialConfig,
     progress: &Progress,
     observer: impl Fn(&Episode) -> O,
 ) -> Result<Finished<O>, EpisodeError> {
     check_config(scene, &config)?;
     check_poses(scene.template().hand(), std::slice::from_ref(pose))?;
-    let finished = attempt(scene, pose, [1.0, 1.0], config, true, progress, &observer)?;
+    check_factors(&[factors], 1)?;
+    let finished = attempt(scene, pose, factors, config, true, progress, &observer)?;
     finished.ok_or(EpisodeError::Cancelled { done: 0, total: 1 })
 }
 
@@ -127,6 +124,17 @@ pub fn trace_trial<O: Observer>(
 fn check_config(scene: &Scene, config: &TrialConfig) -> Result<(), EpisodeError> {
     config.validate()?;
     config.check_time_step(scene.template().config().dt)
+}
+
+/// Checks the factors on friction and mass of `count` trials.
+fn check_factors(factors: &[[f64; 2]], count: usize) -> Result<(), EpisodeError> {
+    let count = count as f64;
+    in_range("number of factors", factors.len() as f64, count..=count, "(one pair for each pose)")?;
+    for [friction, mass] in factors {
+        in_range("friction factor", *friction, FACTORS[0]..=FACTORS[1], "")?;
+        in_range("mass factor", *mass, FACTORS[0]..=FACTORS[1], "")?;
+    }
+    Ok(())
 }
 
 /// Checks that poses are near the object and preshapes within the hand's limits.

@@ -69,14 +69,16 @@ impl Scene {
         })
     }
 
-    /// Objects that lie among each other and walls, any of which a trial may grasp; the arguments are those that `arrange` returns.
+    /// Objects that lie among each other and walls, as `arrange` returns them; a trial may grasp any of them without a `target`.
     #[staticmethod]
-    #[pyo3(signature = (meshes, world_from_objects, walls, hand, physics, cache))]
+    #[pyo3(signature = (meshes, world_from_objects, walls, target, hand, physics, cache))]
+    #[expect(clippy::too_many_arguments, reason = "what is in the scene crosses by itself")]
     fn of_objects(
         py: Python<'_>,
         meshes: Vec<PyRef<'_, Mesh>>,
         world_from_objects: Floats<'_>,
         walls: Vec<(Floats<'_>, [f64; 3])>,
+        target: Option<usize>,
         hand: &Hand,
         physics: &str,
         cache: Option<PathBuf>,
@@ -88,7 +90,7 @@ impl Scene {
         detached(py, None, move || {
             let bodies = data.iter().map(|mesh| mesh.body(cache.as_deref())).collect::<Result<Vec<_>, _>>()?;
             let bodies: Vec<&Body> = bodies.iter().map(|body| &**body).collect();
-            let core = Arc::new(Core::of_objects(&bodies, &poses, &walls, None, hand, physics)?);
+            let core = Arc::new(Core::of_objects(&bodies, &poses, &walls, target, hand, physics)?);
             let mesh = Arc::clone(&data[core.target()]);
             Ok::<_, CoreError>(Self { core, mesh })
         })
@@ -197,12 +199,13 @@ impl Scene {
         force_arrays(py, &outcomes)
     }
 
-    /// Runs one trial. Returns its outcome and its trace, a sample every 10 ms (none if the pose is infeasible); arrays by name.
+    /// Runs one trial with `factors` on friction and mass. Returns its outcome and its trace, a sample every 10 ms (none if the pose is infeasible); arrays by name.
     fn trace<'py>(
         &self,
         py: Python<'py>,
         pose: Floats<'_>,
         preshape: f64,
+        factors: [f64; 2],
         config: &str,
     ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
         let pose = GraspPose { object_from_hand: isometry(&pose, "pose")?, preshape };
@@ -213,7 +216,7 @@ impl Scene {
             py,
             None,
             move || progress.stop(),
-            move || trace_trial(&scene, &pose, config, &watched, Study::new),
+            move || trace_trial(&scene, &pose, factors, config, &watched, Study::new),
         )?;
         let samples = sample_arrays(py, &trial.trace, self.core.template().hand())?;
         Ok((outcome_arrays(py, &[trial])?, samples))

@@ -9,6 +9,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from graspbox import dataset as data
+from graspbox import layouts
 from graspbox._common.progress import shown_time
 from graspbox.cli import common
 from graspbox.configs import ShakeConfig, TrialConfig
@@ -63,6 +64,10 @@ Replays = Annotated[
 ShardTrials = Annotated[
     int, typer.Option("--shard-trials", min=1, help="Trials per file, the unit of work that an interruption loses.")
 ]
+PerScene = Annotated[
+    tuple[int, int],
+    typer.Option("--objects-per-scene", help="Least and greatest number of objects in scenes of several."),
+]
 Workers = Annotated[
     int | None,
     typer.Option("--workers", min=1, max=1024, help="Processes; one per core by default. Rows do not depend on them."),
@@ -78,6 +83,10 @@ def dataset(
     objects: common.Objects = None,
     poses: Annotated[int, typer.Option("--poses", min=1, help="Trials per scene.")] = _DEFAULT.poses,
     rests: Rests = _DEFAULT.rests,
+    layout: Annotated[
+        str, typer.Option("--layout", help="single, packed, pile or bin: the target alone, or among other objects.")
+    ] = _DEFAULT.layout,
+    per_scene: PerScene = _DEFAULT.objects_per_scene,
     views: Annotated[int, typer.Option("--views", min=0, help="Cameras per scene.")] = _DEFAULT.views,
     replays: Replays = _DEFAULT.replays,
     shake: Annotated[bool, typer.Option("--shake", help="Shake every success on six axes with 2 g.")] = False,
@@ -104,6 +113,8 @@ def dataset(
     config = data.DatasetConfig(
         poses=poses,
         rests=rests,
+        layout=layouts.scene_layout_named(layout),
+        objects_per_scene=per_scene,
         views=views,
         seed=seed,
         replays=replays,

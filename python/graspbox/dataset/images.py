@@ -2,7 +2,7 @@
 
 import json
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from graspbox import _core, object_sets
 from graspbox._common.arguments import floats, plain
 from graspbox._core import Mesh
+from graspbox.dataset.resting import RestingScene
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.dataset.tables import column, lists, matrices
 from graspbox.errors import ConfigError
+from graspbox.hands import cache_folder
+from graspbox.meshes import placed
 from graspbox.planning.plan_files import mesh_hash
 from graspbox.views import Views, depth_millimetres
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Rendered", "load_mesh_of", "render", "scene_images", "voxels"]
+__all__ = ["Rendered", "RowObjects", "load_mesh_of", "placed_objects", "render", "scene_images", "voxels"]
 
 #: Meshes that are cached between calls.
 _KEPT = 512
@@ -35,8 +38,8 @@ class Rendered(Views):
 
 
 @lru_cache(maxsize=_KEPT)
-def load_mesh_of(source: str, scale: float, sha256: str) -> Mesh:
-    """Load the mesh of a row; the last 512 are cached.
+def load_mesh_of(source: str, scale: float, sha256: str, size_factor: float) -> Mesh:
+    """Load the mesh of a row or of a neighbour; the last 512 are cached.
 
     Raises
     ------
@@ -50,7 +53,7 @@ def load_mesh_of(source: str, scale: float, sha256: str) -> Mesh:
         raise ConfigError(
             f"the mesh of {source!r} has changed: its hash is {found[:12]}, that of the rows {sha256[:12]}"
         )
-    return mesh
+    return mesh if size_factor == 1.0 else mesh.scaled(size_factor, cache_folder())
 
 
 def render(
@@ -64,7 +67,7 @@ def render(
     world_from_camera: NDArray[np.float64] | None = None,
     num_threads: int | None = None,
 ) -> Rendered:
-    """Render the views of each row's cameras: the object at rest, without the hand.
+    """Render the views of each row's cameras: the object at rest, its neighbours and walls, without the hand.
 
     Rows of one scene that share their cameras are rendered once.
 
@@ -103,9 +106,11 @@ def render(
     size = (image_size, image_size) if np.ndim(image_size) == 0 else image_size
     fov = fovs.pop() if fovs else 0.6
     objects = matrices(rows, "world_from_object")
-    unique, back = _unique_images(rows, objects, cameras)
-    meshes, mesh_of = _meshes(rows, unique)
-    found = _images(meshes, mesh_of, objects[unique], cameras[unique], size, fov, rgb, segmentation, table, num_threads)
+    scenes = _scenes(rows)
+    unique, back = _unique_images(scenes, cameras)
+    channels = {"rgb": rgb, "segmentation": segmentation, "table": table}
+    shown = _shown([scenes[index] for index in unique])
+    found = _images(shown, cameras[unique], size, fov, channels, num_threads)
     return Rendered(
         depth=found["depth"][back],
         rgb=found["rgb"][back] if rgb else None,
@@ -116,15 +121,101 @@ def render(
     )
 
 
+#: Fields of an object that name its mesh.
+_MESH_FIELDS = ("source", "scale", "sha256", "size_factor")
+
+
+class _Object(NamedTuple):
+    """An object of a scene: the arguments of `load_mesh_of`, and its pose as the 128 bytes of a matrix (4, 4)."""
+
+    mesh: tuple[str, float, str, float]
+    world_from_object: bytes
+
+
+class _SceneRow(NamedTuple):
+    """What the images of a row show: the object, then its neighbours; and walls, as pose and half extents."""
+
+    objects: tuple[_Object, ...]
+    walls: tuple[tuple[bytes, tuple[float, ...]], ...]
+
+
+class _Shown(NamedTuple):
+    """What n images show: meshes, their indices and poses (k, 4, 4) in each image, and its walls."""
+
+    meshes: list[Mesh]
+    meshes_of: list[list[int]]
+    world_from_objects: list[NDArray[np.float64]]
+    walls: list[list[tuple[NDArray[np.float64], list[float]]]]
+
+
+def _scenes(rows: "pa.Table") -> list[_SceneRow]:
+    """Read what the images of each row show."""
+    names = (*_MESH_FIELDS, "world_from_object")
+    values = zip(*(lists(rows, name) for name in names), strict=True)
+    objects = (dict(zip(names, each, strict=True)) for each in values)
+    return [
+        _SceneRow(
+            tuple(map(_object, [target, *neighbours])),
+            tuple((_bytes(wall["world_from_wall"]), tuple(wall["half_extents"])) for wall in walls),
+        )
+        for target, neighbours, walls in zip(objects, lists(rows, "neighbours"), lists(rows, "walls"), strict=True)
+    ]
+
+
+def _object(fields: dict[str, Any]) -> _Object:
+    source, scale, sha256, size_factor = (fields[name] for name in _MESH_FIELDS)
+    return _Object((source, scale, sha256, size_factor), _bytes(fields["world_from_object"]))
+
+
+def _bytes(matrix: list[float]) -> bytes:
+    return np.array(matrix, np.float64).tobytes()
+
+
+def _matrix(content: bytes) -> NDArray[np.float64]:
+    return np.frombuffer(content, np.float64).reshape(4, 4)
+
+
+def _shown(scenes: list[_SceneRow]) -> _Shown:
+    index_of: dict[tuple[str, float, str, float], int] = {}
+    meshes_of = [[index_of.setdefault(each.mesh, len(index_of)) for each in scene.objects] for scene in scenes]
+    return _Shown(
+        [load_mesh_of(*key) for key in index_of],
+        meshes_of,
+        [np.stack([_matrix(each.world_from_object) for each in scene.objects]) for scene in scenes],
+        [[(_matrix(pose), list(half)) for pose, half in scene.walls] for scene in scenes],
+    )
+
+
+class RowObjects(NamedTuple):
+    """Objects and walls of a row, as `graspbox.meshes.Surroundings`; the first object is that of the row."""
+
+    meshes: list[Mesh]
+    world_from_objects: NDArray[np.float64]
+    world_from_walls: NDArray[np.float64]
+    wall_half_extents: NDArray[np.float64]
+
+
+def placed_objects(row: "pa.Table") -> RowObjects:
+    """Load the objects and walls of one row; errors as of `load_mesh_of`."""
+    shown = _shown(_scenes(row))
+    walls = shown.walls[0]
+    return RowObjects(
+        [shown.meshes[index] for index in shown.meshes_of[0]],
+        shown.world_from_objects[0],
+        np.array([pose for pose, _ in walls]).reshape(-1, 4, 4),
+        np.array([half for _, half in walls]).reshape(-1, 3),
+    )
+
+
 def _unique_images(
-    rows: "pa.Table", objects: NDArray[np.float64], cameras: NDArray[np.float64]
+    scenes: list[_SceneRow], cameras: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows whose images differ, and for each row the index of its images among them."""
-    seen: dict[tuple[str, bytes, bytes], int] = {}
+    seen: dict[tuple[_SceneRow, bytes], int] = {}
     unique: list[int] = []
-    back = np.zeros(len(rows), np.int64)
-    for index, name in enumerate(lists(rows, "sha256")):
-        key = (name, objects[index].tobytes(), cameras[index].tobytes())
+    back = np.zeros(len(scenes), np.int64)
+    for index, (scene, poses) in enumerate(zip(scenes, cameras, strict=True)):
+        key = (scene, poses.tobytes())
         if key not in seen:
             seen[key] = len(unique)
             unique.append(index)
@@ -132,41 +223,22 @@ def _unique_images(
     return np.array(unique, np.int64), back
 
 
-def _meshes(rows: "pa.Table", unique: NDArray[np.int64]) -> tuple[list[Mesh], list[int]]:
-    """Meshes of these rows, each once, and the index of each row's mesh."""
-    keys = zip(*(lists(rows.take(unique), name) for name in ("source", "scale", "sha256")), strict=True)
-    index_of: dict[tuple[str, float, str], int] = {}
-    mesh_of = [index_of.setdefault(key, len(index_of)) for key in keys]
-    return [load_mesh_of(*key) for key in index_of], mesh_of
-
-
 def _images(
-    meshes: list[Mesh],
-    mesh_of: list[int],
-    world_from_object: NDArray[np.float64],
+    shown: _Shown,
     world_from_camera: NDArray[np.float64],
     size: Any,
     fov: float,
-    rgb: bool,
-    segmentation: bool,
-    table: bool,
+    channels: dict[str, bool],
     num_threads: int | None,
 ) -> dict[str, Any]:
-    """Images (n, v, ...) of n objects at rest, each from v cameras (n, v, 4, 4)."""
+    """Images (n, v, ...) of n scenes, each from v cameras (n, v, 4, 4)."""
     count, views = world_from_camera.shape[:2]
-    config = {
-        "image_size": size,
-        "fov": fov,
-        "near": _NEAR,
-        "far": _FAR,
-        "rgb": rgb,
-        "segmentation": segmentation,
-        "table": table,
-    }
+    config = {"image_size": size, "fov": fov, "near": _NEAR, "far": _FAR, **channels}
     found = _core.render_scenes(
-        meshes,
-        np.repeat(mesh_of, views).tolist(),
-        np.ascontiguousarray(np.repeat(world_from_object, views, axis=0)),
+        shown.meshes,
+        [each for each in shown.meshes_of for _ in range(views)],
+        np.concatenate([np.zeros((0, 4, 4)), *(each for each in shown.world_from_objects for _ in range(views))]),
+        [each for each in shown.walls for _ in range(views)],
         np.ascontiguousarray(world_from_camera.reshape(-1, 4, 4)),
         json.dumps(plain(config, "the images")),
         num_threads,
@@ -181,11 +253,16 @@ def _intrinsics(size: Any, fov: float) -> NDArray[np.float64]:
     return np.array([[focal, 0.0, width / 2.0], [0.0, focal, height / 2.0], [0.0, 0.0, 1.0]])
 
 
-def scene_images(mesh: Mesh, columns: dict[str, Any], config: DatasetConfig) -> dict[str, Any]:
+def scene_images(columns: dict[str, Any], resting: RestingScene, config: DatasetConfig) -> dict[str, Any]:
     """Make the columns of a scene's stored images, from the columns of its trials."""
     cameras, rest = columns["world_from_camera"][0], columns["world_from_object"][0]
     views = len(cameras)
-    found = _images([mesh], [0], rest[None], cameras[None], config.image_size, config.fov, False, True, True, 1)
+    around, walls = placed(resting.around)
+    meshes = [resting.scene.mesh, *(mesh for mesh, _ in around)]
+    poses = np.stack([rest, *(pose for _, pose in around)])
+    channels = {"rgb": False, "segmentation": True, "table": True}
+    shown = _Shown(meshes, [list(range(len(meshes)))], [poses], [walls])
+    found = _images(shown, cameras[None], config.image_size, config.fov, channels, 1)
     return {
         "scene": [columns["scene"][0]] * views,
         "split": [columns["split"][0]] * views,

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 FILE = "manifest.json"
-_FORMAT, _VERSION = "graspbox.dataset", 1
+_FORMAT, _VERSION = "graspbox.dataset", 2
 #: Greatest size of a manifest and of a shard, bytes.
 _MAX_BYTES, _MAX_SHARD = 1 << 30, 1 << 36
 _NAME = re.compile(r"(train|validation|test)-\d{5,}-of-\d{5,}\.parquet")
@@ -81,7 +81,7 @@ class _Manifest:
     """Entries of a manifest that are used here; the file has more."""
 
     format: Literal["graspbox.dataset"]
-    version: Literal[1]
+    version: Literal[1, 2]
     complete: bool
     fingerprint: str
     versions: _Versions

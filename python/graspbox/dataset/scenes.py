@@ -1,7 +1,8 @@
 """One scene of a data set: an object at rest, its candidates, their trials, and the resulting rows."""
 
 import hashlib
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -9,24 +10,21 @@ from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox._common.arguments import to_json
-from graspbox._common.refusals import errors_of
 from graspbox._core import Hand, Mesh
 from graspbox.dataset import candidates as sources
 from graspbox.dataset.candidates import HandGeometry, Poses, Surface
+from graspbox.dataset.resting import RestingScene, settle_alone, settle_among
 from graspbox.dataset.settings import DatasetConfig
-from graspbox.errors import PlanError, SimulationError
+from graspbox.errors import PlanError
 from graspbox.object_sets import ObjectSpec
 from graspbox.outcomes import Outcomes
 from graspbox.planning import plan
 from graspbox.planning.plan_files import mesh_hash
-from graspbox.simulation import Scene
 
-__all__ = ["SceneTask", "Subject", "label", "scene_seed"]
+__all__ = ["SceneTask", "Subject", "label", "scene_seed", "tasks_of"]
 
 Floats = NDArray[np.float64]
 
-#: Least probability of resting poses, and their greatest number: as in the environments.
-_LEAST_PROBABILITY, _MOST_RESTS = 0.05, 6
 #: Rounds of candidates before a source counts as exhausted, and candidates made per requested one.
 _ROUNDS, _SURPLUS = 6, 4
 #: Sources that replace one that finds too few poses, in this order.
@@ -52,10 +50,11 @@ class Subject:
 
 @dataclass(frozen=True)
 class SceneTask:
-    """A scene to label: a subject, and the number of its resting pose in 0 .. `DatasetConfig.rests` - 1."""
+    """A scene to label: a subject, the number of its scene in 0 .. `DatasetConfig.rests` - 1, and other objects."""
 
     subject: Subject
     rest: int
+    others: tuple[ObjectSpec, ...] = ()
 
     @property
     def name(self) -> str:
@@ -71,6 +70,24 @@ def _entropy(seed: int, *names: str | int) -> int:
 def scene_seed(config: DatasetConfig, task: SceneTask) -> int:
     """Seed of a scene: a function of the data set's seed, the object's name and the number of the resting pose."""
     return _entropy(config.seed, task.subject.spec.name, task.rest)
+
+
+def tasks_of(subjects: list[Subject], config: DatasetConfig) -> list[SceneTask]:
+    """List the scenes of the objects of one split, in their order.
+
+    In a scene of several objects the others are drawn from the same split, none twice if there are enough.
+    """
+    tasks = [SceneTask(subject, rest) for subject in subjects for rest in range(config.rests)]
+    return tasks if config.layout == "single" else [_among(task, subjects, config) for task in tasks]
+
+
+def _among(task: SceneTask, subjects: list[Subject], config: DatasetConfig) -> SceneTask:
+    rng = np.random.default_rng(_entropy(scene_seed(config, task), "others"))
+    least, most = config.objects_per_scene
+    count = int(rng.integers(least, most + 1)) - 1
+    others = [subject.spec for subject in subjects if subject != task.subject] or [task.subject.spec]
+    chosen = rng.choice(len(others), size=count, replace=count > len(others))
+    return replace(task, others=tuple(others[int(index)] for index in chosen))
 
 
 @dataclass
@@ -98,36 +115,32 @@ class _Found:
 class _Labeller:
     """Makes the rows of one scene."""
 
-    def __init__(self, task: SceneTask, mesh: Mesh, hand: Hand, geometry: HandGeometry, config: DatasetConfig) -> None:
+    def __init__(
+        self,
+        task: SceneTask,
+        load: Callable[[ObjectSpec], Mesh],
+        hand: Hand,
+        geometry: HandGeometry,
+        config: DatasetConfig,
+    ) -> None:
         self.task, self.hand, self.geometry, self.config = task, hand, geometry, config
         self.seed = scene_seed(config, task)
         self.rng = np.random.default_rng(self.seed)
-        self.scene = self._settle(mesh)
+        self.mesh = load(task.subject.spec)
+        self.resting = self._settle(load)
+        self.scene = self.resting.scene
         self.object_from_world = np.linalg.inv(self.scene.world_from_object)
         self.surface = Surface.of(self.scene, int(self.rng.integers(2**63)))
         self._plan: Any = None
         self._unused: NDArray[np.int64] | None = None
 
-    def _settle(self, mesh: Mesh) -> Scene:
-        """Place the object in a resting pose; if it does not come to rest, in the next one."""
-        with errors_of(self.task.subject.spec.name):
-            poses, probabilities = mesh.resting_poses()
-        kept = max(1, min(_MOST_RESTS, int((probabilities >= _LEAST_PROBABILITY).sum())))
-        weights = np.cumsum(probabilities[:kept]) / probabilities[:kept].sum()
+    def _settle(self, load: Callable[[ObjectSpec], Mesh]) -> RestingScene:
+        spec, config = self.task.subject.spec, self.config
+        if config.layout != "single":
+            return settle_among([spec, *self.task.others], load, self.hand, config, self.rng)
         # One offset per object spreads its scenes evenly over the probabilities.
-        offset = _entropy(self.config.seed, self.task.subject.spec.name, "rests") / 2**64
-        first = int(np.searchsorted(weights, (self.task.rest + offset) / self.config.rests, side="right"))
-        yaw = self.rng.uniform(0.0, 2.0 * np.pi)
-        turn = np.eye(4)
-        turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-        why = "it has no resting pose"
-        for index in range(kept):
-            start = turn @ poses[(min(first, kept - 1) + index) % kept]
-            try:
-                return Scene(mesh, hand=self.hand, world_from_object=start, physics=self.config.physics)
-            except SimulationError as error:
-                why = str(error)
-        raise SimulationError(why)
+        offset = _entropy(config.seed, spec.name, "rests") / 2**64
+        return settle_alone(self.mesh, self.hand, config, (self.task.rest + offset) / config.rests, self.rng)
 
     def _in_object(self, world_from_hand: Floats) -> Floats:
         return np.ascontiguousarray(self.object_from_world @ world_from_hand)
@@ -166,6 +179,7 @@ class _Labeller:
                 world_from_object=self.scene.world_from_object,
                 config=self.config.planning,
                 num_threads=1,
+                neighbours=self.resting.around,
             ).best()
             self._unused = np.arange(len(self._plan))
         assert self._unused is not None
@@ -274,9 +288,13 @@ class _Labeller:
             "source": subject.spec.source,
             "group": subject.group,
             "split": subject.split,
-            "sha256": mesh_hash(self.scene.mesh),
+            "sha256": mesh_hash(self.mesh),
             "scale": subject.spec.scale,
+            "layout": self.config.layout,
+            "size_factor": self.resting.size_factor,
             "world_from_object": rest,
+            "neighbours": self.resting.neighbours,
+            "walls": self.resting.walls,
             "hand": self.hand.name,
             "seed": self.seed,
             "view_seed": view_seed,
@@ -308,12 +326,26 @@ def _joined(parts: list[Any]) -> Any:
     return np.concatenate(parts)
 
 
-def label(task: SceneTask, mesh: Mesh, hand: Hand, geometry: HandGeometry, config: DatasetConfig) -> dict[str, Any]:
-    """Label one scene: columns of `graspbox.dataset.schema.TRIALS` by name, as arrays or lists of equal length.
+def label(
+    task: SceneTask,
+    load: Callable[[ObjectSpec], Mesh],
+    hand: Hand,
+    geometry: HandGeometry,
+    config: DatasetConfig,
+) -> tuple[dict[str, Any], RestingScene]:
+    """Label one scene.
+
+    Returns
+    -------
+    dict
+        The columns of `graspbox.dataset.schema.TRIALS` by name, as arrays or lists of equal length.
+    RestingScene
+        The scene.
 
     Raises
     ------
     SimulationError, PlanError, MeshError
         If the object cannot be simulated or planned for.
     """
-    return _Labeller(task, mesh, hand, geometry, config).run()
+    labeller = _Labeller(task, load, hand, geometry, config)
+    return labeller.run(), labeller.resting

@@ -5,7 +5,7 @@ import re
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from graspbox.dataset.extras import pyarrow
 from graspbox.outcomes import Outcome, Outcomes
@@ -13,7 +13,7 @@ from graspbox.outcomes import Outcome, Outcomes
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["IMAGES", "SPLITS", "TRIALS", "Column", "arrow_schema", "image_schema"]
+__all__ = ["IMAGES", "NEIGHBOUR", "SPLITS", "TRIALS", "WALL", "Column", "arrow_schema", "completed", "image_schema"]
 
 #: Splits of a data set, in their order.
 SPLITS = ("train", "validation", "test")
@@ -28,14 +28,18 @@ class Column:
     name : str
         Its name.
     type : str
-        A type of Arrow; ``matrix``: 16 float64, a 4x4 homogeneous matrix row by row; ``matrices``: a list of these.
+        A type of Arrow; ``matrix``: 16 float64, a 4x4 homogeneous matrix row by row; ``matrices``: a list of these;
+        ``neighbours`` and ``walls``: lists of structures with the fields `NEIGHBOUR` and `WALL`.
     meaning : str
         Its contents, with frame and unit.
+    of_version_1 : Any
+        Its value in all rows of data sets of version 1, which do not store the column; None for columns that they have.
     """
 
     name: str
     type: str
     meaning: str
+    of_version_1: Any = None
 
 
 _OUTCOME_TYPES = {bool: "bool", str: "string", float: "double", int: "int64"}
@@ -53,12 +57,24 @@ def _outcome_columns() -> Iterator[Column]:
         yield Column(field.name, _OUTCOME_TYPES[hints[field.name]], f"outcome: {meanings[field.name].rstrip('.')}")
 
 
+#: Fields of a neighbour, by name, with their types: those of the columns of the same names.
+NEIGHBOUR = {
+    "object": "string",
+    "source": "string",
+    "sha256": "string",
+    "scale": "double",
+    "size_factor": "double",
+    "world_from_object": "matrix",
+}
+#: Fields of a wall.
+WALL = {"world_from_wall": "matrix", "half_extents": "list<double>[3]"}
+
 #: Columns of a trial.
 TRIALS: tuple[Column, ...] = (
     Column(
         "scene",
         "string",
-        "object and number of its resting pose, as `mug-000003/0`; its trials share cameras",
+        "object and number of its resting pose, as `mug-000003/0`; its trials share objects and cameras",
     ),
     Column("trial", "int32", "number of the trial in its scene"),
     Column("object", "string", "name of the object"),
@@ -67,7 +83,11 @@ TRIALS: tuple[Column, ...] = (
     Column("split", "string", "`train`, `validation` or `test`"),
     Column("sha256", "string", "hash of the mesh's vertices and faces (`graspbox.planning.plan_files.mesh_hash`)"),
     Column("scale", "double", "metres per unit of the mesh file; a factor on the size of procedural objects"),
+    Column("layout", "string", "how objects lie: `single`, `packed`, `pile` or `bin` (`graspbox.layouts`)", "single"),
+    Column("size_factor", "double", "factor on all lengths of the object in this scene; 1 in the layout `single`", 1.0),
     Column("world_from_object", "matrix", "pose of the object at rest; the table is the plane z = 0, metres"),
+    Column("neighbours", "neighbours", "the other objects of the scene, with fields as the columns of these names", ()),
+    Column("walls", "walls", "walls of a bin: boxes with their poses and half extents, metres", ()),
     Column("hand", "string", "name of the hand"),
     Column("object_from_hand", "matrix", "nominal pose of the hand, object frame, metres"),
     Column("world_from_hand", "matrix", "the same in the world"),
@@ -100,7 +120,11 @@ IMAGES: tuple[Column, ...] = (
     Column("world_from_camera", "matrix", "pose of the camera, metres"),
     Column("intrinsics", "list<double>[9]", "3x3, row by row: camera frame to pixels"),
     Column("depth", "list<uint16>[H*W]", "along the optical axis, millimetres, row by row; 0 where nothing was seen"),
-    Column("segmentation", "list<uint8>[H*W]", "0 background, 1 table and ground, 2 object"),
+    Column(
+        "segmentation",
+        "list<uint8>[H*W]",
+        "0 background, 1 table, ground and walls, 2 object, 3 and more its neighbours",
+    ),
 )
 
 
@@ -109,6 +133,9 @@ def _arrow(kind: str, pixels: int = 0) -> "pa.DataType":
     matrix = pa.list_(pa.float64(), 16)
     known = {"double": pa.float64(), "bool": pa.bool_(), "matrix": matrix, "matrices": pa.list_(matrix)}
     sized = {
+        "neighbours": lambda: pa.list_(pa.struct({name: _arrow(each) for name, each in NEIGHBOUR.items()})),
+        "walls": lambda: pa.list_(pa.struct({name: _arrow(each) for name, each in WALL.items()})),
+        "list<double>[3]": lambda: pa.list_(pa.float64(), 3),
         "list<double>[9]": lambda: pa.list_(pa.float64(), 9),
         "list<uint16>[H*W]": lambda: pa.list_(pa.uint16(), pixels),
         "list<uint8>[H*W]": lambda: pa.list_(pa.uint8(), pixels),
@@ -119,6 +146,25 @@ def _arrow(kind: str, pixels: int = 0) -> "pa.DataType":
 def arrow_schema() -> "pa.Schema":
     """Arrow's schema of the trials."""
     return pyarrow().schema([(column.name, _arrow(column.type)) for column in TRIALS])
+
+
+def completed(table: "pa.Table", columns: list[str] | None) -> "pa.Table":
+    """Add the columns of this version to the trials of a data set of version 1.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        Trials as they were read.
+    columns : list of str, optional
+        The columns of the result, in this order; by default all.
+    """
+    pa, schema = pyarrow(), arrow_schema()
+    for column in TRIALS:
+        wanted = columns is None or column.name in columns
+        if wanted and column.name not in table.column_names and column.of_version_1 is not None:
+            kind = schema.field(column.name).type
+            table = table.append_column(column.name, pa.array([column.of_version_1] * len(table), type=kind))
+    return table.select(schema.names if columns is None else columns)
 
 
 def image_schema(image_size: tuple[int, int]) -> "pa.Schema":

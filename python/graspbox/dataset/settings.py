@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields
 
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import ConfigError
+from graspbox.layouts import SceneLayout, scene_layout_named
 from graspbox.views import ViewPlan
 
 __all__ = ["CandidateShares", "DatasetConfig"]
@@ -13,6 +14,7 @@ __all__ = ["CandidateShares", "DatasetConfig"]
 _CAMERAS = ViewPlan("random", (0.0, 0.0, 1.0), cap=1.2, distance=(0.5, 0.8), shift=0.02)
 #: Upper bounds of counts; a larger number is a mistake.
 _MOST_POSES, _MOST_VIEWS, _MOST_RESTS, _MOST_REPLAYS, _MOST_SHARD = 100_000, 1_000, 1_000, 1_000, 1_000_000
+_MOST_OBJECTS = 40
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,13 @@ class DatasetConfig:
     rests : int
         Scenes per object, each with its own resting pose and yaw, 1 to 1,000. Resting poses are sampled by their
         probability.
+    layout : {"single", "packed", "pile", "bin"}
+        How objects lie. In each scene of several objects, one is the target of all trials; the others are drawn from
+        the same split, and all have a random scale (`graspbox.layouts`).
+    objects_per_scene : (int, int)
+        Least and greatest number of objects in scenes of several, 1 to 40.
+    bin_size : three float
+        Sides of the floor of a bin along x and y, and height of its walls, metres.
     views : int
         Cameras per scene, 0 to 1,000.
     seed : int
@@ -82,6 +91,9 @@ class DatasetConfig:
 
     poses: int = 128
     rests: int = 1
+    layout: SceneLayout = "single"
+    objects_per_scene: tuple[int, int] = (5, 5)
+    bin_size: tuple[float, float, float] = (0.3, 0.25, 0.12)
     views: int = 4
     seed: int = 0
     replays: int = 0
@@ -119,6 +131,15 @@ class DatasetConfig:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
                 raise ConfigError(f"{name} is {value!r}; give an integer from {least} to {most}")
+        scene_layout_named(self.layout)
+        fewest, most_objects = self.objects_per_scene
+        if not all(isinstance(count, int) and not isinstance(count, bool) for count in self.objects_per_scene) or (
+            not 1 <= fewest <= most_objects <= _MOST_OBJECTS
+        ):
+            raise ConfigError(
+                f"objects_per_scene is {self.objects_per_scene}; give the least and the greatest number, from 1 to "
+                f"{_MOST_OBJECTS}"
+            )
         for name, most_error in {"hand_position": 0.1, "hand_rotation": math.pi}.items():
             if not 0.0 <= getattr(self, name) <= most_error:
                 raise ConfigError(f"{name} is {getattr(self, name)!r}; give a number from 0 to {most_error:.4g}")

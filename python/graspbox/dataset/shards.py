@@ -12,15 +12,16 @@ import numpy as np
 
 from graspbox._common import schemas
 from graspbox._common.refusals import is_refusal, reason
-from graspbox._core import Hand, Mesh
+from graspbox._core import Hand
 from graspbox.dataset.candidates import HandGeometry
 from graspbox.dataset.extras import parquet, pyarrow
 from graspbox.dataset.images import scene_images
 from graspbox.dataset.manifest import KINDS
-from graspbox.dataset.scenes import SceneTask, Subject, label
+from graspbox.dataset.scenes import SceneTask, Subject, label, tasks_of
 from graspbox.dataset.schema import TRIALS, arrow_schema, image_schema
 from graspbox.dataset.settings import DatasetConfig
 from graspbox.errors import ConfigError, GraspboxError, InternalError
+from graspbox.object_sets import ObjectSpec
 from graspbox.planning.plan_files import mesh_hash
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ _KEY = b"graspbox"
 #: Trials per row group.
 _ROW_GROUP = 4096
 _COMPRESSION_LEVEL = 3
+#: Meshes that a shard of scenes of several objects keeps.
+_MESHES = 64
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ def divide(subjects: list[Subject], config: DatasetConfig, fingerprint: str) -> 
     scenes_each = max(1, config.shard_trials // config.poses)
     shards = []
     for split in ("train", "validation", "test"):
-        tasks = [SceneTask(s, rest) for s in subjects if s.split == split for rest in range(config.rests)]
+        tasks = tasks_of([subject for subject in subjects if subject.split == split], config)
         parts = [tasks[i : i + scenes_each] for i in range(0, len(tasks), scenes_each)]
         names = [f"{split}-{i:05d}-of-{len(parts):05d}.parquet" for i in range(len(parts))]
         shards += [Shard(name, tuple(part), fingerprint) for name, part in zip(names, parts, strict=True)]
@@ -93,23 +96,21 @@ def make(shard: Shard, hand: Hand, config: DatasetConfig) -> ShardFiles:
     """
     started = time.perf_counter()
     tables, images, objects, refused = [], [], {}, {}
-    mesh: Mesh | None = None
-    for index, task in enumerate(shard.tasks):
+    load = lru_cache(1 if config.layout == "single" else _MESHES)(ObjectSpec.load)
+    for task in shard.tasks:
         spec = task.subject.spec
         try:
-            if mesh is None or shard.tasks[index - 1].subject != task.subject:
-                mesh = None
-                mesh = spec.load()
-            columns = label(task, mesh, hand, _geometry(hand), config)
+            columns, resting = label(task, load, hand, _geometry(hand), config)
         except GraspboxError as error:
             if not is_refusal(error):
                 raise
             refused[task.name] = reason(error, spec.path)
             continue
+        mesh = load(spec)
         objects[spec.name] = {"sha256": mesh_hash(mesh), "mass": mesh.mass}
         tables.append(_table(columns))
         if config.images:
-            images.append(_image_table(scene_images(mesh, columns, config), config))
+            images.append(_image_table(scene_images(columns, resting, config), config))
     table = pyarrow().concat_tables([arrow_schema().empty_table(), *tables])
     facts = {
         "fingerprint": shard.fingerprint,
@@ -146,7 +147,7 @@ def _array(values: Any, kind: "pa.DataType") -> "pa.Array":
     if pa.types.is_fixed_size_list(kind):
         flat = np.ascontiguousarray(np.asarray(values).reshape(-1), dtype=kind.value_type.to_pandas_dtype())
         return pa.FixedSizeListArray.from_arrays(pa.array(flat), type=kind)
-    if pa.types.is_list(kind):
+    if pa.types.is_list(kind) and not pa.types.is_struct(kind.value_type):
         rows = np.asarray(values)
         offsets = np.arange(len(rows) + 1, dtype=np.int32) * rows.shape[1]
         return pa.ListArray.from_arrays(pa.array(offsets), _array(rows, kind.value_type), type=kind)

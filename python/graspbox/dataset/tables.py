@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from graspbox.dataset import manifest
 from graspbox.dataset.extras import parquet, pyarrow
-from graspbox.dataset.schema import IMAGES, SPLITS, TRIALS
+from graspbox.dataset.schema import IMAGES, SPLITS, TRIALS, completed
 from graspbox.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -78,15 +78,18 @@ def _shards(
         todo = "run graspbox dataset with images" if kind == "images" else "run graspbox dataset, or resume it"
         raise ConfigError(f"the data set {os.fspath(folder)!r} has no {missing}; {todo}, or give another folder")
     for shard in chosen:
-        yield _table(manifest.content_of(Path(folder), kind, shard), columns, f"{kind}/{shard['name']}")
+        yield _table(manifest.content_of(Path(folder), kind, shard), columns, kind, shard["name"])
 
 
-def _table(content: bytes, columns: list[str] | None, name: str) -> "pa.Table":
+def _table(content: bytes, columns: list[str] | None, kind: str, name: str) -> "pa.Table":
     pa = pyarrow()
     try:
-        return parquet().read_table(pa.BufferReader(content), columns=columns).replace_schema_metadata(None)
+        file = parquet().ParquetFile(pa.BufferReader(content))
+        stored = None if columns is None else [name for name in columns if name in file.schema_arrow.names]
+        table = file.read(columns=stored).replace_schema_metadata(None)
+        return completed(table, columns) if kind == "trials" else table
     except (OSError, pa.ArrowException) as error:
-        raise ConfigError(f"{name} cannot be read: {error}") from None
+        raise ConfigError(f"{kind}/{name} cannot be read: {error}") from None
 
 
 def column(table: "pa.Table", name: str) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from graspbox.layouts import scaled
 from graspbox.meshes import Surroundings
 from graspbox.models.scenes import PlacedObjects
 
-__all__ = ["is_scene", "read_scene", "write_scene"]
+__all__ = ["is_scene", "read_scene", "text_of", "write_scene"]
 
 #: Meshes that are kept.
 _MESHES = 1024
@@ -33,12 +33,23 @@ def is_scene(source: str) -> bool:
 
 def write_scene(placed: Surroundings, sources: Sequence[str], scales: Sequence[float]) -> str:
     """Write a scene as text; `sources` and `scales` are those of its objects."""
-    poses, walls = _pose_rows(placed.world_from_objects), _pose_rows(placed.world_from_walls)
-    rows = [
-        {"source": source, "scale": round(scale, 6), "pose": pose}
-        for source, scale, pose in zip(sources, scales, poses, strict=True)
+    walls = placed.world_from_walls, placed.wall_half_extents
+    return text_of(sources, scales, placed.world_from_objects, *walls)
+
+
+def text_of(
+    sources: Sequence[str],
+    scales: Sequence[float],
+    world_from_objects: NDArray[np.float64],
+    world_from_walls: NDArray[np.float64],
+    wall_half_extents: NDArray[np.float64],
+) -> str:
+    """Write k objects with their poses (k, 4, 4), and w walls with poses (w, 4, 4) and half extents (w, 3), as text."""
+    rows: list[dict[str, Any]] = [
+        {"source": source, "scale": float(f"{scale:.9g}"), "pose": pose}
+        for source, scale, pose in zip(sources, scales, _pose_rows(world_from_objects), strict=True)
     ]
-    sides = placed.wall_half_extents.round(6).tolist()
+    sides, walls = wall_half_extents.round(6).tolist(), _pose_rows(world_from_walls)
     rows += [{"half_extents": half, "pose": pose} for half, pose in zip(sides, walls, strict=True)]
     return json.dumps(rows, separators=(",", ":"))
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.dataset import tables
 from graspbox.errors import ConfigError
+from graspbox.models.cluttered import text_of
 from graspbox.outcomes import Outcomes
 from graspbox.training.array_files import ArrayTable
 
@@ -18,7 +19,19 @@ __all__ = ["GraspTrials"]
 #: Failures in which the hand held the object for a while.
 _SLIPPED = ("slipped", "dropped")
 #: Columns of a data set that are read.
-_COLUMNS = ("source", "world_from_object", "executed_world_from_hand", "preshape", "success", "secure", "failure")
+_COLUMNS = (
+    "source",
+    "scale",
+    "size_factor",
+    "world_from_object",
+    "neighbours",
+    "walls",
+    "executed_world_from_hand",
+    "preshape",
+    "success",
+    "secure",
+    "failure",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +41,8 @@ class GraspTrials(ArrayTable):
     Attributes
     ----------
     source : (s,) str
-        Object set that holds the object of a scene alone (`graspbox.object_sets.load` finds it).
+        Object set that holds the object of a scene alone (`graspbox.object_sets.load` finds it), or the text of a scene
+        of several objects, or of a scaled one (`graspbox.models.cluttered`).
     world_from_object : (s, 4, 4) float64
         Resting pose; the table is the plane z = 0, metres.
     scene_of : (m,) int64
@@ -97,8 +111,9 @@ class GraspTrials(ArrayTable):
         Parameters
         ----------
         columns : mapping
-            ``source``, ``world_from_object`` and ``executed_world_from_hand`` (16 numbers each), ``preshape``,
-            ``success``, ``secure`` and ``failure``; others are ignored.
+            Those of `graspbox.dataset.TRIALS` with the names ``source``, ``scale``, ``size_factor``,
+            ``world_from_object``, ``neighbours``, ``walls``, ``executed_world_from_hand``, ``preshape``, ``success``,
+            ``secure`` and ``failure``; others are ignored.
 
         Raises
         ------
@@ -107,7 +122,7 @@ class GraspTrials(ArrayTable):
         """
         if missing := [name for name in _COLUMNS if name not in columns]:
             raise ConfigError(f"the columns lack {', '.join(missing)}; read them from a data set of trials")
-        source = np.asarray(columns["source"], dtype=np.str_)
+        source = np.array(_sources(columns), dtype=np.str_)
         objects = np.asarray(columns["world_from_object"], dtype=np.float64).reshape(-1, 4, 4)
         keys = [(name, pose.tobytes()) for name, pose in zip(source.tolist(), objects, strict=True)]
         numbers: dict[tuple[str, bytes], int] = {}
@@ -146,9 +161,11 @@ class GraspTrials(ArrayTable):
         """
         parts = []
         for table in tables.shards(folder, split, list(_COLUMNS)):
-            matrices = {name: tables.matrices(table, name) for name in _COLUMNS if "world_from" in name}
-            others = {name: tables.column(table, name) for name in _COLUMNS if name not in matrices}
-            parts.append(cls.from_columns({**matrices, **others}))
+            found: dict[str, Any] = {name: tables.matrices(table, name) for name in _COLUMNS if "world_from" in name}
+            found |= {name: tables.lists(table, name) for name in ("neighbours", "walls")}
+            parts.append(
+                cls.from_columns({name: tables.column(table, name) for name in _COLUMNS if name not in found} | found)
+            )
         return cls.joined(parts)
 
     @classmethod
@@ -187,3 +204,31 @@ class GraspTrials(ArrayTable):
         names = ("world_from_hand", "preshape", "success", "secure", "slip")
         per_trial = {name: getattr(self, name)[rows] for name in names}
         return GraspTrials(scene_of=number[self.scene_of[rows]], **per_scene, **per_trial)
+
+
+def _sources(columns: Mapping[str, Sequence[Any] | ArrayLike]) -> list[str]:
+    """Name what lies on the table in each row: an object set, or the text of a scene."""
+    names = ("source", "scale", "size_factor", "world_from_object", "neighbours", "walls")
+    found: list[str] = []
+    before: list[Any] = []
+    for source, scale, size_factor, pose, *around in zip(*(columns[name] for name in names), strict=True):
+        row = [str(source), float(scale) * float(size_factor), np.asarray(pose, np.float64).tobytes(), *around]
+        if row == before:
+            found.append(found[-1])
+            continue
+        plain = not len(around[0]) and not len(around[1]) and row[1] == 1.0
+        found.append(row[0] if plain else _text(*row))
+        before = row
+    return found
+
+
+def _text(source: str, scale: float, pose: bytes, neighbours: Sequence[Any], walls: Sequence[Any]) -> str:
+    """Write an object, its neighbours and walls as the text of a scene."""
+    poses = [np.frombuffer(pose, np.float64), *(each["world_from_object"] for each in neighbours)]
+    return text_of(
+        [source, *(each["source"] for each in neighbours)],
+        [scale, *(each["scale"] * each["size_factor"] for each in neighbours)],
+        np.array(poses).reshape(-1, 4, 4),
+        np.array([wall["world_from_wall"] for wall in walls]).reshape(-1, 4, 4),
+        np.array([wall["half_extents"] for wall in walls]).reshape(-1, 3),
+    )

@@ -3,8 +3,9 @@
 use crate::convert::{Array, Floats, array, config, entries, isometries, matrices};
 use crate::errors::CoreError;
 use crate::gil::detached;
-use crate::images::vision::{image_arrays, lens, still};
-use crate::mesh::Mesh;
+use crate::images::still_scene::{StillScene, wall_models};
+use crate::images::vision::{image_arrays, lens};
+use crate::mesh::{Mesh, MeshData};
 use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Renderer, ViewPlan, occupancy};
 use graspbox_mesh::VoxelFrame;
 use graspbox_vision::VisualModels;
@@ -33,50 +34,78 @@ struct SceneImagesConfig {
     table: bool,
 }
 
-/// One image for each of n scenes: an object of `meshes` by its index, at `world_from_object` (n, 4, 4), seen from `world_from_camera`
-/// (n, 4, 4).
+/// One image for each of n scenes: objects of `meshes` by their indices (the first is "the object" of the labels), and walls, seen from
+/// `world_from_camera` (n, 4, 4).
 ///
+/// `world_from_objects` (m, 4, 4) are the poses of the objects of all scenes, one scene after the other.
 /// `depth` (n, H, W) float32, and `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 if requested.
 #[pyfunction]
-#[pyo3(signature = (meshes, mesh_of, world_from_object, world_from_camera, config, num_threads))]
+#[pyo3(signature = (meshes, meshes_of, world_from_objects, walls, world_from_camera, config, num_threads))]
+#[expect(clippy::too_many_arguments, reason = "what is rendered crosses by itself")]
 pub fn render_scenes<'py>(
     py: Python<'py>,
     meshes: Vec<PyRef<'py, Mesh>>,
-    mesh_of: Vec<usize>,
-    world_from_object: Floats<'py>,
+    meshes_of: Vec<Vec<usize>>,
+    world_from_objects: Floats<'py>,
+    walls: Vec<Vec<(Floats<'py>, [f64; 3])>>,
     world_from_camera: Floats<'py>,
     config: &str,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let settings: SceneImagesConfig = self::config(config, "the images")?;
-    let objects = isometries(&world_from_object, "world_from_object")?;
     let cameras = isometries(&world_from_camera, "world_from_camera")?;
-    let count = objects.len();
-    for (what, given) in [("mesh_of", mesh_of.len()), ("world_from_camera", cameras.len())] {
-        if given != count {
-            let text = format!("{what} has length {given}; give one for each of the {count} images");
-            return Err(CoreError::Config(text).into());
-        }
-    }
-    if let Some(index) = mesh_of.iter().find(|index| **index >= meshes.len()) {
-        return Err(CoreError::Config(format!("mesh_of holds {index}; there are {} meshes", meshes.len())).into());
+    let meshes: Vec<_> = meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect();
+    let scenes = still_scenes(&meshes, &meshes_of, &isometries(&world_from_objects, "world_from_objects")?, &walls)?;
+    if cameras.len() != scenes.len() {
+        let (cameras, scenes) = (cameras.len(), scenes.len());
+        return Err(CoreError::Config(format!("there are {cameras} cameras for {scenes} scenes; give one each")).into());
     }
     let [height, width] = settings.image_size;
     let lens = Intrinsics::from_fov(width, height, settings.fov).map_err(CoreError::from)?;
-    let meshes: Vec<_> = meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect();
     let channels = Channels { rgb: settings.rgb, segmentation: settings.segmentation };
     let frames = detached(py, num_threads, move || {
         let models = VisualModels::bare(settings.table)?;
         let one = |renderer: &mut Renderer, index: usize| -> Result<Frame, CoreError> {
-            let mesh = &meshes[mesh_of[index]];
-            let scene = still(mesh, mesh.render_model()?, objects[index], Isometry3::identity(), Vec::new());
+            let scene = scenes[index].pose(true)?;
             let camera = Camera::new(lens, cameras[index])?.with_range(settings.near, settings.far)?;
             Ok(renderer.render(&models.instances(&scene), &camera, &Light::default(), channels)?)
         };
-        let frames: Vec<_> = (0..count).into_par_iter().map_init(|| Renderer::new(Detail::Auto), one).collect();
+        let frames: Vec<_> = (0..scenes.len()).into_par_iter().map_init(|| Renderer::new(Detail::Auto), one).collect();
         frames.into_iter().collect::<Result<Vec<Frame>, CoreError>>()
     })?;
     image_arrays(py, &frames, channels, height, width)
+}
+
+/// The scenes of [`render_scenes`].
+///
+/// # Errors
+/// An index without a mesh, or not one pose for each object and one list of walls for each scene.
+fn still_scenes(
+    meshes: &[Arc<MeshData>],
+    meshes_of: &[Vec<usize>],
+    world_from_objects: &[Isometry3<f64>],
+    walls: &[Vec<(Floats, [f64; 3])>],
+) -> Result<Vec<StillScene>, CoreError> {
+    let (count, poses) = (meshes_of.iter().map(Vec::len).sum::<usize>(), world_from_objects.len());
+    if count != poses {
+        return Err(CoreError::Config(format!("there are {poses} poses for {count} objects; give one each")));
+    }
+    if walls.len() != meshes_of.len() {
+        let (walls, scenes) = (walls.len(), meshes_of.len());
+        return Err(CoreError::Config(format!("walls has {walls} entries for {scenes} scenes; give one each")));
+    }
+    let mut poses = world_from_objects.iter();
+    let object = |(index, pose): (&usize, &Isometry3<f64>)| {
+        let mesh = meshes
+            .get(*index)
+            .ok_or_else(|| CoreError::Config(format!("meshes_of holds {index}; there are {} meshes", meshes.len())))?;
+        Ok::<_, CoreError>((Arc::clone(mesh), *pose))
+    };
+    let scene = |(objects, walls): (&Vec<usize>, &Vec<(Floats, [f64; 3])>)| {
+        let objects = objects.iter().zip(poses.by_ref().take(objects.len())).map(object).collect::<Result<_, _>>()?;
+        Ok(StillScene { objects, walls: wall_models(walls)? })
+    };
+    meshes_of.iter().zip(walls).map(scene).collect()
 }
 
 /// Poses of the cameras of a plan (JSON) around `target`: `world_from_camera` (count, 4, 4).

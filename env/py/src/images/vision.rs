@@ -5,15 +5,13 @@ use crate::environments::env_pool::EnvPool;
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
-use crate::mesh::{Mesh, MeshData};
+use crate::images::still_scene::{StillScene, wall_models};
+use crate::mesh::Mesh;
 use graspbox_agent::AgentError;
 use graspbox_agent::observations::tables::image_tables as image_tables_of;
-use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Model, ViewPlan};
+use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, ViewPlan};
 use graspbox_mesh::VoxelFrame;
-use graspbox_vision::visual_models::{OBJECT, object_color, object_label};
-use graspbox_vision::{
-    CamerasConfig, ImageKind, ObjectPose, Observer, PictureConfig, ScenePose, VisualModels, WallModel, render_views,
-};
+use graspbox_vision::{CamerasConfig, ImageKind, Observer, PictureConfig, VisualModels, render_views};
 use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -101,7 +99,7 @@ pub fn views<'py>(
     neighbours: Vec<(PyRef<'py, Mesh>, Floats<'py>)>,
     walls: Vec<(Floats<'py>, [f64; 3])>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let walls = crate::layout::walls(&walls)?;
+    let walls = wall_models(&walls)?;
     let placed = |(mesh, pose): &(PyRef<'_, Mesh>, Floats<'_>)| {
         Ok::<_, CoreError>((Arc::clone(&mesh.0), isometry(pose, "neighbours")?))
     };
@@ -122,14 +120,8 @@ pub fn views<'py>(
         let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
         // Without levels of detail there is nothing to prepare, and existing ones are not used.
         let detail = if config.levels { Detail::Auto } else { Detail::Full };
-        let walls = walls.iter().map(WallModel::new).collect::<Result<Vec<_>, _>>()?;
-        let mut scene_pose = still(&data, model(&data, config.levels)?, pose, Isometry3::identity(), Vec::new());
-        for (place, (data, world_from_object)) in neighbours.iter().enumerate() {
-            let (color, label) = (object_color(&data.spec.name), object_label(place + 1, 0));
-            let model = model(data, config.levels)?;
-            scene_pose.objects.push(ObjectPose { model, color, label, world_from_object: *world_from_object });
-        }
-        scene_pose.walls = &walls;
+        let scene = StillScene { objects: std::iter::once((data, pose)).chain(neighbours).collect(), walls };
+        let scene_pose = scene.pose(config.levels)?;
         let models = VisualModels::bare(config.table)?;
         let frames = render_views(&models, &scene_pose, &cameras, &Light::default(), channels, detail)?;
         Ok::<_, CoreError>((cameras, frames))
@@ -141,11 +133,6 @@ pub fn views<'py>(
     let camera_from_object = cameras.iter().map(|c| c.camera_from_object(&pose));
     dict.set_item("camera_from_object", matrices(py, camera_from_object)?)?;
     Ok(dict)
-}
-
-/// The model of an object, with levels of detail or in full detail.
-fn model(data: &MeshData, levels: bool) -> Result<&Model, CoreError> {
-    if levels { data.render_model() } else { data.surface() }
 }
 
 /// The arrays of images, by name: `depth`, and `rgb` and `segmentation` if they were requested.
@@ -232,17 +219,4 @@ pub fn time_images<'py>(
         Ok::<_, AgentError>(seconds)
     })?;
     array(py, seconds, &[repeats])
-}
-
-/// An object at rest.
-pub(crate) fn still<'a>(
-    data: &MeshData,
-    object: &'a Model,
-    world_from_object: Isometry3<f64>,
-    world_from_hand: Isometry3<f64>,
-    world_from_links: Vec<Isometry3<f64>>,
-) -> ScenePose<'a> {
-    let color = object_color(&data.spec.name);
-    let objects = vec![ObjectPose { model: object, color, label: OBJECT, world_from_object }];
-    ScenePose { objects, walls: &[], world_from_hand, world_from_links }
 }

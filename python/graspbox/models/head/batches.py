@@ -17,6 +17,7 @@ from torch import Tensor
 from graspbox import object_sets
 from graspbox._core import Mesh
 from graspbox.errors import ConfigError
+from graspbox.models.cluttered import is_scene, read_scene
 from graspbox.models.head.network import AnchorSamples
 from graspbox.models.scenes import SceneConfig, look
 from graspbox.models.trials import GraspTrials
@@ -171,7 +172,12 @@ class HeadSampler:
 
         @lru_cache(_MESHES)
         def mesh(source: str) -> Mesh:
-            return object_sets.load(source)[0].load()
+            if not is_scene(source):
+                return object_sets.load(source)[0].load()
+            placed = read_scene(source)
+            if len(placed.meshes) > 1 or len(placed.wall_half_extents):
+                raise ConfigError("a head learns from scenes of one object; give data sets of the layout 'single'")
+            return placed.meshes[0]
 
         self.mesh = mesh
 

@@ -8,15 +8,16 @@ from numpy.typing import NDArray
 
 from graspbox import dataset
 from graspbox._common.arguments import config_of
-from graspbox._core import Mesh
-from graspbox.configs import FrictionConfig, PhysicsConfig, TrialConfig
+from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.dataset import manifest
-from graspbox.dataset.images import load_mesh_of
+from graspbox.dataset.images import placed_objects
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand
+from graspbox.meshes import Surroundings
+from graspbox.planning import Box
 from graspbox.simulation import Scene
 from graspbox.viewer.drawn_hand import DrawnHand
-from graspbox.viewer.geometry import depth_picture
+from graspbox.viewer.geometry import FREE, depth_picture
 from graspbox.viewer.page import Page
 from graspbox.viewer.player import Player
 from graspbox.viewer.tables import html_table
@@ -66,6 +67,7 @@ class DatasetPage(Page):
         self.player: Player | None = None
         self._hand: DrawnHand | None = None
         self._folders: list[Any] = []
+        self._around: list[Any] = []
         self.refresh()
         self.select(int(self.kept()[0]) if len(self.kept()) else 0)
 
@@ -107,17 +109,14 @@ class DatasetPage(Page):
         row = self.table.slice(index, 1)
         values = {name: row[name].to_pylist()[0] for name in row.column_names if name != "world_from_camera"}
         self._show_images(row)
-        mesh = _with_mass(load_mesh_of(values["source"], values["scale"], values["sha256"]), values["mass"])
         hand = load_hand(values["hand"] if values["hand"] in Hand.names() else self.options.hand)
         physics = config_of(PhysicsConfig, self._config.get("physics") or {}, "physics")
-        friction = vars(physics.friction) | {"object": values["friction"]}
-        physics = PhysicsConfig(**{**vars(physics), "friction": FrictionConfig(**friction)})
-        rest = np.array(values["world_from_object"]).reshape(4, 4)
-        scene = Scene(mesh, hand=hand, world_from_object=rest, physics=physics)
+        scene = dataset.scene_of(row, hand=hand, physics=physics)
         trial = config_of(TrialConfig, self._config.get("trial") or {}, "trial")
         pose = np.array(values["executed_object_from_hand"]).reshape(4, 4)
-        outcomes, trace = scene.trace(pose, values["preshape"], config=trial)
-        self._show_scene(scene, hand)
+        factors = {name: values[f"{name}_factor"] for name in ("friction", "mass")}
+        outcomes, trace = scene.trace(pose, values["preshape"], **factors, config=trial)
+        self._show_scene(scene, hand, placed_objects(row))
         assert self.player is not None
         assert self._hand is not None
         self._hand.pose(scene.world_from_object @ pose, hand.open(values["preshape"]))
@@ -139,9 +138,12 @@ class DatasetPage(Page):
         for node, image in zip(self.images, shown, strict=False):
             node.image, node.visible = image, True
 
-    def _show_scene(self, scene: Scene, hand: Hand) -> None:
-        """Draw object, hand and player anew."""
+    def _show_scene(self, scene: Scene, hand: Hand, placed: Surroundings) -> None:
+        """Draw object, hand and player anew, and where its neighbours and walls are at rest."""
         with self.canvas.server.atomic():
+            for node in self._around:
+                node.remove()
+            self._around = self._draw_around(placed)
             self.node = self.canvas.frame("/object", scene.world_from_object)
             self.canvas.mesh("/object/mesh", scene.mesh)
             if self.player is None:
@@ -154,13 +156,15 @@ class DatasetPage(Page):
             self._hand = DrawnHand(self.canvas, "/hand", hand)
             self.player = Player(self.canvas, self._hand, self.node)
 
+    def _draw_around(self, placed: Surroundings) -> list[Any]:
+        others = zip(placed.meshes[1:], placed.world_from_objects[1:], strict=True)
+        drawn = [self.canvas.mesh(f"/neighbours/{i}", *other, color=FREE) for i, other in enumerate(others)]
+        walls = zip(placed.world_from_walls, placed.wall_half_extents, strict=True)
+        if corners := [Box(pose[:3, 3], half, pose[:3, :3]).corners() for pose, half in walls]:
+            drawn.append(self.canvas.boxes("/walls", np.stack(corners), [FREE] * len(corners)))
+        return drawn
+
     def close(self) -> None:
         """Stop the player."""
         if getattr(self, "player", None) is not None:
             self.player.stop()  # type: ignore[union-attr]
-
-
-def _with_mass(mesh: Mesh, mass: float) -> Mesh:
-    """Return a mesh with another mass, kg."""
-    vertices, faces, name, _, cleaning, parts = mesh.__getnewargs__()
-    return Mesh(vertices, faces, name, mass, cleaning, parts)
