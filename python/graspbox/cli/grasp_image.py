@@ -11,7 +11,7 @@ from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import Json, Seed, console, find_hand, print_json, print_table
 from graspbox.cli.exports.recording import Rerun, check_rerun
 from graspbox.errors import ConfigError
-from graspbox.perception.depth_images import camera_over_table, read_depth, read_pose
+from graspbox.perception.depth_images import camera_over_table, read_depth, read_mask, read_pose
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasps, grasp_image
 
@@ -115,6 +115,14 @@ def grasp_image_command(
         tuple[int, int, int, int] | None,
         typer.Option("--region", metavar="LEFT TOP RIGHT BOTTOM", help="Pixels within which the object is looked for."),
     ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            "--mask",
+            help="Pixels of one of several objects, .npy or .png, not 0 where it is: grasps are of this one, and keep "
+            "off the others.",
+        ),
+    ] = None,
     hand_error: HandErrorOption = None,
     count: Annotated[int, typer.Option("--count", min=1, max=100, help="Most grasps.")] = 5,
     hand: Annotated[
@@ -138,7 +146,19 @@ def grasp_image_command(
     pose = _pose(camera_pose, camera_height, tilt)
     error = None if hand_error is None else PoseNoise.in_millimetres(*hand_error)
     chosen = None if hand is None else find_hand(hand)
-    found = grasp_image(depth, lens, pose, policy, hand=chosen, count=count, region=region, hand_error=error, seed=seed)
+    pixels = None if mask is None else read_mask(mask)
+    found = grasp_image(
+        depth,
+        lens,
+        pose,
+        policy,
+        hand=chosen,
+        count=count,
+        region=region,
+        mask=pixels,
+        hand_error=error,
+        seed=seed,
+    )
     if pose is None:
         _print_table(found.table_from_camera)
     _write(found, out, picture, rerun)

@@ -122,8 +122,9 @@ def evaluate(
     changed = settings_of(condition, env_id.removeprefix("graspbox:"))
     if twice := [name for name in changed if name in settings]:
         raise ConfigError(f"{twice[0]} is given, and the condition {condition!r} gives it too; leave one of them out")
-    if chosen.obs is not None:
-        settings.setdefault("obs", chosen.obs)
+    obs = chosen.needed_obs(target=settings.get("layout", "single") != "single")
+    if obs is not None:
+        settings.setdefault("obs", obs)
     settings = {"scale": scale, "mass": mass, "split": split, **chosen.settings, **changed, **settings}
     learned_from = () if include_learned else chosen.learned_from
     left_out = 0

@@ -24,6 +24,7 @@ __all__ = [
     "metric_depth",
     "points_of",
     "read_depth",
+    "read_mask",
     "read_pose",
     "thinned",
 ]
@@ -96,6 +97,44 @@ def read_depth(
     return metric_depth(values, scale, str(path))
 
 
+def read_mask(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS) -> NDArray[np.bool_]:
+    """Read the pixels of an object from a ``.npy`` file, or a ``.png`` of one channel.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        The file: (H, W), or (H, W, 1); the object is where it is not 0.
+    max_pixels : int
+        Larger images are refused before their pixels are read.
+
+    Returns
+    -------
+    (H, W) bool
+        Whether a pixel is the object's.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    ConfigError
+        If it holds no mask.
+    MissingExtraError
+        For a ``.png`` without Pillow (extra ``cli``).
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(2, "there is no such mask", str(path))
+    values = _png(path, max_pixels)[1] if path.suffix.lower() == ".png" else _read_npy(path)
+    _check_size(values.size, str(path), max_pixels)
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[..., 0]
+    if values.ndim != 2 or values.dtype.kind not in "biu" or not values.any():
+        raise ConfigError(
+            f"{path} holds {values.dtype} of shape {values.shape}; give one mask (H, W), not 0 where the object is"
+        )
+    return np.asarray(values != 0)
+
+
 def metric_depth(
     values: NDArray[np.generic], scale: float | None = None, name: str = "the depth"
 ) -> NDArray[np.float64]:
@@ -127,11 +166,22 @@ def _read_npy(path: Path) -> NDArray[np.generic]:
     except (ValueError, EOFError, OverflowError, OSError) as error:
         raise ConfigError(f"{path} is not an array written by numpy.save: {error}") from None
     if not isinstance(found, np.ndarray):
-        raise ConfigError(f"{path} holds several arrays; save the depth image alone with numpy.save")
+        raise ConfigError(f"{path} holds several arrays; save one alone with numpy.save")
     return found
 
 
 def _read_png(path: Path, max_pixels: int) -> NDArray[np.generic]:
+    mode, values = _png(path, max_pixels)
+    if not mode.startswith("I"):
+        raise ConfigError(
+            f"{path} is a picture of the kind {mode!r} with 8 bits per value, which a depth image for people is; "
+            "give the camera's own 16-bit image, of one channel"
+        )
+    return values
+
+
+def _png(path: Path, max_pixels: int) -> tuple[str, NDArray[np.generic]]:
+    """Read the kind and the values of a PNG."""
     pillow = imported("PIL.Image", "PNG files need Pillow, from the extra 'cli'", "cli")
     try:
         with warnings.catch_warnings():
@@ -143,12 +193,7 @@ def _read_png(path: Path, max_pixels: int) -> NDArray[np.generic]:
         _check_size(_MOST_PIXELS + 1, str(path), max_pixels)
     except (OSError, SyntaxError) as error:
         raise ConfigError(f"{path} is no PNG: {error}") from None
-    if not mode.startswith("I"):
-        raise ConfigError(
-            f"{path} is a picture of the kind {mode!r} with 8 bits per value, which a depth image for people is; "
-            "give the camera's own 16-bit image, of one channel"
-        )
-    return values
+    return mode, values
 
 
 def _check_size(pixels: int, name: str, most: int = _MOST_PIXELS) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
+from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import Crops, crop
 from graspbox.perception.leveling import level
@@ -34,10 +35,36 @@ class DepthView:
 
     def leveled(self) -> Self:
         """Correct small errors of the camera's height and tilt: see `graspbox.perception.leveling.level`."""
-        image = np.asarray(self.depth)
-        metres = 0.001 * image if image.dtype == np.uint16 else image
         pose = floats(self.world_from_camera, "world_from_camera")
-        return replace(self, world_from_camera=level(metres, floats(self.intrinsics, "intrinsics"), pose))
+        return replace(self, world_from_camera=level(self._metres(), floats(self.intrinsics, "intrinsics"), pose))
+
+    def _metres(self) -> NDArray[np.float64]:
+        image = np.asarray(self.depth)
+        return 0.001 * image if image.dtype == np.uint16 else np.asarray(image, np.float64)
+
+    def voxels(
+        self, pixels: NDArray[np.bool_], world_from_crop: NDArray[np.float64], config: CropConfig
+    ) -> NDArray[np.bool_]:
+        """Return the voxels (N, N, N) of a crop in which pixels (H, W) see something.
+
+        Raises
+        ------
+        ConfigError
+            If `pixels` is no mask of the image's shape.
+        """
+        depth = self._metres()
+        if np.shape(pixels) != depth.shape or np.asarray(pixels).dtype != np.bool_:
+            raise ConfigError(f"the mask has shape {np.shape(pixels)}; give bool {depth.shape}, as the image")
+        rows, columns = np.nonzero(pixels & (depth > 0))
+        ahead = depth[rows, columns]
+        rays = np.linalg.inv(floats(self.intrinsics, "intrinsics")) @ [columns + 0.5, rows + 0.5, np.ones(len(rows))]
+        crop_from_camera = np.linalg.inv(world_from_crop) @ floats(self.world_from_camera, "world_from_camera")
+        points = crop_from_camera[:3, :3] @ (rays * ahead) + crop_from_camera[:3, 3:]
+        cells = np.floor((points.T - config.origin) / config.voxel_size).astype(np.int64)
+        inside = cells[((cells >= 0) & (cells < config.resolution)).all(axis=1)]
+        found = np.zeros((config.resolution,) * 3, dtype=np.bool_)
+        found[tuple(inside.T)] = True
+        return found
 
     def crops(
         self, config: CropConfig, *, within: NDArray[np.bool_] | None = None, num_threads: int | None = None

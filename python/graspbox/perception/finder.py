@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.errors import ConfigError
 from graspbox.perception.anchors import Candidates
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import OCCUPIED, Crops
@@ -212,7 +213,23 @@ class Finder(ABC):
             The grasps; None, or none of them, where there are no feasible ones.
         """
 
-    def find(self, view: DepthView, *, seed: int = 0) -> FoundGrasp | None:
+    def targeting(self, visible: NDArray[np.bool_]) -> Self:
+        """Give a finder for one of several objects.
+
+        Parameters
+        ----------
+        visible : (N, N, N) bool
+            Voxels of the crop in which the object is seen.
+
+        Raises
+        ------
+        ConfigError
+            If grasps of this finder are for any object.
+        """
+        del visible
+        raise ConfigError(f"a {type(self).__name__} grasps any object; it cannot be told which one")
+
+    def find(self, view: DepthView, *, seed: int = 0, target: NDArray[np.bool_] | None = None) -> FoundGrasp | None:
         """Find the grasp to try.
 
         Parameters
@@ -222,6 +239,8 @@ class Finder(ABC):
             (`graspbox.perception.leveling.level`).
         seed : int
             Seed of the refinement.
+        target : (H, W) bool, optional
+            Pixels of the object to grasp, among several; by default any of them.
 
         Returns
         -------
@@ -234,9 +253,14 @@ class Finder(ABC):
             For arrays of another shape or type, and networks that give numbers that are not finite.
         """
         clock = Clock()
-        crops = view.leveled().crops(self.crop, num_threads=self._num_threads)
+        leveled = view.leveled()
+        crops = leveled.crops(self.crop, num_threads=self._num_threads)
         clock.lap("crop")
-        found = self.decide(crops, seed=seed)
+        if target is None or not crops.found[0]:
+            finder = self
+        else:
+            finder = self.targeting(leveled.voxels(target, crops.world_from_crop[0], self.crop))
+        found = finder.decide(crops, seed=seed)
         return None if found is None else replace(found, seconds={**clock.seconds, **found.seconds})
 
     def decide(self, crops: Crops, *, seed: int = 0) -> FoundGrasp | None:
@@ -298,6 +322,13 @@ class GraspFinder(Finder):
         super().__init__(grid.crop, grid.num_threads)
         self.grid, self.complete, self.score, self.config, self.head = grid, complete, score, config, head
         self._failed: FoundGrasp | None = None
+        self._target: NDArray[np.bool_] | None = None
+
+    def targeting(self, visible: NDArray[np.bool_]) -> Self:
+        """Give a finder for one of several objects: see `Finder.targeting`."""
+        found = copy(self)
+        found._target = visible
+        return found
 
     def tolerating(self, error: PoseNoise) -> Self:
         """Give a finder for a hand with such errors: see `FinderConfig.tolerating`."""
@@ -315,7 +346,8 @@ class GraspFinder(Finder):
         """Score grasps: see `Finder.rank`. There may be none."""
         volume = volume_of(crops, self.complete)
         clock.lap("complete")
-        poses, preshapes = self._proposed(volume, crops.channels[0])
+        wanted = self._wanted(volume)
+        poses, preshapes = self._proposed(volume, wanted, crops.channels[0])
         clock.lap("propose")
         if not len(poses):
             return Ranked(volume, poses, preshapes, np.zeros(0))
@@ -323,13 +355,13 @@ class GraspFinder(Finder):
         ranked = _ranked(score, volume, poses, preshapes)
         clock.lap("score")
         rng = np.random.default_rng(seed)
-        ranked = self._refined(ranked, score, rng)
+        ranked = self._refined(ranked, wanted, score, rng)
         clock.lap("refine")
         if self.config.hand_error is not None:
             tolerant = _Tolerant(score, self.grid, self.config, self.config.hand_error)
             finalists = ranked.kept(ranked.best(self.config.finalists))
             compared = _ranked(tolerant, volume, finalists.poses, finalists.preshapes)
-            ranked = self._refined(compared, tolerant, rng)
+            ranked = self._refined(compared, wanted, tolerant, rng)
             clock.lap("average")
         return ranked
 
@@ -351,30 +383,42 @@ class GraspFinder(Finder):
         return float(success[0])
 
     def _proposed(
-        self, volume: NDArray[np.uint8], channels: NDArray[np.uint8]
+        self, volume: NDArray[np.uint8], wanted: NDArray[np.uint8], channels: NDArray[np.uint8]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Propose feasible grasps: poses (m, 4, 4) and preshapes (m,), those of the head last."""
         config = self.config
-        found = self.grid.propose(volume[0], config.proposals)
+        found = self.grid.propose(wanted, config.proposals)
+        poses, preshapes = found.poses, found.preshape
+        if self._target is not None:
+            kept = self._feasible(volume, wanted, poses, preshapes)
+            poses, preshapes = poses[kept], preshapes[kept]
         if self.head is None or not config.predicted:
-            return found.poses, found.preshape
+            return poses, preshapes
         predicted = self.head.candidates(channels, LOOKED_AT * config.predicted)
-        preshapes = self.grid.preshapes[predicted.preshape]
-        kept = np.flatnonzero(self._feasible(volume, predicted.poses, preshapes))[: config.predicted]
-        return (
-            np.concatenate([found.poses, predicted.poses[kept]]),
-            np.concatenate([found.preshape, preshapes[kept]]),
-        )
+        others = self.grid.preshapes[predicted.preshape]
+        near = np.flatnonzero(self._feasible(volume, wanted, predicted.poses, others))[: config.predicted]
+        return np.concatenate([poses, predicted.poses[near]]), np.concatenate([preshapes, others[near]])
+
+    def _wanted(self, volume: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the occupancy (N, N, N) of the object to grasp: that of the target, if there is one."""
+        whole = np.asarray(volume[0])
+        return whole if self._target is None else _belonging(whole, np.asarray(volume[1]), self._target)
 
     def _feasible(
-        self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+        self,
+        volume: NDArray[np.uint8],
+        wanted: NDArray[np.uint8],
+        poses: NDArray[np.float64],
+        preshapes: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Return where the open hand fits and enough fingers meet the object."""
+        """Return where the open hand fits and enough fingers meet the object to grasp."""
         config = self.config.proposals
         free, fingers = self.grid.meets(volume[0], poses, preshapes, points=config.points)
+        if self._target is not None:
+            _, fingers = self.grid.meets(wanted, poses, preshapes, points=config.points)
         return free & (fingers >= min(config.fingers, 2))
 
-    def _refined(self, ranked: Ranked, score: Score, rng: np.random.Generator) -> Ranked:
+    def _refined(self, ranked: Ranked, wanted: NDArray[np.uint8], score: Score, rng: np.random.Generator) -> Ranked:
         """Add feasible neighbours of the best grasps, nearer ones in each step."""
         config = self.config
         for step in range(config.refinements):
@@ -382,7 +426,7 @@ class GraspFinder(Finder):
             scale = 0.5**step
             poses = perturbed(ranked.poses[parents], rng, config.position * scale, config.rotation * scale)
             preshapes = ranked.preshapes[parents]
-            kept = self._feasible(ranked.volume, poses, preshapes)
+            kept = self._feasible(ranked.volume, wanted, poses, preshapes)
             if not kept.any():
                 continue
             added = _ranked(score, ranked.volume, poses[kept], preshapes[kept])
@@ -440,3 +484,33 @@ class _Tolerant:
         scores = np.zeros(len(around))
         scores[free] = self._score(volume, around[free], repeated[free])
         return np.asarray(scores.reshape(len(poses), -1).mean(axis=1))
+
+
+def _belonging(
+    occupancy: NDArray[np.uint8], surface: NDArray[np.uint8], target: NDArray[np.bool_]
+) -> NDArray[np.uint8]:
+    """Keep the occupied voxels (N, N, N) that are reached from the target's visible ones before other visible ones.
+
+    From all visible voxels, ownership spreads through occupied ones, step by step to their neighbours.
+    """
+    occupied = np.pad((occupancy >= OCCUPIED) | target, 1)
+    own = np.pad(target, 1)
+    other = np.pad((surface > 0) & ~target, 1) & occupied
+    while True:
+        free = occupied & ~own & ~other
+        more = _spread(own) & free, _spread(other) & free
+        if not (more[0].any() or more[1].any()):
+            break
+        own |= more[0]
+        other |= more[1] & ~more[0]
+    inside = own[1:-1, 1:-1, 1:-1]
+    return np.ascontiguousarray(np.where(inside, np.maximum(occupancy, np.uint8(255) * target), np.uint8(0)))
+
+
+def _spread(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Add the six neighbours of true voxels; those at the border are false."""
+    grown = cells.copy()
+    for axis in range(3):
+        for shift in (-1, 1):
+            grown |= np.roll(cells, shift, axis)
+    return grown

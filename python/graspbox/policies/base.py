@@ -116,6 +116,11 @@ class Task:
         scenes = _Scenes(envs) if clears or layout != "single" else None
         return cls(spec.id, num_envs, observation_space, action_space, **values, layout=layout, scenes=scenes)
 
+    @property
+    def has_target(self) -> bool:
+        """Whether one of several objects is to be grasped."""
+        return self.layout != "single" and self.env_id in SINGLE_OBJECT_IDS
+
     @cached_property
     def objects(self) -> object_sets.ObjectSet:
         """The objects that may appear; ``info["object"]`` names one of them.
@@ -191,6 +196,8 @@ class Policy(ABC):
         Name in results.
     obs : str, tuple of str or None
         Observations that the policy needs (as the keyword ``obs`` of the environments names them); None: any.
+    target_obs : tuple of str
+        Further observations that it needs where one of several objects is the target (`Task.has_target`).
     settings : mapping
         Other keywords of environments that suit it; `graspbox.evaluation.evaluate` gives them where its caller does
         not.
@@ -205,6 +212,7 @@ class Policy(ABC):
 
     name: str = "policy"
     obs: str | tuple[str, ...] | None = None
+    target_obs: tuple[str, ...] = ()
     settings: Mapping[str, Any] = {}
     env_id: str | None = None
     learned_from: tuple[str, ...] = ()
@@ -224,6 +232,13 @@ class Policy(ABC):
             raise ConfigError(f"the policy {self.name!r} is not bound to environments; call bind(Task.of(envs)) first")
         return self._task
 
+    def needed_obs(self, *, target: bool) -> str | tuple[str, ...] | None:
+        """Return the observations that it needs: `obs`, and where one of several objects is the target `target_obs`."""
+        more = self.target_obs or (() if self.base is None else self.base.target_obs)
+        if not target or not more:
+            return self.obs
+        return (*((self.obs,) if isinstance(self.obs, str) else self.obs or ()), *more)
+
     def bind(self, task: Task) -> None:
         """Prepare for environments; binding to others forgets everything about the former ones.
 
@@ -233,11 +248,9 @@ class Policy(ABC):
             If the policy cannot act there, or an observation that it needs is missing.
         """
         observed = (task.obs,) if isinstance(task.obs, str) else task.obs
-        needed = (self.obs,) if isinstance(self.obs, str) else self.obs or ()
-        if not set(needed) <= set(observed):
-            raise ConfigError(
-                f"the policy {self.name!r} needs obs={self.obs!r}; the environments give obs={task.obs!r}"
-            )
+        needed = self.needed_obs(target=task.has_target)
+        if not set((needed,) if isinstance(needed, str) else needed or ()) <= set(observed):
+            raise ConfigError(f"the policy {self.name!r} needs obs={needed!r}; the environments give obs={task.obs!r}")
         self._task = task
         self._bind(task)
 

@@ -27,11 +27,15 @@ from graspbox.simulation import load_hand
 
 __all__ = ["DepthGrasp", "DepthPolicy", "load_finder"]
 
+#: Label of the object to grasp in segmentations.
+_TARGET = 2
+
 
 class DepthPolicy(Policy):
     """Grasps the object in one depth image: an observer looks, a finder chooses, an executor moves the hand.
 
-    It looks once per episode, and before every attempt in ``Clear-v0``. There and in ``GraspPose-v0`` the grasp is the
+    Where one of several objects is the target, its pixels in the segmentation (label 2) tell which. It looks once per
+    episode, and before every attempt in ``Clear-v0``. There and in ``GraspPose-v0`` the grasp is the
     action. In ``Grasp-v0`` the hand first leaves the image, and then moves to the grasp as the scripted expert does.
     Where no object is seen or no grasp is found, its actions are zeros.
 
@@ -50,14 +54,18 @@ class DepthPolicy(Policy):
     ----------
     hand, observer, finder, executor
         The parts, once the policy is bound.
+    needed : tuple of str
+        Observations that it reads, once the policy is bound.
     found : list of FoundGrasp or None
         The last grasp found in each environment; None where none was.
     """
 
     name = "depth"
     obs: tuple[str, ...] = ("depth", "proprio")
+    target_obs = ("segmentation",)
     settings: Mapping[str, Any] = {"image_size": 128}
     hand: Hand
+    needed: tuple[str, ...]
     observer: Observer
     finder: Finder
     executor: Executor
@@ -82,6 +90,7 @@ class DepthPolicy(Policy):
         self._waiting: list[int | None] = [None] * task.num_envs
         self._finders = [self.finder] * task.num_envs
         self._clears = task.env_id == IDS[2]
+        self.needed = (*self.obs, *(self.target_obs if task.has_target else ()))
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         if seed is not None:
@@ -100,7 +109,7 @@ class DepthPolicy(Policy):
         for env in range(self.task.num_envs):
             if self._clears and self._waiting[env] is None:
                 self._wait(env, self._other_than(self.found[env]))
-            row = {name: observation[name][env] for name in self.obs}
+            row = {name: observation[name][env] for name in self.needed}
             if self._waiting[env] is not None and self.executor.ready(env, row):
                 self.executor.start(env, self._look(env, row), row)
             action = self.executor.act(env, row)
@@ -120,7 +129,8 @@ class DepthPolicy(Policy):
 
         `seed` is that of the camera's noise and of the refinement, `row` the environment's row of the observations.
         """
-        return self._finders[env].find(self.observer.look(row, seed), seed=seed)
+        target = row["segmentation"][..., 0] == _TARGET if self.task.has_target else None
+        return self._finders[env].find(self.observer.look(row, seed), seed=seed, target=target)
 
     def _look(self, env: int, row: Mapping[str, Any]) -> FoundGrasp | None:
         """Look with the pending seed."""

@@ -100,7 +100,7 @@ class Goals:
         """Let the policy look where it has not and the hand is out of the image."""
         for env in range(len(self._since)):
             if not self.base.has_looked(env):
-                self.base.look(env, {name: observation[name][env] for name in self.base.obs})
+                self.base.look(env, {name: observation[name][env] for name in self.base.needed})
 
     def show(self, proprio: NDArray[Any], *, stepped: bool = True) -> NDArray[np.float32]:
         """Show the goals (n, 14), for the observation ``proprio`` (n, k).

@@ -23,7 +23,7 @@ from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.perception.crops import Crops
 from graspbox.perception.depth_images import check_intrinsics, check_pose, check_table, fit_table, thinned
 from graspbox.perception.depth_views import DepthView
-from graspbox.perception.finder import Clock, Ranked, TrainedScore
+from graspbox.perception.finder import Clock, GraspFinder, Ranked, TrainedScore
 from graspbox.perception.outputs import check_finite
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.depth import load_finder
@@ -150,6 +150,7 @@ class ImageGrasper:
         *,
         count: int = 5,
         region: tuple[int, int, int, int] | None = None,
+        mask: NDArray[np.bool_] | None = None,
         hand_error: PoseNoise | None = None,
         seed: int = 0,
     ) -> ImageGrasps:
@@ -165,10 +166,14 @@ class ImageGrasper:
         view = DepthView(small, lens, pose).leveled()
         pose = np.asarray(view.world_from_camera)
         check_table(small, lens, pose)
-        within = None if region is None else _mask(region, image.shape, step, small.shape)
+        within = None if region is None else _thin(_within(region, image.shape), step, small.shape)
         crops = view.crops(self.config.crop, within=within)
         _check_object(crops, small)
-        ranked, success, secure = self._ranked(crops, count, hand_error, seed)
+        finder = self._finder if hand_error is None else self._finder.tolerating(hand_error)
+        if mask is not None:
+            pixels = _thin(_checked(mask, image.shape), step, small.shape)
+            finder = _targeting(finder, view.voxels(pixels, crops.world_from_crop[0], finder.crop))
+        ranked, success, secure = _ranked(finder, crops, count, seed)
         return ImageGrasps(
             policy=self.config,
             hand=self.hand,
@@ -185,22 +190,6 @@ class ImageGrasper:
             secure=secure,
         )
 
-    def _ranked(
-        self, crops: Crops, count: int, hand_error: PoseNoise | None, seed: int
-    ) -> tuple[Ranked, NDArray[np.float64], NDArray[np.float64]]:
-        """Rank the grasps that differ, the best first, with their probabilities of success and of a secure hold."""
-        finder = self._finder if hand_error is None else self._finder.tolerating(hand_error)
-        ranked = finder.rank(crops, seed, Clock())
-        ranked = ranked.kept(_distinct(ranked, count))
-        assert isinstance(finder.score, TrainedScore)
-        judged = finder.score.judge(ranked.volume, ranked.poses, ranked.preshapes)
-        for values in (judged.choice, judged.success, judged.secure):
-            check_finite(values, "scorer")
-        if finder.config.hand_error is None:
-            ranked = ranked._replace(scores=judged.choice)
-        order = ranked.best(count)
-        return ranked.kept(order), judged.success[order], judged.secure[order]
-
 
 def grasp_image(
     depth: ArrayLike,
@@ -211,6 +200,7 @@ def grasp_image(
     hand: HandLike | None = None,
     count: int = 5,
     region: tuple[int, int, int, int] | None = None,
+    mask: NDArray[np.bool_] | None = None,
     hand_error: PoseNoise | None = None,
     backend: Backend = "onnx",
     seed: int = 0,
@@ -236,6 +226,9 @@ def grasp_image(
     region : (int, int, int, int), optional
         Columns and rows, left, top, right and bottom, within which the object is searched; by default it is the
         largest object on the table.
+    mask : (H, W) bool array, optional
+        Pixels of one of several objects: grasps are of this one, and keep off the others. For policies that learned
+        among several objects.
     hand_error : PoseNoise, optional
         Expected error of your hand's pose: grasps are then ranked by their mean score under such errors. The
         probabilities remain those of a hand without error.
@@ -254,8 +247,31 @@ def grasp_image(
     """
     grasper = ImageGrasper(policy, hand=hand, backend=backend)
     return grasper.find(
-        depth, intrinsics, table_from_camera, count=count, region=region, hand_error=hand_error, seed=seed
+        depth,
+        intrinsics,
+        table_from_camera,
+        count=count,
+        region=region,
+        mask=mask,
+        hand_error=hand_error,
+        seed=seed,
     )
+
+
+def _ranked(
+    finder: GraspFinder, crops: Crops, count: int, seed: int
+) -> tuple[Ranked, NDArray[np.float64], NDArray[np.float64]]:
+    """Rank the grasps that differ, the best first, with their probabilities of success and of a secure hold."""
+    ranked = finder.rank(crops, seed, Clock())
+    ranked = ranked.kept(_distinct(ranked, count))
+    assert isinstance(finder.score, TrainedScore)
+    judged = finder.score.judge(ranked.volume, ranked.poses, ranked.preshapes)
+    for values in (judged.choice, judged.success, judged.secure):
+        check_finite(values, "scorer")
+    if finder.config.hand_error is None:
+        ranked = ranked._replace(scores=judged.choice)
+    order = ranked.best(count)
+    return ranked.kept(order), judged.success[order], judged.secure[order]
 
 
 def _check_object(crops: Crops, depth: NDArray[np.float64]) -> None:
@@ -268,15 +284,35 @@ def _check_object(crops: Crops, depth: NDArray[np.float64]) -> None:
         )
 
 
-def _mask(
-    region: tuple[int, int, int, int], shape: tuple[int, ...], step: int, small: tuple[int, ...]
-) -> NDArray[np.bool_]:
-    """Mark the pixels of a region in the thinned image."""
+def _within(region: tuple[int, int, int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mark the pixels of a region in an image."""
     left, top, right, bottom = region
     if not (0 <= left < right <= shape[1] and 0 <= top < bottom <= shape[0]):
         raise ConfigError(f"region is {region}; give left < right <= {shape[1]} and top < bottom <= {shape[0]}")
     full = np.zeros(shape, dtype=np.bool_)
     full[top:bottom, left:right] = True
+    return full
+
+
+def _checked(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    found = np.asarray(mask)
+    if found.shape != shape or found.dtype != np.bool_:
+        raise ConfigError(f"mask is {found.dtype} of shape {found.shape}; give bool {shape}, as the image")
+    return found
+
+
+def _targeting(finder: GraspFinder, visible: NDArray[np.bool_]) -> GraspFinder:
+    """Give a finder for the object that is seen in these voxels (N, N, N) of the crop."""
+    if not visible.any():
+        raise ConfigError(
+            f"the mask shows nothing in the {finder.crop.side:.2f} m around the objects on the table; give the mask of "
+            "one of them, or a region around it"
+        )
+    return finder.targeting(visible)
+
+
+def _thin(full: NDArray[np.bool_], step: int, small: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Take the pixels of the thinned image."""
     return np.ascontiguousarray(full[step // 2 :: step, step // 2 :: step][: small[0], : small[1]])
 
 
