@@ -1,5 +1,6 @@
 """Depth policies that are told, by its pixels, which of several objects to grasp."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,15 @@ def test_the_segmentation_is_asked_for() -> None:
     with pytest.raises(ConfigError, match="cannot be told which one"):
         policy.act(seen)
     env.close()
+
+
+def test_it_is_evaluated_among_others() -> None:
+    arguments = ["evaluate", str(POLICY), "--layout", "packed", "--objects", "procedural:unseen:0-9", "--trials", "6"]
+    done = CliRunner().invoke(typer_app, [*arguments, "--json"])
+    assert done.exit_code == 0, done.output
+    row = json.loads(done.stdout)
+    assert row["trials"] == 6
+    assert row["succeeded"] >= 3
 
 
 @pytest.fixture(scope="module")

@@ -53,6 +53,10 @@ class ActionLog(Policy):
         self._kept: dict[int, list[NDArray[np.float32]]] = {}
         self._open: list[list[NDArray[np.float32]] | None] = []
 
+    def needed_obs(self, *, target: bool) -> str | tuple[str, ...] | None:
+        """Return the observations that the policy needs."""
+        return self._policy.needed_obs(target=target)
+
     def _bind(self, task: Task) -> None:
         self._policy.bind(task)
         self._open = [None] * task.num_envs
