@@ -15,7 +15,7 @@ from graspbox.configs import FRONT, PALM, CameraConfig, CamerasConfig, PhysicsCo
 from graspbox.meshes import to_json
 
 OBJECTS = ("procedural:can:1", "procedural:box:3")
-IMAGES = ("rgb", "depth", "rgbd", "segmentation", "points", "voxels", "depth_palm", "rgb_palm", "voxels_palm")
+IMAGES = ("rgb", "depth", "rgbd", "segmentation", "amodal", "points", "voxels", "depth_palm", "rgb_palm", "voxels_palm")
 #: Looks along the table: above it there is nothing but the sky.
 LEVEL = CameraConfig("level", eye=(-0.5, 0.0, 0.3), target=(0.0, 0.0, 0.3), fov=0.9)
 HAND = _core.Hand.named("reflex")
@@ -72,7 +72,7 @@ def test_images_are_as_their_table_says(objects: _core.Objects) -> None:
     envs = pool(objects, cameras, 2)
     shown = [envs.reset([0, 1])] + [envs.step(a)[0] for a in actions(2, 20)]
     for row in tables(cameras):
-        assert row["privileged"] == (row["kind"] == "segmentation")
+        assert row["privileged"] == (row["kind"] in ("segmentation", "amodal"))
         for arrays in shown:
             image = arrays[row["name"]]  # type: ignore[literal-required]
             assert image.shape == (2, *row["shape"])

@@ -17,6 +17,8 @@ pub enum ImageKind {
     Rgbd,
     /// (H, W, 1) uint8: labels.
     Segmentation,
+    /// (H, W, K) uint8: for each of K objects, whether its pixel would show it if nothing else were there.
+    Amodal,
     /// (H, W, 3) float32: the visible point at each pixel, in the camera's frame.
     Points,
     /// (N, N, N) uint8: unseen, free or occupied space.
@@ -25,7 +27,8 @@ pub enum ImageKind {
 
 impl ImageKind {
     /// Every kind.
-    pub const ALL: [Self; 6] = [Self::Rgb, Self::Depth, Self::Rgbd, Self::Segmentation, Self::Points, Self::Voxels];
+    pub const ALL: [Self; 7] =
+        [Self::Rgb, Self::Depth, Self::Rgbd, Self::Segmentation, Self::Amodal, Self::Points, Self::Voxels];
 
     /// Its name.
     #[must_use]
@@ -35,22 +38,24 @@ impl ImageKind {
             Self::Depth => "depth",
             Self::Rgbd => "rgbd",
             Self::Segmentation => "segmentation",
+            Self::Amodal => "amodal",
             Self::Points => "points",
             Self::Voxels => "voxels",
         }
     }
 
-    /// Values per pixel, or per voxel.
-    fn channels(self) -> usize {
+    /// Values per pixel, or per voxel, in scenes of at most `objects`.
+    fn channels(self, objects: usize) -> usize {
         match self {
             Self::Rgb | Self::Points => 3,
             Self::Rgbd => 4,
+            Self::Amodal => objects,
             Self::Depth | Self::Segmentation | Self::Voxels => 1,
         }
     }
 
     fn is_bytes(self) -> bool {
-        matches!(self, Self::Rgb | Self::Segmentation | Self::Voxels)
+        matches!(self, Self::Rgb | Self::Segmentation | Self::Amodal | Self::Voxels)
     }
 }
 
@@ -66,6 +71,8 @@ pub struct ImageSpec {
     pub kind: ImageKind,
     /// The cameras that take it; several for voxels only.
     pub cameras: std::ops::Range<usize>,
+    /// Most objects of a scene.
+    pub objects: usize,
 }
 
 /// Pixel values of one type.
@@ -119,16 +126,18 @@ pub struct ImageTable {
     pub missing: &'static str,
     /// Its meaning.
     pub meaning: &'static str,
-    /// True if a real robot has no sensor for it: labels come from the simulation, although they contain no pose.
+    /// True if a real robot has no sensor for it: labels and masks come from the simulation, although they contain no pose.
     pub privileged: bool,
 }
 
 impl ImageSpec {
     /// Parses a name.
     ///
+    /// * `objects`: most objects of a scene.
+    ///
     /// # Errors
     /// [`VisionError::UnknownImage`].
-    pub fn parse(name: &str, config: &CamerasConfig) -> Result<Self, VisionError> {
+    pub fn parse(name: &str, config: &CamerasConfig, objects: usize) -> Result<Self, VisionError> {
         let unknown = || VisionError::UnknownImage {
             name: name.to_owned(),
             cameras: config.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", "),
@@ -143,7 +152,7 @@ impl ImageSpec {
                 at..at + 1
             }
         };
-        Ok(Self { name: name.to_owned(), kind, cameras })
+        Ok(Self { name: name.to_owned(), kind, cameras, objects })
     }
 
     /// Rows, columns, channels; or voxels along each axis.
@@ -152,7 +161,7 @@ impl ImageSpec {
         let [height, width] = config.image_size.map(|n| n as usize);
         match self.kind {
             ImageKind::Voxels => [config.voxels; 3],
-            kind => [height, width, kind.channels()],
+            kind => [height, width, kind.channels(self.objects)],
         }
     }
 
@@ -181,6 +190,11 @@ impl ImageSpec {
                               3 + i link i of the hand, then the other objects";
                 ("camera", "1", "0", labels)
             }
+            ImageKind::Amodal => {
+                let masks = "1 where an object would be seen if nothing else were there; channels in the order of its \
+                             labels in `segmentation`, 0 for objects that are gone";
+                ("camera", "1", "0", masks)
+            }
             ImageKind::Points => {
                 ("camera", "m", "0, 0, 0", "the point seen: x right, y down, z forward from the camera")
             }
@@ -200,11 +214,11 @@ impl ImageSpec {
             unit,
             missing,
             meaning,
-            privileged: self.kind == ImageKind::Segmentation,
+            privileged: matches!(self.kind, ImageKind::Segmentation | ImageKind::Amodal),
         }
     }
 
-    /// Writes the pixels of `frame`; voxels are computed by [`Observer`](crate::Observer).
+    /// Writes the pixels of `frame`; voxels and amodal masks are computed by [`Observer`](crate::Observer).
     pub(crate) fn fill(&self, frame: &Frame, out: &mut Pixels) {
         match out {
             Pixels::Bytes(out) => {
@@ -244,6 +258,7 @@ fn bounds(kind: ImageKind, camera: &Camera, labels: usize) -> (Vec<f64>, Vec<f64
             let (x, y) = (reach(width, cx, fx), reach(height, cy, fy));
             (vec![-x, -y, 0.0], vec![x, y, far])
         }
+        ImageKind::Amodal => (vec![0.0], vec![1.0]),
         ImageKind::Voxels => (vec![0.0], vec![2.0]),
     }
 }

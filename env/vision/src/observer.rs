@@ -4,7 +4,7 @@ use crate::VisionError;
 use crate::config::{CameraConfig, CamerasConfig, world_from_camera};
 use crate::image_spec::{ImageKind, ImageSpec, ImageTable, Pixels};
 use crate::viewpoint::Viewpoint;
-use crate::visual_models::{FIRST_LINK, ScenePose, VisualModels};
+use crate::visual_models::{FIRST_LINK, ScenePose, VisualModels, is_near, object_index};
 use graspbox_camera::occupancy::occupancy_into;
 use graspbox_camera::{Camera, CameraError, Channels, DepthView, Detail, Frame, Light, Occupancy, Renderer};
 use graspbox_hand::Hand;
@@ -66,7 +66,7 @@ impl Observer {
         objects: usize,
     ) -> Result<Self, VisionError> {
         let mounted = config.mounted_cameras()?;
-        let specs = config.images.iter().map(|name| ImageSpec::parse(name, &config));
+        let specs = config.images.iter().map(|name| ImageSpec::parse(name, &config, objects.max(1)));
         let specs = specs.collect::<Result<Vec<_>, _>>()?;
         for (i, spec) in specs.iter().enumerate() {
             if specs[..i].iter().any(|s| s.name == spec.name) {
@@ -76,7 +76,7 @@ impl Observer {
         let labels = hand.links.len() + objects.max(1) - 1;
         in_range("number of links and objects", labels as f64, 1.0..=f64::from(u8::MAX - FIRST_LINK), "")?;
         let mut channels = vec![None; mounted.len()];
-        for spec in &specs {
+        for spec in specs.iter().filter(|spec| spec.kind != ImageKind::Amodal) {
             for needed in &mut channels[spec.cameras.clone()] {
                 let needed: &mut Channels = needed.get_or_insert_default();
                 needed.rgb |= matches!(spec.kind, ImageKind::Rgb | ImageKind::Rgbd);
@@ -179,6 +179,7 @@ impl Observer {
         let instances = self.models()?.instances(scene_pose);
         let mut buffer = self.buffer();
         let result = self.take(&mut buffer, &instances, &cameras, &viewpoint.light, images);
+        let result = result.and_then(|()| self.mask(&mut buffer, scene_pose, &cameras, images));
         self.buffers().push(buffer);
         result.map_err(|source| VisionError::Camera { name: "an image".into(), source })
     }
@@ -199,15 +200,55 @@ impl Observer {
             }
         }
         for (spec, image) in self.specs.iter().zip(images) {
-            if spec.kind != ImageKind::Voxels {
-                spec.fill(&frames[spec.cameras.start], image);
-                continue;
+            match spec.kind {
+                ImageKind::Amodal => continue,
+                ImageKind::Voxels => {}
+                _ => {
+                    spec.fill(&frames[spec.cameras.start], image);
+                    continue;
+                }
             }
             let views: Vec<DepthView> = frames[spec.cameras.clone()].iter().filter_map(DepthView::of).collect();
             occupancy_into(&self.grid, &Isometry3::identity(), &views, true, cells)?;
             if let Pixels::Bytes(image) = image {
                 image.clear();
                 image.extend(cells.iter().map(|cell| *cell as u8));
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the amodal masks: each object is rendered alone.
+    fn mask(
+        &self,
+        buffer: &mut RenderBuffers,
+        scene_pose: &ScenePose,
+        cameras: &[Camera],
+        images: &mut [Pixels],
+    ) -> Result<(), CameraError> {
+        let channels = Channels { rgb: false, segmentation: true };
+        let RenderBuffers { renderer, frames, .. } = buffer;
+        let kinds = self.specs.iter().zip(images).filter(|(spec, _)| spec.kind == ImageKind::Amodal);
+        for (spec, image) in kinds {
+            let Pixels::Bytes(image) = image else { continue };
+            image.clear();
+            image.resize(spec.size(&self.config), 0);
+            let frame = &mut frames[spec.cameras.start];
+            for object in scene_pose.objects.iter().filter(|object| is_near(&object.world_from_object)) {
+                let place = object_index(object.label, self.hand.links.len());
+                if place >= spec.objects {
+                    continue;
+                }
+                renderer.render_into(
+                    &[object.instance()],
+                    &cameras[spec.cameras.start],
+                    &Light::default(),
+                    channels,
+                    frame,
+                )?;
+                for (pixel, label) in image.chunks_exact_mut(spec.objects).zip(&frame.segmentation) {
+                    pixel[place] = u8::from(*label == object.label);
+                }
             }
         }
         Ok(())

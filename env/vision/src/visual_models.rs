@@ -67,6 +67,15 @@ pub fn object_label(index: usize, links: usize) -> u8 {
     }
 }
 
+/// Index of the object with a label: the inverse of [`object_label`].
+#[must_use]
+pub fn object_index(label: u8, links: usize) -> usize {
+    match label {
+        OBJECT => 0,
+        _ => (usize::from(label) + 1).saturating_sub(usize::from(FIRST_LINK) + links),
+    }
+}
+
 /// A part of a link that has one colour.
 struct Part {
     link: usize,
@@ -92,6 +101,19 @@ pub struct ObjectPose<'a> {
     pub label: u8,
     /// Its pose.
     pub world_from_object: Isometry3<f64>,
+}
+
+impl<'a> ObjectPose<'a> {
+    /// What the renderer takes.
+    pub(crate) fn instance(&self) -> Instance<'a> {
+        Instance {
+            model: self.model,
+            world_from_model: self.world_from_object,
+            color: self.color,
+            label: self.label,
+            casts_shadow: true,
+        }
+    }
 }
 
 /// A wall: a box that does not move.
@@ -193,13 +215,7 @@ impl VisualModels {
     /// All instances to render; those without a finite pose are left out.
     #[must_use]
     pub fn instances<'a>(&'a self, scene_pose: &'a ScenePose) -> Vec<Instance<'a>> {
-        let objects = scene_pose.objects.iter().map(|object| Instance {
-            model: object.model,
-            world_from_model: object.world_from_object,
-            color: object.color,
-            label: object.label,
-            casts_shadow: true,
-        });
+        let objects = scene_pose.objects.iter().map(ObjectPose::instance);
         let walls = scene_pose.walls.iter().map(|wall| Instance {
             model: &wall.model,
             world_from_model: wall.world_from_wall,
@@ -236,7 +252,7 @@ fn scenery() -> Result<[Model; 2], CameraError> {
 }
 
 /// True if the renderer accepts the pose: finite, rigid, within 1 km.
-fn is_near(pose: &Isometry3<f64>) -> bool {
+pub(crate) fn is_near(pose: &Isometry3<f64>) -> bool {
     let translation = pose.translation.vector.iter().all(|x| x.abs() < 1e3);
     translation && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
 }

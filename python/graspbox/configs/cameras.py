@@ -50,7 +50,7 @@ class CamerasConfig:
     ----------
     images : tuple of str
         Names of images: ``kind`` for the first camera, or ``kind_camera``. Kinds are ``rgb``, ``depth``, ``rgbd``,
-        ``segmentation``, ``points`` and ``voxels``; ``voxels`` without a camera combines all of them.
+        ``segmentation``, ``amodal``, ``points`` and ``voxels``; ``voxels`` without a camera combines all of them.
     image_size : pair of int
         Rows and columns of every image.
     cameras : tuple of CameraConfig

@@ -49,8 +49,8 @@ As in `graspbox.envs.grasp_pose`. ``state`` is **privileged**; it describes the 
 <!-- end -->
 
 Images show every object. In ``segmentation`` the first object is 2, the others follow the links of the hand; an object
-keeps its label while it is there, and walls have that of the table. Once the last object is taken away, the observation
-shows it in the hand.
+keeps its label while it is there, and walls have that of the table. ``amodal`` has one channel for each object, in the
+same order. Once the last object is taken away, the observation shows it in the hand.
 
 Reward
 ------

@@ -178,15 +178,17 @@ their poses. At the default size of 64 x 64 (``image_size``; a single bound appl
 | depth | 64 x 64 x 1 | float32 | 0 | 2 | front | camera | m | 0 | no | distance along the optical axis (not along the ray) |
 | rgbd | 64 x 64 x 4 | float32 | 0, 0, 0, 0 | 1, 1, 1, 2 | front | camera | 1; m | the background's colour; 0 | no | red, green, blue in [0, 1], then depth |
 | segmentation | 64 x 64 x 1 | uint8 | 0 | 11 | front | camera | 1 | 0 | yes | 0 background, 1 table, ground and walls, 2 object (among others the target), 3 + i link i of the hand, then the other objects |
+| amodal | 64 x 64 x 1 | uint8 | 0 | 1 | front | camera | 1 | 0 | yes | 1 where an object would be seen if nothing else were there; channels in the order of its labels in `segmentation`, 0 for objects that are gone |
 | points | 64 x 64 x 3 | float32 | -0.511, -0.511, 0 | 0.511, 0.511, 2 | front | camera | m | 0, 0, 0 | no | the point seen: x right, y down, z forward from the camera |
 | voxels | 32 x 32 x 32 | uint8 | 0 | 2 | front, palm | world | 1 | 0 | no | 0 unseen, 1 free, 2 occupied (by table, object or hand); axes x, y, z |
 
 <!-- end -->
 
-Among others the label 2 is that of the target, in every scene: ``segmentation == 2`` is its mask.
+Among others the label 2 is that of the target, in every scene: ``segmentation == 2`` is its mask, and the first channel
+of ``amodal`` the mask that it would have if nothing hid it.
 
 Labels of the ReFlex's links, from 3 on: base; swivel, proximal and distal link of finger 1; the same of finger 2;
-proximal and distal link of finger 3. ``segmentation`` is privileged, because its labels come from the simulation.
+proximal and distal link of finger 3. ``segmentation`` and ``amodal`` are privileged, because they come from the simulation.
 
 Reward
 ------

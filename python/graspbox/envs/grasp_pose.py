@@ -79,7 +79,7 @@ one overhead sees the hand. ``proprio`` and ``tactile`` describe this waiting ha
 fingers and often misses an object at that distance; a hand camera that sees it from there is
 ``CameraConfig("wrist", "hand", eye=(0, 0.075, 0), target=(0, 0, 0.6), up=(-1, 0, 0), fov=1.2)`` in ``cameras``.
 
-Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``points``, ``voxels``, and those of one camera, such as
+Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``amodal``, ``points``, ``voxels``, and those of one camera, such as
 ``depth_palm``; `graspbox.envs.grasp` has the table of shapes, units and bounds) do not contain the object's pose. The
 last observation of an episode shows the scene after the attempt.
 

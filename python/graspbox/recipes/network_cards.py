@@ -112,7 +112,7 @@ def network_card(
         The command that published it.
     """
     names = config.environment.names
-    privileged = {*tables(load_hand(config.hand))["privileged"], "segmentation"}
+    privileged = {*tables(load_hand(config.hand))["privileged"], "segmentation", "amodal"}
     true = [name for name in names if name.split("_")[0] in privileged]
     summary = (
         f"{_origin([one.kind for one in made], config.algorithm)}: one network from observations to actions. It acts "
