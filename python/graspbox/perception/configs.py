@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-__all__ = ["CropConfig", "DepthNoise", "HandGridConfig", "ProposalConfig"]
+__all__ = ["EVERYTHING", "CropConfig", "DepthNoise", "HandGridConfig", "ProposalConfig"]
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,10 @@ class DepthNoise:
             grazing_dropout=0.0,
             dropout=0.0,
         )
+
+
+#: Gap (`CropConfig.gap`) with which everything on the table is one object, metres.
+EVERYTHING = 0.5
 
 
 @dataclass(frozen=True)

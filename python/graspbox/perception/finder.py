@@ -48,6 +48,8 @@ Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 Score = Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 #: Candidates of a head that are checked, for each that may be added.
 LOOKED_AT = 4
+#: Proposals that are made for one of several objects, for each that may be kept.
+_SURPLUS = 4
 #: Scale on which a grasp resembles one that failed, metres and radians.
 _MOVED, _TURNED = 0.03, 0.5
 
@@ -387,11 +389,15 @@ class GraspFinder(Finder):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Propose feasible grasps: poses (m, 4, 4) and preshapes (m,), those of the head last."""
         config = self.config
-        found = self.grid.propose(wanted, config.proposals)
-        poses, preshapes = found.poses, found.preshape
-        if self._target is not None:
-            kept = self._feasible(volume, wanted, poses, preshapes)
-            poses, preshapes = poses[kept], preshapes[kept]
+        if self._target is None:
+            found = self.grid.propose(wanted, config.proposals)
+            poses, preshapes = found.poses, found.preshape
+        else:
+            # Many of those that keep off the target touch what is around it.
+            most = config.proposals.most
+            found = self.grid.propose(wanted, replace(config.proposals, most=_SURPLUS * most))
+            kept = np.flatnonzero(self._feasible(volume, wanted, found.poses, found.preshape))[:most]
+            poses, preshapes = found.poses[kept], found.preshape[kept]
         if self.head is None or not config.predicted:
             return poses, preshapes
         predicted = self.head.candidates(channels, LOOKED_AT * config.predicted)

@@ -12,7 +12,7 @@ from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.artifacts.runtimes import load_parts
 from graspbox.models.nearest_finder import Memory, NearestFinder
 from graspbox.perception import PlannedFinder
-from graspbox.perception.configs import CropConfig, DepthNoise
+from graspbox.perception.configs import EVERYTHING, CropConfig, DepthNoise
 from graspbox.perception.finder import GraspFinder, observed_only
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid
 from graspbox.policies._observer import Observer
@@ -20,8 +20,6 @@ from graspbox.policies.depth import DepthPolicy
 
 __all__ = ["BestProposal", "NearestGrasp", "PartialViewPlanner"]
 
-#: Pixels so far apart are one object, metres: everything on the table.
-_TABLE = 0.5
 #: Gain of a grasp from straight above over one from the side.
 _FROM_ABOVE = 0.1
 
@@ -78,7 +76,7 @@ class BestProposal(DepthPolicy):
 
 def _proposing(hand: Hand) -> GraspFinder:
     """Make a finder that scores proposals by geometry."""
-    grid = HandGrid(hand, crop=CropConfig(gap=_TABLE))
+    grid = HandGrid(hand, crop=CropConfig(gap=EVERYTHING))
     return GraspFinder(grid, observed_only, partial(_filled, grid))
 
 

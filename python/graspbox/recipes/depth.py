@@ -33,6 +33,7 @@ from graspbox.models.scorer.training import train_scorer
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
 from graspbox.perception import CropConfig, HandGrid, ProposalConfig
+from graspbox.perception.configs import EVERYTHING
 from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import DepthGrasp
@@ -52,8 +53,6 @@ __all__ = ["FINDER", "train"]
 
 #: Settings of the policy's decision; `Sizes.refinements` sets the number of refinements.
 FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=80), predicted=32, children=5)
-#: Gap of a crop that takes everything on the table for one object, metres.
-EVERYTHING = 0.5
 #: Learning rate with which a completion is trained further.
 _TUNING_RATE = 3e-4
 #: Number of trials per scene: enough that the random ones reveal the scorer's errors.
