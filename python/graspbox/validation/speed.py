@@ -4,13 +4,14 @@ Every object's best poses are tried with each engine, one pose after the other, 
 meets all of them. Rates are per second of CPU time of one core. MuJoCo gets the actuators' commands recorded
 beforehand and steps through each trial in one call (``mujoco.rollout``), for as many simulated seconds as `newton`
 took for it, without Python in between. It runs twice: with the settings of ``validation mujoco``, whose labels are
-stable under smaller time steps, and with fast settings.
+stable under smaller time steps, and with fast settings. Piles are workloads too: every object in them is a target in
+turn.
 """
 
 import argparse
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 
@@ -24,10 +25,12 @@ from graspbox import object_sets
 from graspbox.configs import PhysicsConfig
 from graspbox.errors import SimulationError
 from graspbox.hands import HandLike, load_hand
+from graspbox.layouts import draw_objects
 from graspbox.validation import engines
 from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, describe, object_data
+from graspbox.validation.mujoco.heaps import items_of
 from graspbox.validation.mujoco.replay import Replay
-from graspbox.validation.mujoco.scene import Numerics, Scene, build
+from graspbox.validation.mujoco.scene import Numerics, Scene, build, build_heap
 
 #: Object sets to time, by name.
 WORK = {
@@ -35,6 +38,10 @@ WORK = {
     "ycb and procedural": (*DEFAULT_OBJECTS, *engines.DEFAULT_OBJECTS),
     "procedural mix": ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1"),
 }
+
+#: Piles to time, by name: number of objects of `HEAPED` in each of two scenes.
+HEAPS = {"piles of 5": 5, "piles of 15": 15}
+HEAPED, SCENES = "procedural:seen:0-19", 2
 
 #: MuJoCo's settings. The fast ones use the core's time step, without the iterations that stop held objects creeping.
 MUJOCO = {
@@ -117,36 +124,74 @@ def _trial(scene: graspbox.Scene, one: graspbox.Plan) -> tuple[int, float]:
     return len(found), float(found.time.sum())
 
 
-def _in_rapier(ours: graspbox.Scene) -> graspbox.Scene | None:
-    """Return the same scene with the engine `rapier`, or None if it cannot simulate the hand."""
-    physics = PhysicsConfig(engine="rapier")
+_RAPIER = PhysicsConfig(engine="rapier")
+
+
+@dataclass(frozen=True)
+class _Case:
+    """Poses to time in one scene: `rapier` is None for a hand that it cannot simulate; MuJoCo's scenes by settings."""
+
+    ours: graspbox.Scene
+    rapier: graspbox.Scene | None
+    theirs: dict[str, Scene]
+    plan: graspbox.Plan
+
+
+def _single(mesh: graspbox.Mesh, hand: graspbox.Hand, poses: int, seed: int) -> _Case:
+    """Prepare an object alone, with the planner's best poses."""
+    ours = graspbox.Scene(mesh, hand=hand)
+    start, data, described = ours.world_from_object, object_data(ours), describe(hand)
+    plan = graspbox.plan(mesh, hand=hand, world_from_object=start, seed=seed).best(poses)
     try:
-        return graspbox.Scene(ours.mesh, hand=ours.hand, world_from_object=ours.world_from_object, physics=physics)
+        rapier = graspbox.Scene(mesh, hand=hand, world_from_object=start, physics=_RAPIER)
     except SimulationError:
-        return None
+        rapier = None
+    theirs = {name: build(described, data, numerics=numerics) for name, numerics in MUJOCO.items()}
+    return _Case(ours, rapier, theirs, plan)
+
+
+def _heaps(count: int, hand: graspbox.Hand, poses: int, seed: int) -> Iterator[_Case]:
+    """Prepare piles, each of whose objects is the target once."""
+    objects, described = object_sets.load(HEAPED), describe(hand)
+    for number in range(seed, seed + SCENES):
+        meshes = [spec.load() for spec in draw_objects(objects, count, "pile", number)]
+        pile = graspbox.arrange(meshes, "pile", seed=number, hand=hand)
+        items = items_of(pile, hand)
+        for target, mesh in enumerate(pile.meshes):
+            pose, others = pile.world_from_objects[target], pile.without(target)
+            plan = graspbox.plan(mesh, hand=hand, world_from_object=pose, seed=seed, neighbours=others).best(poses)
+            if not len(plan):
+                continue
+            first = [items[target], *items[:target], *items[target + 1 :]]
+            theirs = {name: build_heap(described, first, (), numerics) for name, numerics in MUJOCO.items()}
+            ours = graspbox.Scene.of(pile, target=target, hand=hand)
+            try:
+                rapier = graspbox.Scene.of(pile, target=target, hand=hand, physics=_RAPIER)
+            except SimulationError:
+                rapier = None
+            yield _Case(ours, rapier, theirs, plan)
 
 
 def measure(work: str, poses: int, seed: int, hand: HandLike = "reflex") -> list[SpeedRow]:
-    """Time the planner's best `poses` for every object of a workload; returns one row per engine.
+    """Time the planner's best `poses` for every object of a workload, or target in a pile; returns one row per engine.
 
     The row of an engine that cannot simulate the hand has no trials.
     """
     rows = {name: SpeedRow(work, name) for name in ENGINES}
-    loaded, described = load_hand(hand), describe(hand)
-    for item in (item for name in WORK[work] for item in object_sets.load(name)):
-        ours = graspbox.Scene(item.load(), hand=loaded)
-        start = ours.world_from_object
-        plan = graspbox.plan(ours.mesh, hand=loaded, world_from_object=start, seed=seed).best(poses)
-        rapier = _in_rapier(ours)
-        data = object_data(ours)
-        theirs = {name: build(described, data, numerics=numerics) for name, numerics in MUJOCO.items()}
-        for i in range(len(plan)):
-            one = plan[i : i + 1]
-            simulated = rows["newton"].add(partial(_trial, ours, one))
-            if rapier is not None:
-                rows["rapier"].add(partial(_trial, rapier, one))
-            pose, preshape = data.world_from_object @ one.poses[0], float(one.preshape[0])
-            for name, built in theirs.items():
+    loaded = load_hand(hand)
+    if work in HEAPS:
+        cases = _heaps(HEAPS[work], loaded, poses, seed)
+    else:
+        found = (item for name in WORK[work] for item in object_sets.load(name))
+        cases = (_single(item.load(), loaded, poses, seed) for item in found)
+    for case in cases:
+        for i in range(len(case.plan)):
+            one = case.plan[i : i + 1]
+            simulated = rows["newton"].add(partial(_trial, case.ours, one))
+            if case.rapier is not None:
+                rows["rapier"].add(partial(_trial, case.rapier, one))
+            pose, preshape = case.ours.world_from_object @ one.poses[0], float(one.preshape[0])
+            for name, built in case.theirs.items():
                 run = Rollout(built, pose, preshape, simulated)
                 if run.feasible and simulated > 0.0:
                     rows[name].add(run)
@@ -173,7 +218,7 @@ def markdown(rows: Sequence[SpeedRow]) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Time the engines; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m graspbox.validation speed", description=__doc__)
-    parser.add_argument("--work", nargs="+", default=list(WORK), choices=list(WORK), help="workloads to time")
+    parser.add_argument("--work", nargs="+", default=list(WORK), choices=[*WORK, *HEAPS], help="workloads to time")
     parser.add_argument("--hand", default="reflex", help="a hand by its name, or hand.urdf,hand.toml")
     parser.add_argument("--poses", type=int, default=10, help="poses per object")
     parser.add_argument("--seed", type=int, default=0, help="seed of the planner")

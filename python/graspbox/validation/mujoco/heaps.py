@@ -31,7 +31,7 @@ from graspbox.validation.mujoco.compare import check_patch, describe
 from graspbox.validation.mujoco.replay import Outcome, Replay, run_grasp
 from graspbox.validation.mujoco.scene import Numerics, build_heap
 
-__all__ = ["HeapJudge", "replay_attempt"]
+__all__ = ["HeapJudge", "items_of", "replay_attempt"]
 
 #: Of the core's approach (``env/episode/src/approach.rs``): speed (m/s), force of the protective stop (N), and time
 #: constant of its filter (s).
@@ -108,6 +108,16 @@ def replay_attempt(
     return _Approach(scene, world_from_hand, preshape).attempt(world_from_hand[:3, 2], TrialConfig.standoff)
 
 
+def items_of(scene: Arrangement, hand: graspbox.Hand) -> list[ObjectData]:
+    """Describe the objects of a scene; they need not fit the hand."""
+    items = []
+    for number, (mesh, pose) in enumerate(zip(scene.meshes, scene.world_from_objects, strict=True)):
+        alone = replace(scene, objects=(number,), meshes=(mesh,), world_from_objects=pose[None], target=None)
+        body = graspbox.Scene.of(alone, hand=hand).body
+        items.append(ObjectData(mesh.name, body.parts, body.mass, body.center_of_mass, body.inertia, pose))
+    return items
+
+
 class HeapJudge:
     """Tries the attempts of rounds of clearing in MuJoCo, in threads, and counts how they compare with the core's.
 
@@ -153,16 +163,9 @@ class HeapJudge:
             pose, preshape = self._codec.decode_grasp(action)
         except ConfigError:
             return Outcome(False, "infeasible", 0.0, np.inf, (0, 0), 0.0, 0.0)
-        items = [self._item(before, number) for number in range(len(before))]
+        items = items_of(before, self._hand)
         walls = list(zip(before.world_from_walls, before.wall_half_extents, strict=True))
         return replay_attempt(self._hand, items, walls, pose, preshape, self._numerics, patch=self._patch)
-
-    def _item(self, before: Arrangement, number: int) -> ObjectData:
-        """Describe an object; it need not fit the hand."""
-        mesh, pose = before.meshes[number], before.world_from_objects[number]
-        alone = replace(before, objects=(number,), meshes=(mesh,), world_from_objects=pose[None], target=None)
-        body = graspbox.Scene.of(alone, hand=self._hand).body
-        return ObjectData(mesh.name, body.parts, body.mass, body.center_of_mass, body.inertia, pose)
 
     def to_json(self) -> dict[str, Any]:
         """Wait for all attempts; return MuJoCo's success rate with its Wilson 95 % interval, and the agreement."""
