@@ -36,3 +36,14 @@ def test_hand_beyond_an_engine_has_no_rate(capsys: pytest.CaptureFixture[str], m
     table = speed.markdown([*timed, speed.SpeedRow("some", "rapier")])
     assert "| some | rapier | 0 | - | - | - |" in table
     assert "| some | newton | 1 | 2.0 | 4 | 2.00 |" in table
+
+
+def test_scenes_of_several_objects_are_timed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each object of a packed scene is the target of one trial; MuJoCo has all of them, too."""
+    monkeypatch.setattr(speed, "SCENES", 1)
+    monkeypatch.setitem(speed.HEAPS, "5 packed", ("packed", 2))
+    found = rates(capsys, "--work", "5 packed", "--hand", "panda_gripper")
+    assert 1 <= found["newton"]["trials"] <= 2
+    assert found["mujoco"]["simulated"] == pytest.approx(found["newton"]["simulated"], abs=0.02)

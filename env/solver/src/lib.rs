@@ -6,7 +6,7 @@
 //! | [`object`], [`scenery`] | an object; table, ground and walls |
 //! | [`config`] | settings, with the reason for each number |
 //! | [`model`] | data shared by all worlds of one template |
-//! | [`solver`] | the state of a world, and one time step |
+//! | [`solver`] | the state of a world, and one time step; sleep of what rests |
 //! | `contact` | contact points as they are reported |
 //! | `kinematics`, `dynamics` | poses and Jacobians; mass matrix and bias forces |
 //! | `search` | contact candidates between bodies |
@@ -78,5 +78,6 @@ pub use model::{BodyIndex, BodyKind, MAX_OBJECTS, MAX_WALLS, Model};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface, Wall};
 pub use solver::saved::SavedState;
+pub use solver::sleep::Sleep;
 pub use solver::{CableCommand, ObjectState, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

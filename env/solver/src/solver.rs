@@ -1,6 +1,7 @@
 //! The solver of one world: its state, and one time step.
 
 pub(crate) mod saved;
+pub(crate) mod sleep;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -17,6 +18,7 @@ use crate::problem::objects::{ObjectTerms, own_twist};
 use crate::problem::rows::{self, PointSource};
 use crate::scenery::Surface;
 use crate::search::{Moving, Opposite, Searcher, Situation};
+use crate::solver::sleep::Sleep;
 
 /// Inputs of one step.
 pub struct StepInput<'a> {
@@ -58,6 +60,10 @@ pub struct ObjectState {
     pub friction_factor: f64,
     /// Factor on its mass and inertia.
     pub mass_factor: f64,
+    /// For how long its island has been slow, seconds.
+    pub slow_for: f64,
+    /// Its sleep; `None` while it is simulated.
+    pub asleep: Option<Sleep>,
 }
 
 impl Default for ObjectState {
@@ -68,6 +74,8 @@ impl Default for ObjectState {
             angular: Vector3::zeros(),
             friction_factor: 1.0,
             mass_factor: 1.0,
+            slow_for: 0.0,
+            asleep: None,
         }
     }
 }
@@ -110,6 +118,10 @@ pub struct Solver {
     moving: Vec<Moving>,
     accelerations: Vec<f64>,
     friction_factors: Vec<f64>,
+    /// By object: whether it sleeps.
+    asleep: Vec<bool>,
+    /// Contacts of the sleepers, frame of the world.
+    rested: Vec<Contact>,
 }
 
 impl Solver {
@@ -139,6 +151,8 @@ impl Solver {
             moving: Vec::new(),
             accelerations: vec![0.0; count],
             friction_factors: Vec::new(),
+            asleep: Vec::new(),
+            rested: Vec::new(),
             state,
             model,
         }
@@ -156,8 +170,10 @@ impl Solver {
         &self.state
     }
 
-    /// The present state, to pose the world. The lengths of its lists must not change.
+    /// The present state, to pose the world; wakes all objects. The lengths of its lists must not change.
     pub fn state_mut(&mut self) -> &mut State {
+        self.state.objects.iter_mut().for_each(ObjectState::wake);
+        self.rested.clear();
         &mut self.state
     }
 
@@ -178,7 +194,10 @@ impl Solver {
         let model = Arc::clone(&self.model);
         let free = model.tree.coordinates.len();
         self.drive(&model, input);
+        self.pose_sleepers(input);
         let reference = self.reference();
+        let scenery = scenery_twist(input, &reference);
+        self.carry_sleepers(&scenery, &reference);
         self.kinematics.place(&model, &self.state.positions);
         self.kinematics.differentiate(&model, &reference, &self.state.rates[free..]);
         let mass = &mut self.problem.hand.mass;
@@ -188,11 +207,11 @@ impl Solver {
             self.object_momentum(&model, input, object, &reference);
         }
         self.hand_momentum(&model, input);
-        let scenery = scenery_twist(input, &reference);
         self.find_contacts(&model, input, &reference, scenery);
         let balanced = self.solve(&model, &scenery);
         self.state.unconverged_steps += u64::from(!balanced);
         self.integrate(&model, input);
+        self.put_to_sleep(&model, input, &scenery);
     }
 
     /// Centre of mass of object `index`, base's frame, metres.
@@ -208,7 +227,7 @@ impl Solver {
 
     /// Solves the equations of the step, island by island. Returns false if the iteration did not converge for one of them.
     fn solve(&mut self, model: &Model, scenery: &Twist) -> bool {
-        self.islands.find(model, &self.problem.patches);
+        self.islands.find(model, &self.problem.patches, &self.asleep);
         self.newton.begin();
         let mut balanced = true;
         for island in &self.islands.all {
@@ -305,15 +324,23 @@ impl Solver {
         self.place_bodies(model, input, reference, &scenery);
         self.referred = *reference;
         let planes = model.scenery.planes(&input.base_from_world);
-        let now =
-            Situation { dt: input.dt, poses: &self.poses, turns: &self.turns, moving: &self.moving, planes: &planes };
-        self.searcher.search(model, &now);
         self.friction_factors.clear();
         self.friction_factors.extend(self.state.objects.iter().map(|object| object.friction_factor));
-        let friction_factors = &self.friction_factors;
-        let scene = rows::Scene { now, reference: *reference, scenery, friction_factors };
-        let pairs = &self.searcher.pairs;
-        rows::collect(model, &scene, &self.kinematics, pairs, &mut self.problem, &mut self.sources);
+        loop {
+            let (poses, turns, moving, dt) = (&self.poses, &self.turns, &self.moving, input.dt);
+            let now = Situation { dt, poses, turns, moving, planes: &planes };
+            self.searcher.search(model, &now, &self.asleep);
+            let friction_factors = &self.friction_factors;
+            let scene = rows::Scene { now, reference: *reference, scenery, friction_factors };
+            let pairs = &self.searcher.pairs;
+            if let Some(object) = rows::touched_sleeper(model, &scene, pairs, &self.asleep) {
+                self.wake(object);
+                continue;
+            }
+            let (problem, sources) = (&mut self.problem, &mut self.sources);
+            rows::collect(model, &scene, &self.kinematics, (pairs, &self.asleep), problem, sources);
+            return;
+        }
     }
 
     /// Writes poses and motion of all bodies at the beginning of the step.
@@ -361,6 +388,10 @@ impl Solver {
         for (index, own) in model.objects.iter().enumerate() {
             let terms = &problem.objects[index];
             let object = &mut self.state.objects[index];
+            if let Some(sleep) = &object.asleep {
+                object.base_from_object = input.base_from_world_after * sleep.world_from_object;
+                continue;
+            }
             let Twist { linear, angular } = own_twist(&terms.velocity);
             (object.linear, object.angular) = (linear, angular);
             let turn = UnitQuaternion::from_scaled_axis(angular * dt);
@@ -390,6 +421,12 @@ impl Solver {
             let pair = &self.model.pairs[source.pair as usize];
             if wanted(pair.a, pair.b) {
                 visit(&self.contact(index, source));
+            }
+        }
+        // Those of a loaded state include them.
+        for contact in self.contacts_of_sleepers().filter(|_| self.loaded.is_empty()) {
+            if wanted(contact.sides[0].body, contact.sides[1].body) {
+                visit(&contact);
             }
         }
     }

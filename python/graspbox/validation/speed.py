@@ -4,8 +4,8 @@ Every object's best poses are tried with each engine, one pose after the other, 
 meets all of them. Rates are per second of CPU time of one core. MuJoCo gets the actuators' commands recorded
 beforehand and steps through each trial in one call (``mujoco.rollout``), for as many simulated seconds as `newton`
 took for it, without Python in between. It runs twice: with the settings of ``validation mujoco``, whose labels are
-stable under smaller time steps, and with fast settings. Piles are workloads too: every object in them is a target in
-turn.
+stable under smaller time steps, and with fast settings. Scenes of several objects are workloads too: every object in
+them is a target in turn.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from graspbox import object_sets
 from graspbox.configs import PhysicsConfig
 from graspbox.errors import SimulationError
 from graspbox.hands import HandLike, load_hand
-from graspbox.layouts import draw_objects
+from graspbox.layouts import Layout, draw_objects
 from graspbox.validation import engines
 from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, describe, object_data
 from graspbox.validation.mujoco.heaps import items_of
@@ -39,8 +39,12 @@ WORK = {
     "procedural mix": ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1"),
 }
 
-#: Piles to time, by name: number of objects of `HEAPED` in each of two scenes.
-HEAPS = {"piles of 5": 5, "piles of 15": 15}
+#: Scenes of several objects to time, by name: layout, and number of objects of `HEAPED`; `SCENES` of each.
+HEAPS: dict[str, tuple[Layout, int]] = {
+    "5 packed": ("packed", 5),
+    "piles of 5": ("pile", 5),
+    "piles of 15": ("pile", 15),
+}
 HEAPED, SCENES = "procedural:seen:0-19", 2
 
 #: MuJoCo's settings. The fast ones use the core's time step, without the iterations that stop held objects creeping.
@@ -150,23 +154,23 @@ def _single(mesh: graspbox.Mesh, hand: graspbox.Hand, poses: int, seed: int) -> 
     return _Case(ours, rapier, theirs, plan)
 
 
-def _heaps(count: int, hand: graspbox.Hand, poses: int, seed: int) -> Iterator[_Case]:
-    """Prepare piles, each of whose objects is the target once."""
+def _heaps(layout: Layout, count: int, hand: graspbox.Hand, poses: int, seed: int) -> Iterator[_Case]:
+    """Prepare scenes of several objects, each of which is the target once."""
     objects, described = object_sets.load(HEAPED), describe(hand)
     for number in range(seed, seed + SCENES):
-        meshes = [spec.load() for spec in draw_objects(objects, count, "pile", number)]
-        pile = graspbox.arrange(meshes, "pile", seed=number, hand=hand)
-        items = items_of(pile, hand)
-        for target, mesh in enumerate(pile.meshes):
-            pose, others = pile.world_from_objects[target], pile.without(target)
+        meshes = [spec.load() for spec in draw_objects(objects, count, layout, number)]
+        heap = graspbox.arrange(meshes, layout, seed=number, hand=hand)
+        items = items_of(heap, hand)
+        for target, mesh in enumerate(heap.meshes):
+            pose, others = heap.world_from_objects[target], heap.without(target)
             plan = graspbox.plan(mesh, hand=hand, world_from_object=pose, seed=seed, neighbours=others).best(poses)
             if not len(plan):
                 continue
             first = [items[target], *items[:target], *items[target + 1 :]]
             theirs = {name: build_heap(described, first, (), numerics) for name, numerics in MUJOCO.items()}
-            ours = graspbox.Scene.of(pile, target=target, hand=hand)
+            ours = graspbox.Scene.of(heap, target=target, hand=hand)
             try:
-                rapier = graspbox.Scene.of(pile, target=target, hand=hand, physics=_RAPIER)
+                rapier = graspbox.Scene.of(heap, target=target, hand=hand, physics=_RAPIER)
             except SimulationError:
                 rapier = None
             yield _Case(ours, rapier, theirs, plan)
@@ -180,7 +184,7 @@ def measure(work: str, poses: int, seed: int, hand: HandLike = "reflex") -> list
     rows = {name: SpeedRow(work, name) for name in ENGINES}
     loaded = load_hand(hand)
     if work in HEAPS:
-        cases = _heaps(HEAPS[work], loaded, poses, seed)
+        cases = _heaps(*HEAPS[work], loaded, poses, seed)
     else:
         found = (item for name in WORK[work] for item in object_sets.load(name))
         cases = (_single(item.load(), loaded, poses, seed) for item in found)

@@ -37,8 +37,8 @@ pub(crate) struct Islands {
 }
 
 impl Islands {
-    /// Finds the islands that the patches connect: the hand's first, then by their first object.
-    pub fn find(&mut self, model: &Model, patches: &[Patch]) {
+    /// Finds the islands that the patches connect: the hand's first, then by their first object. Sleepers are in none.
+    pub fn find(&mut self, model: &Model, patches: &[Patch], asleep: &[bool]) {
         let objects = model.object_count();
         let hand = objects;
         self.earlier.clear();
@@ -64,7 +64,7 @@ impl Islands {
         let of_hand = self.root(hand);
         self.collect(model, of_hand, true);
         for object in 0..objects {
-            if self.root(object) == object && object != of_hand {
+            if self.root(object) == object && object != of_hand && !asleep[object] {
                 self.collect(model, object, false);
             }
         }

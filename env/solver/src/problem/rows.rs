@@ -21,6 +21,7 @@ use crate::model::{BodyKind, Model, Pair};
 use crate::problem::{Patch, Point, Problem};
 use crate::scenery::Surface;
 use crate::search::{Candidate, Opposite, PairCache, Situation};
+use crate::solver::sleep::rests;
 
 /// Poses and motion at the beginning of the step.
 pub(crate) struct Scene<'a> {
@@ -57,7 +58,7 @@ pub(crate) fn collect(
     model: &Model,
     scene: &Scene,
     kinematics: &Kinematics,
-    pairs: &[PairCache],
+    (pairs, asleep): (&[PairCache], &[bool]),
     problem: &mut Problem,
     sources: &mut Vec<PointSource>,
 ) {
@@ -66,7 +67,7 @@ pub(crate) fn collect(
     sources.clear();
     for (index, (pair, cache)) in model.pairs.iter().zip(pairs).enumerate() {
         let first = problem.points.len();
-        if cache.candidates.is_empty() {
+        if cache.candidates.is_empty() || rests(asleep, pair) {
             continue;
         }
         let sides = pair.sides;
@@ -88,6 +89,22 @@ pub(crate) fn collect(
             problem.patches.push(Patch { sides, first, last, prescribed: of_b - of_a });
         }
     }
+}
+
+/// A sleeper that a body which is awake may touch in this step.
+pub(crate) fn touched_sleeper(model: &Model, scene: &Scene, pairs: &[PairCache], asleep: &[bool]) -> Option<usize> {
+    let sleeper = |side: &BodyKind| match side {
+        BodyKind::Object(object) if asleep[*object] => Some(*object),
+        _ => None,
+    };
+    model.pairs.iter().zip(pairs).find_map(|(pair, cache)| {
+        let object = pair.sides.iter().find_map(sleeper)?;
+        if cache.candidates.is_empty() || rests(asleep, pair) {
+            return None;
+        }
+        let relative = Relative::new(scene, pair);
+        cache.candidates.iter().any(|candidate| relative.distance(candidate) <= cache.reach).then_some(object)
+    })
 }
 
 /// The part of a body's twist that is prescribed: the motion of the scenery, and that of driven coordinates.

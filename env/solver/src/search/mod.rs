@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{FARTHEST, StateError, is_place, is_pose, is_unit, is_within};
 use crate::model::{BodyIndex, BodyKind, Model, Pair};
 use crate::scenery::{Plane, Surface};
+use crate::solver::sleep::rests;
 
 /// Extra range of a search between bodies, metres: one that finds nothing is repeated only after this much motion.
 const SLACK: f64 = 0.002;
@@ -154,9 +155,9 @@ impl Searcher {
         self.directions = saved.directions.into_iter().map(|[x, y, z]| Vector::new(x, y, z)).collect();
     }
 
-    /// Updates the candidates of every pair.
-    pub fn search(&mut self, model: &Model, now: &Situation) {
-        for (index, pair) in model.pairs.iter().enumerate() {
+    /// Updates the candidates of every pair, but of those that sleep.
+    pub fn search(&mut self, model: &Model, now: &Situation, asleep: &[bool]) {
+        for (index, pair) in model.pairs.iter().enumerate().filter(|(_, pair)| !rests(asleep, pair)) {
             match pair.sides[1] {
                 BodyKind::Scenery => self.search_scenery(model, now, index),
                 BodyKind::Object(_) | BodyKind::Hand(_) => self.search_bodies(model, now, index),

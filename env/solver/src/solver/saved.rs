@@ -27,6 +27,7 @@ pub struct SavedState {
     search: SavedSearch,
     newton: Vec<FactoredDerivative>,
     contacts: Vec<Contact>,
+    rested: Vec<Contact>,
 }
 
 impl Solver {
@@ -35,7 +36,8 @@ impl Solver {
     pub fn save(&self) -> SavedState {
         let mut contacts = Vec::new();
         self.contacts(|_, _| true, |contact| contacts.push(*contact));
-        SavedState { state: self.state.clone(), search: self.searcher.save(), newton: self.newton.save(), contacts }
+        let (search, newton) = (self.searcher.save(), self.newton.save());
+        SavedState { state: self.state.clone(), search, newton, contacts, rested: self.rested.clone() }
     }
 
     /// Takes a saved state.
@@ -55,13 +57,13 @@ impl Solver {
         }
         new.check()?;
         saved.search.check(&self.model)?;
-        if !saved.contacts.iter().all(|contact| contact_is_possible(contact, &self.model)) {
+        if !saved.contacts.iter().chain(&saved.rested).all(|contact| contact_is_possible(contact, &self.model)) {
             return Err(StateError::Impossible { what: "contacts" });
         }
         self.newton.load(&self.model, saved.newton)?;
         self.searcher.load(saved.search);
         self.state = saved.state;
-        self.loaded = saved.contacts;
+        (self.loaded, self.rested) = (saved.contacts, saved.rested);
         self.sources.clear();
         Ok(())
     }
@@ -87,6 +89,8 @@ impl ObjectState {
             ("object's velocity", is_within(self.linear.iter().chain(&self.angular), FASTEST)),
             ("friction factor", factor(self.friction_factor)),
             ("mass factor", factor(self.mass_factor)),
+            ("sleep", is_within([&self.slow_for], FASTEST)),
+            ("sleep", self.asleep.as_ref().is_none_or(|sleep| is_pose(&sleep.world_from_object))),
         ])
     }
 }

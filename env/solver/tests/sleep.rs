@@ -1,0 +1,144 @@
+//! Truths about sleep: what rests stays where it is, keeps its contacts, and wakes when it must.
+
+#![allow(clippy::unwrap_used)]
+
+#[allow(dead_code, reason = "shared with `many_objects`")]
+mod common;
+
+use common::{DT, GRAVITY, Scene, at, ball, cuboid};
+use graspbox_solver::{FrameMotion, StepInput};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+const HALF: f64 = 0.025;
+
+/// Two stacks of two boxes, and a ball that is thrown at the second after it has fallen asleep.
+fn stacks() -> Scene {
+    let cube = || cuboid([HALF; 3], 0.2, 0.8);
+    let mut objects: Vec<_> =
+        [-0.2, 0.2].into_iter().flat_map(|x| [(cube(), at(x, 0.0, HALF)), (cube(), at(x, 0.0, 3.0 * HALF))]).collect();
+    objects.push((ball(0.02, 0.3, 0.5), at(0.0, 0.4, 0.02)));
+    Scene::new(objects)
+}
+
+fn asleep(scene: &Scene) -> Vec<bool> {
+    scene.solver.state().objects.iter().map(|object| object.asleep.is_some()).collect()
+}
+
+fn contacts(scene: &Scene) -> Vec<(usize, usize, f64)> {
+    let mut found = Vec::new();
+    scene
+        .solver
+        .contacts(|_, _| true, |contact| found.push((contact.sides[0].body, contact.sides[1].body, contact.force)));
+    found.sort_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
+    found
+}
+
+/// Steps while the base moves and turns, and returns the greatest way of an object in the world.
+fn run_with_moving_base(scene: &mut Scene, steps: usize) -> f64 {
+    let before = scene.centers();
+    for step in 0..steps {
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.1, 0.2, 0.3) * (step as f64 + 1.0) * DT);
+        let next = Isometry3::from_parts(Translation3::new(0.0, 0.05 * (step as f64 + 1.0) * DT, 1.0), turn);
+        let omega = turn.inverse() * Vector3::new(0.1, 0.2, 0.3);
+        let gravity = next.rotation.inverse() * Vector3::new(0.0, 0.0, -GRAVITY);
+        scene.solver.step(&StepInput {
+            dt: DT,
+            base_from_world: scene.world_from_base.inverse(),
+            base_from_world_after: next.inverse(),
+            frame: FrameMotion { gravity, omega, alpha: Vector3::zeros() },
+            forces: &[],
+            driven: &[],
+            cables: &[],
+        });
+        scene.world_from_base = next;
+    }
+    let moved = scene.centers().iter().zip(&before).map(|(now, before)| (now - before).norm()).fold(0.0, f64::max);
+    moved
+}
+
+/// A bug here: sleepers that creep, or that stay where they are in the hand's frame.
+#[test]
+fn sleepers_keep_their_place_in_the_world() {
+    let mut scene = stacks();
+    scene.run(1.0);
+    assert_eq!(asleep(&scene), [true; 5]);
+    let moved = run_with_moving_base(&mut scene, 200);
+    assert!(moved < 1e-12, "a sleeper moved by {moved} m");
+    assert_eq!(asleep(&scene), [true; 5]);
+}
+
+/// A bug here: objects that hang in the air for whoever asks what carries them.
+#[test]
+fn sleepers_keep_their_contacts() {
+    let mut scene = stacks();
+    scene.run(0.15);
+    let before = contacts(&scene);
+    scene.run(1.0);
+    assert_eq!(asleep(&scene), [true; 5]);
+    let after = contacts(&scene);
+    assert_eq!(before.len(), after.len());
+    let weight: f64 =
+        after.iter().filter(|(_, other, _)| *other == scene.solver.model().scenery_body()).map(|c| c.2).sum();
+    assert!((weight - 1.1 * GRAVITY).abs() < 0.01 * GRAVITY, "the table carries {weight} N");
+    for (one, other) in before.iter().zip(&after) {
+        assert_eq!((one.0, one.1), (other.0, other.1));
+    }
+}
+
+/// The ball wakes the stack that it hits; the other one sleeps on.
+#[test]
+fn what_is_touched_wakes() {
+    let mut scene = stacks();
+    scene.run(1.0);
+    // It rolls towards the second stack. Setting its state wakes all, which then fall asleep again before it arrives.
+    let state = &mut scene.solver.state_mut().objects[4];
+    (state.linear, state.angular) = (Vector3::new(0.3, -0.6, 0.0), Vector3::new(30.0, 15.0, 0.0));
+    scene.run(0.35);
+    assert_eq!(asleep(&scene), [true, true, true, true, false]);
+    let before = scene.center(2);
+    scene.run(0.4);
+    assert!((scene.center(2) - before).norm() > 1e-3, "the stack was not pushed");
+    assert_eq!(asleep(&scene)[..2], [true, true]);
+    scene.run(3.0);
+    assert_eq!(asleep(&scene)[..4], [true; 4]);
+}
+
+/// With a force on the lower box, both boxes of its stack wake, and the other stack sleeps on.
+#[test]
+fn a_force_wakes_what_fell_asleep_together() {
+    let mut scene = stacks();
+    scene.run(1.0);
+    let base_from_world = scene.world_from_base.inverse();
+    let frame = FrameMotion { gravity: scene.gravity, omega: Vector3::zeros(), alpha: Vector3::zeros() };
+    scene.solver.step(&StepInput {
+        dt: DT,
+        base_from_world,
+        base_from_world_after: base_from_world,
+        frame,
+        forces: &[Vector3::zeros(), Vector3::zeros(), Vector3::new(5.0, 0.0, 0.0)],
+        driven: &[],
+        cables: &[],
+    });
+    assert_eq!(asleep(&scene), [true, true, false, false, true]);
+}
+
+/// A bug here: a state that forgets who sleeps, or what touches whom.
+#[test]
+fn snapshots_of_sleepers_continue_with_the_same_bits() {
+    let mut scene = stacks();
+    scene.run(1.0);
+    let mut other = stacks();
+    other.solver.load(scene.solver.save()).unwrap();
+    assert_eq!(contacts(&scene), contacts(&other));
+    for each in [&mut scene, &mut other] {
+        each.run(0.01);
+    }
+    assert_eq!(asleep(&other), [true; 5]);
+    assert_eq!(contacts(&scene), contacts(&other));
+    for each in [&mut scene, &mut other] {
+        each.solver.state_mut().objects[4].linear = Vector3::new(0.3, -0.6, 0.0);
+        each.run(0.7);
+    }
+    assert_eq!(scene.centers(), other.centers());
+    assert_eq!(asleep(&scene), asleep(&other));
+}
