@@ -331,8 +331,10 @@ class _DepthTraining:
         finder: FinderConfig,
         count: int,
         weights: tuple[float, ...] = SECURE_WEIGHTS,
+        *,
+        limited: bool = True,
     ) -> Choices:
-        """Try choices on a set of objects."""
+        """Try choices on a set of objects, until the stage's time is over if they are `limited`."""
         sampler = self.sampler(objects, split, self.seed + 9000)
         folder = stage.folder / "-".join((objects,) if isinstance(objects, str) else objects).replace(":", "-")
         return try_choices(
@@ -346,7 +348,7 @@ class _DepthTraining:
             head=parts.head,
             weights=weights,
             progress=stage.counter(count, f"choices ({objects})"),
-            stop=stage.late,
+            stop=stage.late if limited else lambda: False,
         )
 
     def completion_of_export(self) -> CompletionNet | Path:
@@ -425,7 +427,7 @@ class _DepthTraining:
                 policy, objects=objects, split=split, trials=count, progress=progress, hand=hand
             )
             weights = (config.calibration.secure_weight,)
-            tried = self.choices(stage, objects, split, parts, config.finder, count, weights)
+            tried = self.choices(stage, objects, split, parts, config.finder, count, weights, limited=False)
             results[objects] = {
                 **{k: v for k, v in result.to_json().items() if k != "objects"},
                 "ece": round(calibration_error(tried.judged[:, 0, 0], tried.success[:, 0]), 4),

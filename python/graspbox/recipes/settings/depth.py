@@ -28,6 +28,7 @@ class Hours:
     calibrate: float = 0.2
     """For all calibrations together."""
     evaluate: float = 0.7
+    """An estimate: the evaluation runs all its trials."""
 
 
 @dataclass(frozen=True)
