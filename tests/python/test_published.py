@@ -23,6 +23,7 @@ LEAST = {
     "panda_clutter": (17, "graspbox/GraspPose-v0", "panda_clutter"),
     "reflex_clutter": (19, "graspbox/GraspPose-v0", "reflex_clutter"),
     "robotiq": (17, "graspbox/GraspPose-v0", "robotiq"),
+    "soft_hand": (10, "graspbox/GraspPose-v0", "soft_hand"),
     "study": (5, "graspbox/GraspPose-v0", "study"),
     "tuned": (17, "graspbox/Grasp-v0", "tuned"),
 }

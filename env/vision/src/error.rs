@@ -14,7 +14,7 @@ pub enum VisionError {
     },
     /// An image is unknown.
     #[error(
-        "there is no image {name:?}; give rgb, depth, rgbd, segmentation, points or voxels, alone or with one of the cameras \
+        "there is no image {name:?}; give rgb, depth, rgbd, segmentation, amodal, points or voxels, alone or with one of the cameras \
          ({cameras}) as in depth_palm"
     )]
     UnknownImage {

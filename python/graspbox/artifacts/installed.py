@@ -28,7 +28,7 @@ GROUP = "graspbox.policies"
 PACKAGE = "graspbox-policies"
 PUBLISHED = (
     "clone", "depth", "feel", "head", "inspire", "panda", "panda_clutter",
-    "reflex_clutter", "robotiq", "study", "tuned",
+    "reflex_clutter", "robotiq", "soft_hand", "study", "tuned",
 )  # fmt: skip
 _BARE = re.compile(r"[A-Za-z0-9][\w.-]*")
 _DOTTED = re.compile(r"\w+(\.\w+)*")

@@ -18,6 +18,26 @@ from graspbox.policies.grasp_image import ImageGrasps, grasp_image
 PolicyOption = Annotated[
     str, typer.Option("--policy", help="An installed policy such as depth, the folder of one, or hf://owner/name.")
 ]
+CameraPoseOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--camera-pose",
+        help="File of table_from_camera, 4x4 (.npy, .json or text); z up, the table at z = 0, metres. "
+        "Without it and --camera-height the table is found in the image.",
+    ),
+]
+RegionOption = Annotated[
+    tuple[int, int, int, int] | None,
+    typer.Option("--region", metavar="LEFT TOP RIGHT BOTTOM", help="Pixels within which the object is looked for."),
+]
+MaskOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--mask",
+        help="Pixels of one of several objects, .npy or .png, not 0 where it is: grasps are of this one, and keep "
+        "off the others.",
+    ),
+]
 HandErrorOption = Annotated[
     tuple[float, float] | None,
     typer.Option(
@@ -97,32 +117,15 @@ def grasp_image_command(
         float | None,
         typer.Option("--depth-scale", help="Metres per unit of the file; by default 1 for floats, 0.001 for integers."),
     ] = None,
-    camera_pose: Annotated[
-        Path | None,
-        typer.Option(
-            "--camera-pose",
-            help="File of table_from_camera, 4x4 (.npy, .json or text); z up, the table at z = 0, metres. "
-            "Without it and --camera-height the table is found in the image.",
-        ),
-    ] = None,
+    camera_pose: CameraPoseOption = None,
     camera_height: Annotated[
         float | None, typer.Option("--camera-height", help="Height of the camera over the table, metres.")
     ] = None,
     tilt: Annotated[
         float | None, typer.Option("--tilt", help="Degrees by which it is tilted down: 0 horizontal, 90 straight down.")
     ] = None,
-    region: Annotated[
-        tuple[int, int, int, int] | None,
-        typer.Option("--region", metavar="LEFT TOP RIGHT BOTTOM", help="Pixels within which the object is looked for."),
-    ] = None,
-    mask: Annotated[
-        Path | None,
-        typer.Option(
-            "--mask",
-            help="Pixels of one of several objects, .npy or .png, not 0 where it is: grasps are of this one, and keep "
-            "off the others.",
-        ),
-    ] = None,
+    region: RegionOption = None,
+    mask: MaskOption = None,
     hand_error: HandErrorOption = None,
     count: Annotated[int, typer.Option("--count", min=1, max=100, help="Most grasps.")] = 5,
     hand: Annotated[
@@ -148,16 +151,7 @@ def grasp_image_command(
     chosen = None if hand is None else find_hand(hand)
     pixels = None if mask is None else read_mask(mask)
     found = grasp_image(
-        depth,
-        lens,
-        pose,
-        policy,
-        hand=chosen,
-        count=count,
-        region=region,
-        mask=pixels,
-        hand_error=error,
-        seed=seed,
+        depth, lens, pose, policy, hand=chosen, count=count, region=region, mask=pixels, hand_error=error, seed=seed
     )
     if pose is None:
         _print_table(found.table_from_camera)

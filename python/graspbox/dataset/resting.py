@@ -57,13 +57,15 @@ class RestingScene:
         return [{"world_from_wall": pose.reshape(16).tolist(), "half_extents": half.tolist()} for pose, half in walls]
 
 
-def settle_alone(mesh: Mesh, hand: Hand, config: DatasetConfig, share: float, rng: np.random.Generator) -> RestingScene:
+def settle_alone(
+    name: str, mesh: Mesh, hand: Hand, config: DatasetConfig, share: float, rng: np.random.Generator
+) -> RestingScene:
     """Place an object in a resting pose; if it does not come to rest, in the next one.
 
     Parameters
     ----------
-    mesh, hand, config
-        The object, the hand and the settings.
+    name, mesh, hand, config
+        The object's name, its mesh, the hand and the settings.
     share : float
         Chooses the pose: 0 to 1, over the cumulative probabilities of the poses.
     rng : Generator
@@ -74,7 +76,7 @@ def settle_alone(mesh: Mesh, hand: Hand, config: DatasetConfig, share: float, rn
     SimulationError
         If it does not come to rest in any pose.
     """
-    with errors_of(mesh.name):
+    with errors_of(name):
         poses, probabilities = mesh.resting_poses()
     kept = max(1, min(_MOST_RESTS, int((probabilities >= _LEAST_PROBABILITY).sum())))
     weights = np.cumsum(probabilities[:kept]) / probabilities[:kept].sum()

@@ -140,7 +140,8 @@ class _Labeller:
             return settle_among([spec, *self.task.others], load, self.hand, config, self.rng)
         # One offset per object spreads its scenes evenly over the probabilities.
         offset = _entropy(config.seed, spec.name, "rests") / 2**64
-        return settle_alone(self.mesh, self.hand, config, (self.task.rest + offset) / config.rests, self.rng)
+        share = (self.task.rest + offset) / config.rests
+        return settle_alone(spec.name, self.mesh, self.hand, config, share, self.rng)
 
     def _in_object(self, world_from_hand: Floats) -> Floats:
         return np.ascontiguousarray(self.object_from_world @ world_from_hand)
