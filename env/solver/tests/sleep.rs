@@ -52,8 +52,7 @@ fn run_with_moving_base(scene: &mut Scene, steps: usize) -> f64 {
         });
         scene.world_from_base = next;
     }
-    let moved = scene.centers().iter().zip(&before).map(|(now, before)| (now - before).norm()).fold(0.0, f64::max);
-    moved
+    scene.centers().iter().zip(&before).map(|(now, before)| (now - before).norm()).fold(0.0, f64::max)
 }
 
 /// A bug here: sleepers that creep, or that stay where they are in the hand's frame.

@@ -63,8 +63,8 @@ impl Islands {
         self.patches.clear();
         let of_hand = self.root(hand);
         self.collect(model, of_hand, true);
-        for object in 0..objects {
-            if self.root(object) == object && object != of_hand && !asleep[object] {
+        for (object, asleep) in asleep.iter().enumerate() {
+            if self.root(object) == object && object != of_hand && !asleep {
                 self.collect(model, object, false);
             }
         }
