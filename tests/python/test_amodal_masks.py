@@ -64,7 +64,7 @@ def test_taken_objects_have_no_mask() -> None:
 
 def test_a_single_object_has_one_mask() -> None:
     """The hand does not hide it."""
-    env = gymnasium.make(
+    env: Any = gymnasium.make(
         "graspbox/Grasp-v0", objects=OBJECTS, obs=("amodal_palm", "segmentation_palm"), cameras=CAMERAS
     )
     assert env.observation_space["amodal_palm"].shape == (36, 40, 1)

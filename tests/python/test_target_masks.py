@@ -71,7 +71,8 @@ def test_pixels_fill_the_voxels_that_they_see() -> None:
     assert np.abs(points[:, :2]).max() < 0.45 * 4 / 230 + config.voxel_size
     millimetres = DepthView(np.full((128, 128), 450, dtype=np.uint16), LENS, down)
     assert (millimetres.voxels(mask, np.eye(4), config) == found).all()
-    for wrong in (mask[1:], mask.astype(np.uint8)):
+    wrongs: tuple[Any, ...] = (mask[1:], mask.astype(np.uint8))
+    for wrong in wrongs:
         with pytest.raises(ConfigError, match=r"give bool \(128, 128\)"):
             view.voxels(wrong, np.eye(4), config)
 
@@ -79,7 +80,7 @@ def test_pixels_fill_the_voxels_that_they_see() -> None:
 def test_a_policy_grasps_the_target() -> None:
     """The grasps of a policy for any object are near the target; without its pixels most are elsewhere."""
     env = environments(8)
-    policy = load(str(POLICY))
+    policy: Any = load(str(POLICY))
     policy.bind(Task.of(env))
     assert policy.needed_obs(target=True) == ("depth", "proprio", "segmentation")
     seen, info = env.reset(seed=3)
@@ -156,7 +157,7 @@ def test_a_mask_chooses_the_object_of_an_image(image: Any, tmp_path: Path) -> No
     with pytest.raises(ConfigError, match="the mask shows nothing"):
         grasp_image(depth, lens, pose, POLICY, mask=np.zeros(depth.shape, dtype=np.bool_))
     with pytest.raises(ConfigError, match="mask is uint8"):
-        grasp_image(depth, lens, pose, POLICY, mask=(labels == 2).astype(np.uint8))  # type: ignore[arg-type]
+        grasp_image(depth, lens, pose, POLICY, mask=(labels == 2).astype(np.uint8))
 
 
 def test_the_command_reads_masks(image: Any, tmp_path: Path) -> None:
