@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox.dataset import tables
+from graspbox.dataset.schema import TRIALS
 from graspbox.errors import ConfigError
 from graspbox.models.cluttered import text_of
 from graspbox.outcomes import Outcomes
@@ -113,13 +114,14 @@ class GraspTrials(ArrayTable):
         columns : mapping
             Those of `graspbox.dataset.TRIALS` with the names ``source``, ``scale``, ``size_factor``,
             ``world_from_object``, ``neighbours``, ``walls``, ``executed_world_from_hand``, ``preshape``, ``success``,
-            ``secure`` and ``failure``; others are ignored.
+            ``secure`` and ``failure``; others are ignored. Without those of scenes there is a single object.
 
         Raises
         ------
         ConfigError
             If a column is missing.
         """
+        columns = {**_alone(columns), **columns}
         if missing := [name for name in _COLUMNS if name not in columns]:
             raise ConfigError(f"the columns lack {', '.join(missing)}; read them from a data set of trials")
         source = np.array(_sources(columns), dtype=np.str_)
@@ -204,6 +206,13 @@ class GraspTrials(ArrayTable):
         names = ("world_from_hand", "preshape", "success", "secure", "slip")
         per_trial = {name: getattr(self, name)[rows] for name in names}
         return GraspTrials(scene_of=number[self.scene_of[rows]], **per_scene, **per_trial)
+
+
+def _alone(columns: Mapping[str, Sequence[Any] | ArrayLike]) -> dict[str, list[Any]]:
+    """Give the columns of scenes of several objects for rows of a single one, as in data sets of version 1."""
+    added = {column.name: column.of_version_1 for column in TRIALS if column.of_version_1 is not None}
+    count = len(np.asarray(columns.get("preshape", ())))
+    return {name: [value] * count for name, value in {"scale": 1.0, **added}.items()}
 
 
 def _sources(columns: Mapping[str, Sequence[Any] | ArrayLike]) -> list[str]:

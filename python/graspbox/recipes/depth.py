@@ -448,7 +448,6 @@ class _DepthTraining:
                     rounds=self.sizes.cleared,
                     hand=self.settings.named_hand,
                     progress=progress,
-                    stop=stage.late,
                 )
                 results[f"{layout} {objects}"] = found.to_json()
         return results
