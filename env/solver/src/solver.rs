@@ -424,10 +424,9 @@ impl Solver {
             }
         }
         // Those of a loaded state include them.
-        for contact in self.contacts_of_sleepers().filter(|_| self.loaded.is_empty()) {
-            if wanted(contact.sides[0].body, contact.sides[1].body) {
-                visit(&contact);
-            }
+        let rested = if self.loaded.is_empty() { self.rested.as_slice() } else { &[] };
+        for contact in rested.iter().filter(|c| wanted(c.sides[0].body, c.sides[1].body)) {
+            visit(&self.of_sleeper(contact));
         }
     }
 

@@ -139,10 +139,9 @@ impl Solver {
         }
     }
 
-    /// The contacts of sleepers, frame of the base.
-    pub(super) fn contacts_of_sleepers(&self) -> impl Iterator<Item = Contact> {
-        let base_from_world = self.poses.last().copied().unwrap_or_default();
-        self.rested.iter().map(move |contact| moved(contact, &base_from_world))
+    /// A contact of a sleeper in the frame of the base.
+    pub(super) fn of_sleeper(&self, contact: &Contact) -> Contact {
+        moved(contact, &self.poses.last().copied().unwrap_or_default())
     }
 }
 
