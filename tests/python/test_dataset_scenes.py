@@ -16,7 +16,6 @@ from graspbox.dataset.manifest import FILE
 from graspbox.dataset.schema import TRIALS
 from graspbox.errors import ConfigError
 from graspbox.models.cluttered import is_scene, read_scene
-from graspbox.models.head.batches import HeadSampler
 from graspbox.models.scenes import SceneConfig
 from graspbox.models.trials import GraspTrials
 from graspbox.perception import HandGrid, HandGridConfig
@@ -118,6 +117,14 @@ def test_trainings_read_all_objects(piles: Path) -> None:
         assert len(placed.meshes) == 1 + len(table["neighbours"][int(first)])
         expected = np.array(table["world_from_object"][int(first)].as_py()).reshape(4, 4)
         np.testing.assert_allclose(placed.world_from_objects[0], expected, atol=1e-6)
+
+
+@pytest.mark.train
+def test_heads_refuse_scenes_of_several_objects(piles: Path) -> None:
+    pytest.importorskip("torch")
+    from graspbox.models.head.batches import HeadSampler
+
+    trials = GraspTrials.from_dataset(piles, "train")
     grid = HandGrid(graspbox.load_hand(HAND), HandGridConfig())
     sampler = HeadSampler(trials, grid, Anchors(len(grid.hand.preshapes)), SceneConfig(), 0, 1)
     with pytest.raises(ConfigError, match="scenes of one object"):
