@@ -109,6 +109,18 @@ pub(crate) enum Bounds {
     Frozen,
 }
 
+/// Slope of friction in the derivative of the residual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Slope {
+    /// Its derivative, with bounds that follow.
+    Follow,
+    /// Its derivative, with frozen bounds.
+    Frozen,
+    /// That of the straight line from no slip to the present friction, with frozen bounds. It is steeper than the derivative, so that a step does
+    /// not go far beyond the point where sliding ends.
+    Secant,
+}
+
 /// The hand during one step.
 #[derive(Clone, Default)]
 pub(crate) struct HandTerms {
@@ -231,6 +243,20 @@ impl Problem {
         size
     }
 
+    /// Largest change of an object's speed that the residual would cause if the objects were free, m/s; angular velocities count by their levers.
+    pub fn residual_speed(&self) -> f64 {
+        let mut most = 0.0_f64;
+        for &object in &self.members {
+            let (own, start) = (&self.objects[object], self.start[object]);
+            for i in 0..3 {
+                let (linear, angular) = (self.residual[start + i], self.residual[start + 3 + i]);
+                let turn = angular / own.inertia[(i, i)] * self.levers[start + 3 + i];
+                most = most.max((linear / own.mass).abs()).max(turn.abs());
+            }
+        }
+        most
+    }
+
     /// The residual without contacts.
     fn smooth_residual(&mut self, model: &Model) {
         if self.free > 0 {
@@ -339,7 +365,7 @@ impl Problem {
     }
 
     /// Computes the derivative of the residual at the velocities of the last evaluation.
-    pub fn differentiate(&mut self, model: &Model, kinematics: &Kinematics, bounds: Bounds) {
+    pub fn differentiate(&mut self, model: &Model, kinematics: &Kinematics, slope: Slope) {
         self.smooth_derivative(model);
         for index in 0..self.touching.len() {
             let patch = self.touching[index];
@@ -347,7 +373,7 @@ impl Problem {
             let mut sum = Stiffness::default();
             let mut any = false;
             for point in points.iter().filter(|p| p.impulse > 0.0 || p.bound > 0.0) {
-                sum.add(point, self.stick_speed, bounds);
+                sum.add(point, self.stick_speed, slope);
                 any = true;
             }
             if any {
@@ -518,24 +544,24 @@ impl Stiffness {
     ///
     /// ```text
     /// A = s n n^T + h (1 - n n^T)
-    ///   - h t t^T                                        if the point slides: |u_t| > stick speed
+    ///   - h t t^T                                        if the point slides: |u_t| > stick speed; not for the secant
     ///   - (mu s / max(|u_t|, stick speed)) u_t n^T       if the bounds follow
     /// ```
     #[inline]
-    fn add(&mut self, point: &Point, stick: f64, bounds: Bounds) {
+    fn add(&mut self, point: &Point, stick: f64, slope: Slope) {
         let n = &point.normal;
         let speed = point.slip_speed.max(stick);
         let grip = point.bound / speed;
         let pressed = if point.impulse > 0.0 { point.stiffness } else { 0.0 };
         let mut by_normal = n * (pressed - grip);
-        if bounds == Bounds::Follow {
+        if slope == Slope::Follow {
             by_normal -= point.slip * (point.friction * pressed / speed);
         }
         let mut a = by_normal * n.transpose();
         for i in 0..3 {
             a[(i, i)] += grip;
         }
-        if point.slip_speed > stick {
+        if point.slip_speed > stick && slope != Slope::Secant {
             let along = point.slip / point.slip_speed;
             a -= (along * grip) * along.transpose();
         }

@@ -7,6 +7,10 @@
 //! 4. Where that stalls: solve the convex problem several times, each time with friction bounds from the last solution, and run 3 from each of
 //!    these solutions. Among many objects some contact opens, closes, sticks or slides in nearly every step, and 3 seldom descends before.
 //! 5. Where that stalls too: keep the last solution of the convex problem, and report that the step did not converge.
+//!
+//! For many objects without the hand, two convex problems are enough, or one if its solution changes the bounds little. The first has the bounds
+//! of the velocities at the start, like Drake's lagged model (Castro et al., "A theory of irrotational contact fields", 2023); alone it lets an arch
+//! slip by a millimetre while its thrust builds up.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +19,7 @@ use crate::kinematics::{Kinematics, Twist};
 use crate::model::Model;
 use crate::problem::matrix::Factors;
 use crate::problem::ordering::only;
-use crate::problem::{Bounds, Problem};
+use crate::problem::{Bounds, Problem, Slope};
 
 /// A Newton step is accepted if it reduces the residual's size (its squared norm) by this share, dimensionless: 2 % of the norm. A smooth
 /// residual falls by far more; less means that the step crossed a kink.
@@ -30,12 +34,18 @@ const MAX_CONVEX_STEPS: usize = 12;
 const FEW_UNKNOWNS: usize = 24;
 /// Most solutions of the convex problem in a step; it bounds the cost of a step that does not converge.
 const ROUNDS: usize = 6;
+/// Such solutions that are enough for objects without the hand.
+const ROUNDS_WITHOUT_HAND: usize = 2;
+/// One is enough for them if the residual would then change no speed by more than this, m/s: 2 micrometres in a step.
+const NEAR: f64 = 1e-3;
 /// Convex steps of Newton's method from each of these solutions.
 const CONVEX_STEPS_OF_ROUND: usize = 2;
 /// The bounds swing if the residual's size is more than this share of that of the last round, dimensionless.
 const SWINGING: f64 = 0.25;
 /// The convex problem is solved once its step changes no velocity by more than this many tolerances: the next bounds change more.
 const ROUND_TOLERANCE: f64 = 50.0;
+/// A step of the convex problem is blocked by a kink if the line search ends before this share of it, dimensionless.
+const BLOCKED: f64 = 0.3;
 /// A line search ends where the slope has fallen to this share of the first slope, dimensionless: Newton's next step corrects the rest.
 const SLOPE_REDUCTION: f64 = 0.1;
 /// Most evaluations of a line search: bisection alone would shrink the bracket to 1e-6 of the step.
@@ -153,25 +163,32 @@ impl Newton {
         let begun = self.start(model, kinematics, problem, scenery);
         self.first_guess.copy_from_slice(&problem.v);
         let (first, done) = self.reuse_factors(model, kinematics, problem, begun);
-        let few = problem.unknowns() <= FEW_UNKNOWNS || !problem.has_several_objects();
-        done || (few && self.newton(model, kinematics, problem, first, MAX_CONVEX_STEPS))
-            || self.solve_in_rounds(model, kinematics, problem, begun)
+        let many = problem.unknowns() > FEW_UNKNOWNS && problem.has_several_objects();
+        if done || (!many && self.newton(model, kinematics, problem, first, MAX_CONVEX_STEPS)) {
+            return true;
+        }
+        self.solve_in_rounds(model, kinematics, problem, begun)
     }
 
     /// Solves the convex problem several times, each time with friction bounds from the last solution, and tries to end each time with Newton's
-    /// method. Returns false if that does not converge. The velocities are then those of the last solution, or those of the first guess, where
+    /// method; objects without the hand need no such end. Returns false if that does not converge. The velocities are then those of the last solution, or those of the first guess, where
     /// the residual has the size `begun`, if it is smaller there.
     ///
     /// Where the bounds swing from one solution to the next, the residual falls slowly or not at all; then they move halfway.
     fn solve_in_rounds(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, begun: f64) -> bool {
         let (mut bounds, mut last) = (Bounds::Follow, f64::INFINITY);
-        for _ in 0..ROUNDS {
+        let without_hand = !self.last.hand && problem.has_several_objects();
+        for round in 1..=ROUNDS {
             problem.evaluate(model, kinematics, bounds);
-            self.solve_convex(model, kinematics, problem);
+            let solved = self.solve_convex(model, kinematics, problem);
             self.convex.copy_from_slice(&problem.v);
             problem.keep_bounds();
             let now = problem.evaluate(model, kinematics, Bounds::Follow);
-            if self.newton(model, kinematics, problem, now, CONVEX_STEPS_OF_ROUND) {
+            if without_hand {
+                if solved && (round >= ROUNDS_WITHOUT_HAND || problem.residual_speed() <= NEAR) {
+                    return true;
+                }
+            } else if self.newton(model, kinematics, problem, now, CONVEX_STEPS_OF_ROUND) {
                 return true;
             }
             problem.v.copy_from_slice(&self.convex);
@@ -264,7 +281,7 @@ impl Newton {
         let tolerance = model.config.tolerance;
         let mut convex_steps = 0;
         for _ in 0..model.config.max_iterations {
-            problem.differentiate(model, kinematics, Bounds::Follow);
+            problem.differentiate(model, kinematics, Slope::Follow);
             self.negate_residual(problem);
             self.last.points = problem.point_count();
             if !problem.derivative.factor(&mut self.last.factors) || !self.last.factors.solve(&mut self.direction) {
@@ -301,7 +318,7 @@ impl Newton {
 
     /// Takes one step of the convex problem from the last evaluation. Returns false if its matrix is not positive definite.
     fn convex_step(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
-        problem.differentiate(model, kinematics, Bounds::Frozen);
+        problem.differentiate(model, kinematics, Slope::Frozen);
         self.negate_residual(problem);
         if !problem.derivative.solve_definite(&mut self.direction) {
             return false;
@@ -311,26 +328,35 @@ impl Newton {
         true
     }
 
-    /// Newton's method with line search on the convex problem, with the friction bounds of the last evaluation.
-    fn solve_convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) {
+    /// Newton's method with line search on the convex problem, with the friction bounds of the last evaluation. Returns whether it converged.
+    ///
+    /// Where a kink blocks a step, the next one takes the secant of friction instead of its derivative: contacts that slide backwards then come to
+    /// rest together, where Newton's steps would bring them to rest one after the other. A single object has too few contacts to gain by it.
+    fn solve_convex(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
+        let several = problem.has_several_objects();
+        let mut slope = Slope::Frozen;
         problem.evaluate(model, kinematics, Bounds::Frozen);
         for _ in 0..model.config.max_iterations {
-            problem.differentiate(model, kinematics, Bounds::Frozen);
+            problem.differentiate(model, kinematics, slope);
             self.negate_residual(problem);
             if !problem.derivative.solve_definite(&mut self.direction) {
-                return;
+                return false;
             }
             self.from.copy_from_slice(&problem.v);
-            if self.step_size(problem) <= ROUND_TOLERANCE * model.config.tolerance {
+            if slope == Slope::Frozen && self.step_size(problem) <= ROUND_TOLERANCE * model.config.tolerance {
                 self.move_by(problem, 1.0);
-                return;
+                return true;
             }
-            self.line_search(model, kinematics, problem);
+            let share = self.line_search(model, kinematics, problem);
+            let blocked = several && slope == Slope::Frozen && share < BLOCKED;
+            slope = if blocked { Slope::Secant } else { Slope::Frozen };
         }
+        false
     }
 
-    /// Moves along the direction to the least cost: finds a root of the cost's slope by the Illinois method (modified regula falsi).
-    fn line_search(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) {
+    /// Moves along the direction to the least cost: finds a root of the cost's slope by the Illinois method (modified regula falsi). Returns the
+    /// share of the direction that it moved.
+    fn line_search(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> f64 {
         let slope = |this: &mut Self, problem: &mut Problem, step: f64| {
             this.move_by(problem, step);
             problem.evaluate(model, kinematics, Bounds::Frozen);
@@ -339,20 +365,20 @@ impl Newton {
         let start: f64 = problem.residual.iter().zip(&self.direction).map(|(r, d)| r * d).sum();
         let full = slope(self, problem, 1.0);
         if full <= SLOPE_REDUCTION * start.abs() {
-            return;
+            return 1.0;
         }
         let (mut low, mut at_low, mut high, mut at_high) = (0.0, start, 1.0, full);
-        let mut last = 0.0_f64;
+        let (mut step, mut last) = (1.0, 0.0_f64);
         for _ in 0..MAX_LINE_EVALUATIONS {
             let margin = BRACKET_MARGIN * (high - low);
             let (least, most): (f64, f64) = (low + margin, high - margin);
             if least.is_nan() || most.is_nan() || least > most {
-                return; // The forces overflowed; `Solver::is_finite` reports that.
+                return step; // The forces overflowed; `Solver::is_finite` reports that.
             }
-            let step = ((low * at_high - high * at_low) / (at_high - at_low)).clamp(least, most);
+            step = ((low * at_high - high * at_low) / (at_high - at_low)).clamp(least, most);
             let found = slope(self, problem, step);
             if found.abs() <= SLOPE_REDUCTION * start.abs() {
-                return;
+                return step;
             }
             if found > 0.0 {
                 (high, at_high) = (step, found);
@@ -363,6 +389,7 @@ impl Newton {
             }
             last = found;
         }
+        step
     }
 
     /// Writes the right-hand side of Newton's equation, `-r`.

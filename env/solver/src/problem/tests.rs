@@ -66,10 +66,10 @@ fn impulses_follow_the_documented_laws() {
 /// Asserts that the derivative at `v` is that of the residual by differences of `h`, and symmetric if the bounds are frozen.
 fn check_derivative(problem: &mut Problem, model: &Model, kinematics: &Kinematics, v: &[f64], h: f64) {
     let n = problem.unknowns();
-    for bounds in [Bounds::Follow, Bounds::Frozen] {
+    for (bounds, slope) in [(Bounds::Follow, Slope::Follow), (Bounds::Frozen, Slope::Frozen)] {
         problem.v.copy_from_slice(v);
         problem.evaluate(model, kinematics, Bounds::Follow);
-        problem.differentiate(model, kinematics, bounds);
+        problem.differentiate(model, kinematics, slope);
         let derivative = problem.derivative.clone();
         for j in 0..n {
             let mut residual = |step: f64| {
@@ -105,6 +105,27 @@ fn the_derivative_is_that_of_the_residual() {
     let slides = [0.05, 0.0, -0.004, 0.3, -0.2, 0.1];
     for (v, h) in [(slides, 1e-7), (sticks, 1e-9)] {
         check_derivative(&mut problem, &model, &Kinematics::default(), &v, h);
+    }
+}
+
+/// The secant is at least as steep as the derivative in every direction, and steeper where the object slides. A bug here: a step that overshoots.
+#[test]
+fn the_secant_is_steeper_than_the_derivative() {
+    let (model, mut problem) = ball();
+    let kinematics = Kinematics::default();
+    problem.v.copy_from_slice(&[0.05, 0.0, -0.004, 0.3, -0.2, 0.1]);
+    problem.evaluate(&model, &kinematics, Bounds::Follow);
+    let mut along = |slope: Slope, direction: &[f64; 6]| {
+        problem.differentiate(&model, &kinematics, slope);
+        let row = |i: usize| problem.derivative.row(i).iter().zip(direction).map(|(d, x)| d * x).sum::<f64>();
+        (0..6).map(|i| direction[i] * row(i)).sum::<f64>()
+    };
+    let forward = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert!(along(Slope::Secant, &forward) > 1.2 * along(Slope::Frozen, &forward));
+    for k in 0..20 {
+        let direction = std::array::from_fn(|i| f64::from(7 * k + 5 * i as i32 + k * i as i32).sin());
+        let (secant, derivative) = (along(Slope::Secant, &direction), along(Slope::Frozen, &direction));
+        assert!(secant >= derivative - 1e-9 * derivative.abs(), "{direction:?}: {secant} {derivative}");
     }
 }
 
