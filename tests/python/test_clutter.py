@@ -62,6 +62,7 @@ def test_rounds_end_with_the_budget_and_refuse_nonsense() -> None:
     settings: dict[str, Any] = {"objects": OBJECTS, "hand": HAND, "rounds": 1}
     found = clear_rounds("scene_planner", layout="packed", max_attempts=2, **settings)
     assert found.attempts.tolist() == [2]
+    assert clear_rounds("random", layout="packed", max_failures=5, **settings).attempts.tolist() == [5]
     with pytest.raises(ConfigError, match="no round was finished"):
         clear_rounds("random", stop=lambda: True, **settings)
     with pytest.raises(ConfigError, match="there are no rounds"):
@@ -242,6 +243,11 @@ def test_the_command_writes_what_it_prints(tmp_path: Path) -> None:
     (row,) = json.loads(done.stdout)
     assert json.loads(out.read_text()) == [row]
     assert (row["policy"], row["hand"], row["layout"], row["rounds"]) == ("random", HAND, "pile", 1)
+    above = command(*arguments, "--camera", "overhead", "--max-failures", "3", "--json")
+    assert json.loads(above.stdout)[0]["attempts"] == 3, above.stderr
+    wrong = command("benchmark", "clutter", "random", "--camera", "palm")
+    assert wrong.returncode == 2
+    assert "--camera is 'palm'; choose from front, overhead" in wrong.stderr
     wrong = command("benchmark", "clutter", "random", "--layout", "heap")
     assert wrong.returncode in (1, 2)
     assert "layout is 'heap'" in wrong.stderr

@@ -8,11 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Self
 
-from graspbox.configs.cameras import FRONT, PALM, VIEWER, CameraConfig, CamerasConfig, PictureConfig
+from graspbox.configs.cameras import FRONT, OVERHEAD, PALM, VIEWER, CameraConfig, CamerasConfig, PictureConfig
 from graspbox.configs.physics import FrictionConfig, NewtonConfig, PhysicsConfig, RapierConfig
 
 __all__ = [
     "FRONT",
+    "OVERHEAD",
     "PALM",
     "VIEWER",
     "AgentConfig",

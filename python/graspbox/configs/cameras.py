@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["FRONT", "PALM", "VIEWER", "CameraConfig", "CamerasConfig", "PictureConfig"]
+__all__ = ["FRONT", "OVERHEAD", "PALM", "VIEWER", "CameraConfig", "CamerasConfig", "PictureConfig"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class CameraConfig:
 
 #: In front of the workspace, 0.55 m from its middle, looking down at 40 degrees.
 FRONT = CameraConfig()
+#: Over the workspace, as over a bin: 0.55 m from its middle, looking down at 75 degrees.
+OVERHEAD = CameraConfig(eye=(-0.142, 0.0, 0.591))
 #: On a bracket next to the palm, looking between the fingers at the object in the hand.
 PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
 #: For pictures: from the side, showing the whole workspace (0.7 x 0.7 x 0.75 m) and the hand above it.

@@ -10,6 +10,7 @@ import typer
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox._common.progress import ProgressBar
 from graspbox.cli.common import Json, hand_like, print_json, print_table
+from graspbox.configs import FRONT, OVERHEAD, CamerasConfig
 from graspbox.envs.settings import HandArgument
 from graspbox.errors import ConfigError
 from graspbox.evaluation.rounds import Film, Rounds, clear_rounds
@@ -21,7 +22,8 @@ benchmark_app = typer.Typer(no_args_is_help=True, help="Protocols of the field, 
 
 #: Distance between the first seeds of two repetitions: more rounds than anybody makes.
 _APART = 1_000_000
-
+#: Cameras by name.
+_CAMERAS = {"front": FRONT, "overhead": OVERHEAD}
 
 Policies = Annotated[
     list[str],
@@ -36,6 +38,10 @@ Layouts = Annotated[
     list[str] | None,
     typer.Option(help=f"Layout: {', '.join(get_args(Layout))}; repeatable; by default packed and pile."),
 ]
+Camera = Annotated[
+    str, typer.Option(help=f"Where the camera is: {', '.join(_CAMERAS)} (looks down at 40 or 75 degrees).")
+]
+MaxFailures = Annotated[int, typer.Option(min=1, help="Failed attempts in a row after which a round ends.")]
 AllObjects = Annotated[bool, typer.Option("--all-objects", help="Use also objects that the hand cannot span.")]
 Judge = Annotated[
     str | None, typer.Option(help="A second judge, which tries the same attempts in the same scenes: mujoco.")
@@ -63,6 +69,8 @@ def clutter(
     rounds: Annotated[int, typer.Option(min=1, max=100_000, help="Rounds of each seed.")] = 40,
     seed: Annotated[list[int] | None, typer.Option(help="Seed; repeatable; by default 0, 1 and 2.")] = None,
     max_attempts: Annotated[int, typer.Option(min=1, help="Attempts after which a round ends.")] = 30,
+    max_failures: MaxFailures = 2,
+    camera: Camera = "front",
     all_objects: AllObjects = False,
     judge: Judge = None,
     patch: Patch = 0.0,
@@ -78,7 +86,10 @@ def clutter(
     than the hand opens: the sets of VGN fit its gripper. A video shows a picture at first, and one after every attempt.
 
         graspbox benchmark clutter panda scene_planner --hand panda_gripper --layout pile --rounds 40
+        graspbox benchmark clutter panda_clutter --layout bin --objects-per-scene 15 --max-failures 30 --camera overhead
     """
+    if camera not in _CAMERAS:
+        raise ConfigError(f"--camera is {camera!r}; choose from {', '.join(_CAMERAS)}")
     if out is not None:
         check_output(out)
     filmed = None if video is None else _Video(video)
@@ -91,8 +102,11 @@ def clutter(
         "rounds": rounds,
         "hand": named,
         "max_attempts": max_attempts,
+        "max_failures": max_failures,
         "fitting": not all_objects,
     }
+    if camera != "front":
+        settings["cameras"] = CamerasConfig(cameras=(_CAMERAS[camera],))
     results = []
     for policy, one in product(policies, layouts):
         with (
