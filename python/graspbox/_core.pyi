@@ -34,6 +34,7 @@ __all__ = [
     "add_depth_noise",
     "agent_tables",
     "arrange",
+    "bin_walls",
     "camera_poses",
     "channel_names",
     "crops",
@@ -535,11 +536,14 @@ def views(
 ) -> ViewArrays: ...
 
 @type_check_only
-class ArrangementArrays(TypedDict):
-    objects: NDArray[np.int64]
-    world_from_objects: NDArray[np.float64]
+class WallArrays(TypedDict):
     world_from_walls: NDArray[np.float64]
     wall_half_extents: NDArray[np.float64]
+
+@type_check_only
+class ArrangementArrays(WallArrays):
+    objects: NDArray[np.int64]
+    world_from_objects: NDArray[np.float64]
 
 @type_check_only
 class SceneArrays(ArrangementArrays):
@@ -555,6 +559,9 @@ def arrange(
     cache: str | PathLike[str] | None,
 ) -> ArrangementArrays:
     """Let meshes come to rest in a layout: those that stayed (k,), their poses (k, 4, 4), and the walls."""
+
+def bin_walls(inside: Sequence[float]) -> WallArrays:
+    """Place the walls of a bin: poses (4, 4, 4) and half extents (4, 3), metres."""
 
 @type_check_only
 class SceneImageArrays(TypedDict):
@@ -667,6 +674,7 @@ class HandGrid:
         occupancy: NDArray[np.uint8],
         crop: str,
         points: int,
+        obstacles: NDArray[np.float64],
         poses: NDArray[np.float64],
         preshape: NDArray[np.float64],
         num_threads: int | None,

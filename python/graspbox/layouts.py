@@ -34,6 +34,7 @@ __all__ = [
     "Layout",
     "SceneLayout",
     "arrange",
+    "bin_points",
     "draw_objects",
     "layout_named",
     "objects_that_fit",
@@ -169,6 +170,43 @@ def arrange(
         world_from_walls=found["world_from_walls"],
         wall_half_extents=found["wall_half_extents"],
     )
+
+
+def bin_points(inside: Sequence[float], *, spacing: float = 0.008, inset: float = 0.004) -> NDArray[np.float64]:
+    """Fill the walls of a bin with points, which show a collision search where they are.
+
+    Parameters
+    ----------
+    inside : three float
+        Sides of its floor along x and y, and height of its walls, metres.
+    spacing : float
+        Greatest distance between neighbours along an axis of a wall, metres.
+    inset : float
+        Depth of the outermost points below the faces of a wall, metres: a search with cells of 4 mm would otherwise
+        refuse a hand that passes next to the wall.
+
+    Returns
+    -------
+    (k, 3) float64
+        World frame, metres.
+
+    Raises
+    ------
+    ConfigError
+        For sides, a spacing or an inset out of range.
+    """
+    if not 0.001 <= spacing <= 1.0:
+        raise ConfigError(f"spacing is {spacing!r}; give 0.001 to 1 m")
+    if not 0.0 <= inset <= 0.01:
+        raise ConfigError(f"inset is {inset!r}; give 0 to 0.01 m, half the thickness of a wall")
+    walls = _core.bin_walls(_sides(inside))
+    parts = []
+    for pose, half in zip(walls["world_from_walls"], walls["wall_half_extents"], strict=True):
+        sides = np.maximum(half - inset, 0.0)
+        axes = [np.linspace(-side, side, int(np.ceil(2 * side / spacing)) + 1) for side in sides]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        parts.append(grid @ pose[:3, :3].T + pose[:3, 3])
+    return np.concatenate(parts)
 
 
 def draw_objects(specs: Sequence[ObjectSpec], count: int, layout: Layout, seed: int) -> list[ObjectSpec]:

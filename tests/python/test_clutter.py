@@ -16,12 +16,13 @@ import graspbox
 from graspbox import object_sets, policies
 from graspbox.errors import ConfigError
 from graspbox.evaluation.rounds import Rounds, clear_rounds
-from graspbox.layouts import draw_objects, objects_that_fit, scaled
+from graspbox.layouts import bin_points, draw_objects, objects_that_fit, scaled
 from graspbox.models.cluttered import is_scene, read_scene, write_scene
 from graspbox.models.scene_trials import render_scene, source_of
 from graspbox.models.scene_views import SceneViews
 from graspbox.models.scenes import COUNTS, PlacedObjects, SceneConfig, SceneSampler
 from graspbox.perception.configs import CropConfig, DepthNoise
+from graspbox.perception.finder import GraspFinder
 
 OBJECTS = ("procedural:box:0-3", "procedural:can:0-3")
 HAND = "panda_gripper"
@@ -251,3 +252,33 @@ def test_the_command_writes_what_it_prints(tmp_path: Path) -> None:
     wrong = command("benchmark", "clutter", "random", "--layout", "heap")
     assert wrong.returncode in (1, 2)
     assert "layout is 'heap'" in wrong.stderr
+
+
+def test_a_policy_knows_where_the_bin_stands() -> None:
+    """Of the decisions in the same narrow bins, more touch the walls where the policy is not told of them."""
+    size = (0.2, 0.16, 0.14)
+    wide: dict[str, Any] = {"layout": "bin", "bin_size": size, "objects_per_scene": 3, "image_size": 128}
+    env: Any = gymnasium.make("graspbox/Clear-v0", objects=OBJECTS, hand=HAND, obs=("depth", "proprio"), **wide)
+    policy = policies.load("policies/panda_clutter")
+    assert isinstance(policy, policies.DepthPolicy)
+    with env:
+        task = policies.Task.of(env)
+        assert task.bin_size == size
+        touching = []
+        for known in (task, replace(task, bin_size=None)):
+            policy.bind(known)
+            assert isinstance(policy.finder, GraspFinder)
+            met = 0
+            for seed in range(6):
+                observation, info = env.reset(seed=seed)
+                policy.reset(seed, info=info)
+                policy.act({name: values[None] for name, values in observation.items()})
+                (found,) = policy.found
+                assert found is not None
+                frame = found.world_from_crop
+                walls = (bin_points(size) - frame[:3, 3]) @ frame[:3, :3]
+                nothing, pose = np.zeros_like(found.occupancy), found.poses[[found.chosen]]
+                free, _ = policy.finder.grid.meets(nothing, pose, [found.preshape], obstacles=walls)
+                met += int(not free[0])
+            touching.append(met)
+    assert touching[0] < touching[1], touching

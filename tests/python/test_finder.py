@@ -140,3 +140,38 @@ def test_errors_in_other_units_are_refused(values: tuple[float, float], said: st
         PoseNoise(*values)
     with pytest.raises(ConfigError):
         PoseNoise(float("nan"))
+
+
+def test_grasps_keep_off_what_is_known_to_stand_there(crops: Crops) -> None:
+    """A wall beside the can: grasps do not touch it; where a block takes all the room, they may."""
+    grid, frame = HandGrid(), crops.world_from_crop[0]
+    free = GraspFinder(grid, observed_only, highest, CONFIG)
+    every = free.decide(crops)
+    assert every is not None
+
+    def touched(found: FoundGrasp, obstacles: NDArray[np.float64]) -> int:
+        local = (obstacles - frame[:3, 3]) @ frame[:3, :3]
+        nothing = np.zeros_like(found.occupancy)
+        return int((~grid.meets(nothing, found.poses, found.preshapes, obstacles=local)[0]).sum())
+
+    side, height = np.meshgrid(np.linspace(-0.2, 0.2, 60), np.linspace(0.0, 0.25, 40))
+    wall = np.stack([np.full_like(side, 0.07), side, height], axis=-1).reshape(-1, 3) @ frame[:3, :3].T + frame[:3, 3]
+    careful = free.keeping_off(wall).decide(crops)
+    assert careful is not None
+    assert touched(every, wall) > 0
+    assert touched(careful, wall) == 0
+    block = np.stack(np.meshgrid(*[np.linspace(-0.3, 0.3, 40)] * 2, np.linspace(0.0, 0.4, 40)), axis=-1).reshape(-1, 3)
+    cornered = free.keeping_off(block + frame[:3, 3]).decide(crops)
+    assert cornered is not None
+    np.testing.assert_array_equal(cornered.poses, every.poses)
+
+
+def test_each_attempt_that_failed_is_avoided(crops: Crops) -> None:
+    finder = GraspFinder(HandGrid(), observed_only, highest, CONFIG)
+    first = finder.decide(crops)
+    assert first is not None
+    second = finder.avoiding(first).decide(crops)
+    assert second is not None
+    third = finder.avoiding(first, second).decide(crops)
+    assert third is not None
+    assert len({found.chosen for found in (first, second, third)}) == 3

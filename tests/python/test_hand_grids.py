@@ -116,6 +116,21 @@ def test_collisions_are_those_of_the_simulation(grid: HandGrid) -> None:
     assert not outcomes.success[missed].any()
 
 
+def test_a_hand_keeps_off_obstacles(grid: HandGrid) -> None:
+    """Points beside the object: at a finger, on the way of the palm, and where the hand never is."""
+    occupancy = box((0.05, 0.05, 0.05))
+    pose = np.stack([pose_at((0.0, 0.0, 0.15))] * 2)
+
+    def free(*points: tuple[float, float, float]) -> list[bool]:
+        return list(grid.meets(occupancy, pose, np.zeros(2), obstacles=np.array(points))[0])
+
+    assert free((0.3, 0.3, 0.1)) == [True, True]
+    assert free((0.3, 0.3, 0.1), (0.0, 0.0, 0.155)) == [False, False]
+    assert free((0.0, 0.0, 0.23)) == [False, False], "the approach passes it"
+    with pytest.raises(errors.ConfigError, match="obstacles"):
+        grid.meets(occupancy, pose, np.zeros(2), obstacles=np.zeros((2, 2)))
+
+
 def test_a_hand_below_the_table_is_refused(grid: HandGrid) -> None:
     occupancy = box((0.05, 0.05, 0.05))
     poses = np.stack([pose_at((0.0, 0.0, 0.15)), pose_at((0.0, 0.0, 0.01)), pose_at((0.0, 0.0, 0.2), downward=False)])

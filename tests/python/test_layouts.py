@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import graspbox
 from graspbox import object_sets
 from graspbox.cli import typer_app
 from graspbox.errors import ConfigError, SimulationError
-from graspbox.layouts import SCALES, Layout, draw_objects
+from graspbox.layouts import SCALES, Layout, bin_points, draw_objects
 
 SETS = ["procedural:can:0-1", "procedural:mug:0-1", "procedural:banana:0"]
 LAYOUTS: tuple[Layout, ...] = ("packed", "pile", "bin")
@@ -114,3 +115,28 @@ def test_pictures_show_a_few_scenes(tmp_path: Path, meshes: list[graspbox.Mesh])
         save_arrangements(tmp_path / "a.txt", [scene])
     save_arrangements(tmp_path / "a.png", [scene])
     assert (tmp_path / "a.png").exists()
+
+
+def test_points_fill_the_walls_of_a_bin() -> None:
+    points = bin_points((0.3, 0.2, 0.1), spacing=0.01, inset=0.0)
+    half = np.array([0.15, 0.1])
+    outside = np.abs(points[:, :2]) >= half - 1e-9
+    assert outside.any(axis=1).all(), "none stands inside"
+    assert points[:, 2].max() == pytest.approx(0.1)
+    assert np.abs(points[:, :2]).max(axis=0) == pytest.approx(half + 0.02, abs=1e-9)
+    # Every place of a wall has a point nearby.
+    rng = np.random.default_rng(0)
+    places = np.stack([rng.uniform(0.15, 0.17, 200), rng.uniform(-0.1, 0.1, 200), rng.uniform(0.0, 0.1, 200)], axis=-1)
+    nearest = np.linalg.norm(places[:, None] - points, axis=-1).min(axis=1)
+    assert nearest.max() <= 0.0087 + 1e-9, "half the diagonal of a cell of 10 mm"
+    deeper = bin_points((0.3, 0.2, 0.1))
+    assert (np.abs(deeper[:, :2]) >= half + 0.004 - 1e-9).any(axis=1).all()
+    refused: tuple[dict[str, Any], ...] = (
+        {"spacing": 0.0},
+        {"inset": 0.02},
+        {"inside": (0.3, 0.2)},
+        {"inside": (0.3, 0.2, 20.0)},
+    )
+    for wrong in refused:
+        with pytest.raises(ConfigError):
+            bin_points(**{"inside": (0.3, 0.2, 0.1), **wrong})

@@ -146,9 +146,16 @@ impl HandGrid {
     /// Collisions of the open hand, and contacts of the closing fingers, at a pose over the table z = 0.
     ///
     /// * `points`: points of the object's surface in the frame of `pose`; looked up in this order.
+    /// * `obstacles`: further points that the open hand must not touch; whether it touches them as it closes does not count.
     /// * `index`: index of the preshape.
     #[must_use]
-    pub fn meets(&self, points: &[Point3<f32>], pose: &Isometry3<f64>, index: usize) -> Meeting {
+    pub fn meets(
+        &self,
+        points: &[Point3<f32>],
+        obstacles: &[Point3<f32>],
+        pose: &Isometry3<f64>,
+        index: usize,
+    ) -> Meeting {
         let shaped = &self.shaped[index];
         let refused = Meeting { free: false, chains: 0 };
         if shaped.hits_table(pose, self.standoff) {
@@ -159,19 +166,21 @@ impl HandGrid {
         let origin = shaped.lookup.origin.coords;
         let shift = ((inverse.translation.vector - origin) / shaped.lookup.cell).cast::<f32>();
         let size = shaped.lookup.shape;
-        let mut chains = 0;
-        for point in points {
+        let flags_at = |point: &Point3<f32>| {
             let at = turn * point.coords + shift;
             let inside = |axis: usize| at[axis] >= 0.0 && at[axis] < size[axis] as f32;
-            if inside(0) && inside(1) && inside(2) {
-                let flags = shaped.flags[shaped.lookup.index([at.x as usize, at.y as usize, at.z as usize])];
-                if flags & HAND != 0 {
-                    return refused;
-                }
-                chains |= flags;
+            let within = inside(0) && inside(1) && inside(2);
+            if within { shaped.flags[shaped.lookup.index([at.x as usize, at.y as usize, at.z as usize])] } else { 0 }
+        };
+        let mut chains = 0;
+        for point in points {
+            let flags = flags_at(point);
+            if flags & HAND != 0 {
+                return refused;
             }
+            chains |= flags;
         }
-        Meeting { free: true, chains }
+        if obstacles.iter().any(|point| flags_at(point) & HAND != 0) { refused } else { Meeting { free: true, chains } }
     }
 }
 

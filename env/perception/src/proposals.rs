@@ -146,7 +146,7 @@ pub fn propose(
     let points = collision_points(&surface, config.points);
     let needed = (config.fingers as u32).min(hand.chains);
     let met: Vec<Meeting> =
-        candidates.par_iter().map(|candidate| hand.meets(&points, &candidate.pose, candidate.preshape)).collect();
+        candidates.par_iter().map(|candidate| hand.meets(&points, &[], &candidate.pose, candidate.preshape)).collect();
     let kept = candidates.into_iter().zip(met);
     let kept = kept.filter(|(_, met)| met.free && met.chains.count_ones() >= needed).map(|(candidate, _)| candidate);
     Ok(most_different(hand, kept.collect(), config.most))

@@ -43,6 +43,15 @@ pub fn arrange<'py>(
     Ok(dict)
 }
 
+/// The walls of a bin: poses (4, 4, 4) and half extents (4, 3), metres; `inside`: sides of its floor along x and y, and height of its walls.
+#[pyfunction]
+pub fn bin_walls(py: Python<'_>, inside: [f64; 3]) -> PyResult<Bound<'_, PyDict>> {
+    let walls = Layout::Bin { inside }.walls().map_err(CoreError::from)?;
+    let dict = PyDict::new(py);
+    put_walls(py, &dict, &walls)?;
+    Ok(dict)
+}
+
 /// Walls from their poses (4, 4) and half extents, metres.
 ///
 /// # Errors
@@ -62,6 +71,11 @@ pub(crate) fn put_poses<'py>(
     walls: &[Wall],
 ) -> PyResult<()> {
     dict.set_item("world_from_objects", matrices(py, world_from_objects)?)?;
+    put_walls(py, dict, walls)
+}
+
+/// Adds poses (w, 4, 4) and half extents (w, 3) of walls.
+fn put_walls<'py>(py: Python<'py>, dict: &Bound<'py, PyDict>, walls: &[Wall]) -> PyResult<()> {
     dict.set_item("world_from_walls", matrices(py, walls.iter().map(|wall| wall.world_from_wall))?)?;
     dict.set_item("wall_half_extents", table(py, walls.iter().map(|wall| [wall.half.x, wall.half.y, wall.half.z]))?)
 }

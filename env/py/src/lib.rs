@@ -71,7 +71,7 @@ mod _core {
     #[pymodule_export]
     use crate::images::voxel::{load_binvox, save_binvox, voxelize};
     #[pymodule_export]
-    use crate::layout::arrange;
+    use crate::layout::{arrange, bin_walls};
     #[pymodule_export]
     use crate::mesh::Mesh;
     #[pymodule_export]

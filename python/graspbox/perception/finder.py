@@ -8,9 +8,10 @@ they rank: `graspbox.perception.HeadFinder`, `graspbox.perception.PlannedFinder`
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -59,6 +60,12 @@ class Head(Protocol):
 
     def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
         """Give the best grasps of one crop (2 or more, N, N, N) uint8."""
+
+
+#: `HandGrid.meets` of an occupancy, poses and preshapes.
+_Meets = Callable[
+    [NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], tuple[NDArray[np.bool_], NDArray[np.int64]]
+]
 
 
 @runtime_checkable
@@ -231,6 +238,22 @@ class Finder(ABC):
         del visible
         raise ConfigError(f"a {type(self).__name__} grasps any object; it cannot be told which one")
 
+    def keeping_off(self, points: NDArray[np.float64]) -> Self:
+        """Give a finder whose grasps keep off what is known to stand there, such as the walls of a bin.
+
+        Parameters
+        ----------
+        points : (k, 3) float64
+            Points of it, close together, world frame, metres.
+
+        Returns
+        -------
+        Finder
+            The same finder if its grasps are not checked for collisions.
+        """
+        del points
+        return self
+
     def find(self, view: DepthView, *, seed: int = 0, target: NDArray[np.bool_] | None = None) -> FoundGrasp | None:
         """Find the grasp to try.
 
@@ -323,13 +346,20 @@ class GraspFinder(Finder):
     ) -> None:
         super().__init__(grid.crop, grid.num_threads)
         self.grid, self.complete, self.score, self.config, self.head = grid, complete, score, config, head
-        self._failed: FoundGrasp | None = None
+        self._failed: tuple[FoundGrasp, ...] = ()
         self._target: NDArray[np.bool_] | None = None
+        self._obstacles = np.zeros((0, 3))
 
     def targeting(self, visible: NDArray[np.bool_]) -> Self:
         """Give a finder for one of several objects: see `Finder.targeting`."""
         found = copy(self)
         found._target = visible
+        return found
+
+    def keeping_off(self, points: NDArray[np.float64]) -> Self:
+        """Give a finder that keeps off points: see `Finder.keeping_off`."""
+        found = copy(self)
+        found._obstacles = points
         return found
 
     def tolerating(self, error: PoseNoise) -> Self:
@@ -338,8 +368,8 @@ class GraspFinder(Finder):
         found.config = self.config.tolerating(error)
         return found
 
-    def avoiding(self, failed: FoundGrasp) -> Self:
-        """Give a finder in which grasps lose score the nearer they are to one that failed."""
+    def avoiding(self, *failed: FoundGrasp) -> Self:
+        """Give a finder in which grasps lose score the nearer they are to ones that failed."""
         found = copy(self)
         found._failed = failed
         return found
@@ -349,21 +379,25 @@ class GraspFinder(Finder):
         volume = volume_of(crops, self.complete)
         clock.lap("complete")
         wanted = self._wanted(volume)
-        poses, preshapes = self._proposed(volume, wanted, crops.channels[0])
+        meets = self._collisions(crops.world_from_crop[0])
+        poses, preshapes = self._proposed(volume, wanted, meets, crops.channels[0])
+        if not len(poses) and len(self._obstacles):
+            # A grasp that touches a wall may still succeed: the hand stops only where a wall resists.
+            return self.keeping_off(np.zeros((0, 3))).rank(crops, seed, clock)
         clock.lap("propose")
         if not len(poses):
             return Ranked(volume, poses, preshapes, np.zeros(0))
-        score = self.score if self._failed is None else _Avoiding(self.score, self._failed, crops.world_from_crop[0])
+        score = self.score if not self._failed else _Avoiding(self.score, self._failed, crops.world_from_crop[0])
         ranked = _ranked(score, volume, poses, preshapes)
         clock.lap("score")
         rng = np.random.default_rng(seed)
-        ranked = self._refined(ranked, wanted, score, rng)
+        ranked = self._refined(ranked, wanted, meets, score, rng)
         clock.lap("refine")
         if self.config.hand_error is not None:
-            tolerant = _Tolerant(score, self.grid, self.config, self.config.hand_error)
+            tolerant = _Tolerant(score, meets, self.config, self.config.hand_error)
             finalists = ranked.kept(ranked.best(self.config.finalists))
             compared = _ranked(tolerant, volume, finalists.poses, finalists.preshapes)
-            ranked = self._refined(compared, wanted, tolerant, rng)
+            ranked = self._refined(compared, wanted, meets, tolerant, rng)
             clock.lap("average")
         return ranked
 
@@ -385,24 +419,24 @@ class GraspFinder(Finder):
         return float(success[0])
 
     def _proposed(
-        self, volume: NDArray[np.uint8], wanted: NDArray[np.uint8], channels: NDArray[np.uint8]
+        self, volume: NDArray[np.uint8], wanted: NDArray[np.uint8], meets: _Meets, channels: NDArray[np.uint8]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Propose feasible grasps: poses (m, 4, 4) and preshapes (m,), those of the head last."""
         config = self.config
-        if self._target is None:
+        if self._target is None and not len(self._obstacles):
             found = self.grid.propose(wanted, config.proposals)
             poses, preshapes = found.poses, found.preshape
         else:
-            # Many of those that keep off the target touch what is around it.
+            # Many of those that keep off the volume of the target touch what is around it.
             most = config.proposals.most
             found = self.grid.propose(wanted, replace(config.proposals, most=_SURPLUS * most))
-            kept = np.flatnonzero(self._feasible(volume, wanted, found.poses, found.preshape))[:most]
+            kept = np.flatnonzero(self._feasible(volume, wanted, meets, found.poses, found.preshape))[:most]
             poses, preshapes = found.poses[kept], found.preshape[kept]
         if self.head is None or not config.predicted:
             return poses, preshapes
         predicted = self.head.candidates(channels, LOOKED_AT * config.predicted)
         others = self.grid.preshapes[predicted.preshape]
-        near = np.flatnonzero(self._feasible(volume, wanted, predicted.poses, others))[: config.predicted]
+        near = np.flatnonzero(self._feasible(volume, wanted, meets, predicted.poses, others))[: config.predicted]
         return np.concatenate([poses, predicted.poses[near]]), np.concatenate([preshapes, others[near]])
 
     def _wanted(self, volume: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -414,17 +448,24 @@ class GraspFinder(Finder):
         self,
         volume: NDArray[np.uint8],
         wanted: NDArray[np.uint8],
+        meets: _Meets,
         poses: NDArray[np.float64],
         preshapes: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
         """Return where the open hand fits and enough fingers meet the object to grasp."""
-        config = self.config.proposals
-        free, fingers = self.grid.meets(volume[0], poses, preshapes, points=config.points)
+        free, fingers = meets(volume[0], poses, preshapes)
         if self._target is not None:
-            _, fingers = self.grid.meets(wanted, poses, preshapes, points=config.points)
-        return free & (fingers >= min(config.fingers, 2))
+            _, fingers = meets(wanted, poses, preshapes)
+        return free & (fingers >= min(self.config.proposals.fingers, 2))
 
-    def _refined(self, ranked: Ranked, wanted: NDArray[np.uint8], score: Score, rng: np.random.Generator) -> Ranked:
+    def _collisions(self, world_from_crop: NDArray[np.float64]) -> _Meets:
+        """Give `HandGrid.meets` with the points to keep off."""
+        obstacles = (self._obstacles - world_from_crop[:3, 3]) @ world_from_crop[:3, :3]
+        return partial(self.grid.meets, points=self.config.proposals.points, obstacles=obstacles)
+
+    def _refined(
+        self, ranked: Ranked, wanted: NDArray[np.uint8], meets: _Meets, score: Score, rng: np.random.Generator
+    ) -> Ranked:
         """Add feasible neighbours of the best grasps, nearer ones in each step."""
         config = self.config
         for step in range(config.refinements):
@@ -432,7 +473,7 @@ class GraspFinder(Finder):
             scale = 0.5**step
             poses = perturbed(ranked.poses[parents], rng, config.position * scale, config.rotation * scale)
             preshapes = ranked.preshapes[parents]
-            kept = self._feasible(ranked.volume, wanted, poses, preshapes)
+            kept = self._feasible(ranked.volume, wanted, meets, poses, preshapes)
             if not kept.any():
                 continue
             added = _ranked(score, ranked.volume, poses[kept], preshapes[kept])
@@ -450,21 +491,23 @@ def _ranked(
 
 
 class _Avoiding:
-    """Scores grasps; those near one that failed lose by their nearness."""
+    """Scores grasps; those near ones that failed lose by their nearness."""
 
-    def __init__(self, score: Score, failed: FoundGrasp, world_from_crop: NDArray[np.float64]) -> None:
-        self._score, self._preshape = score, failed.preshape
-        self._failed, self._world_from_crop = failed.world_from_hand, world_from_crop
+    def __init__(self, score: Score, failed: Sequence[FoundGrasp], world_from_crop: NDArray[np.float64]) -> None:
+        self._score, self._failed, self._world_from_crop = score, failed, world_from_crop
 
     def __call__(
         self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         hands = self._world_from_crop @ poses
-        way = np.linalg.norm(hands[:, :3, 3] - self._failed[:3, 3], axis=1)
-        traces = np.einsum("nij,ij->n", hands[:, :3, :3], self._failed[:3, :3])
-        turn = np.arccos(np.clip((traces - 1.0) / 2.0, -1.0, 1.0))
-        near = np.exp(-0.5 * ((way / _MOVED) ** 2 + (turn / _TURNED) ** 2))
-        kept = 1.0 - near * (preshapes == self._preshape)
+        kept = np.ones(len(poses))
+        for failed in self._failed:
+            place = failed.world_from_hand
+            way = np.linalg.norm(hands[:, :3, 3] - place[:3, 3], axis=1)
+            traces = np.einsum("nij,ij->n", hands[:, :3, :3], place[:3, :3])
+            turn = np.arccos(np.clip((traces - 1.0) / 2.0, -1.0, 1.0))
+            near = np.exp(-0.5 * ((way / _MOVED) ** 2 + (turn / _TURNED) ** 2))
+            kept *= 1.0 - near * (preshapes == failed.preshape)
         return np.asarray(self._score(volume, poses, preshapes) * kept)
 
 
@@ -474,11 +517,11 @@ class _Tolerant:
     All grasps have the same errors: chance must not decide between them.
     """
 
-    def __init__(self, score: Score, grid: HandGrid, config: FinderConfig, error: PoseNoise) -> None:
+    def __init__(self, score: Score, meets: _Meets, config: FinderConfig, error: PoseNoise) -> None:
         still, rng = np.tile(np.eye(4), (config.neighbours, 1, 1)), np.random.default_rng(0)
         moved = perturbed(still, rng, error.position, error.rotation)
         self._score: Score = score.each if isinstance(score, TrainedScore) else score
-        self._grid, self._points = grid, config.proposals.points
+        self._meets = meets
         self._errors = np.concatenate([np.eye(4)[None], moved])
 
     def __call__(
@@ -486,7 +529,7 @@ class _Tolerant:
     ) -> NDArray[np.float64]:
         around = (poses[:, None] @ self._errors).reshape(-1, 4, 4)
         repeated = np.repeat(preshapes, len(self._errors))
-        free, _ = self._grid.meets(volume[0], around, repeated, points=self._points)
+        free, _ = self._meets(volume[0], around, repeated)
         scores = np.zeros(len(around))
         scores[free] = self._score(volume, around[free], repeated[free])
         return np.asarray(scores.reshape(len(poses), -1).mean(axis=1))

@@ -161,7 +161,13 @@ class HandGrid:
         return Proposals(found["poses"], found["preshape"], np.array(found["source"], dtype=np.str_))
 
     def meets(
-        self, occupancy: ArrayLike, poses: ArrayLike, preshape: ArrayLike, *, points: int = 1000
+        self,
+        occupancy: ArrayLike,
+        poses: ArrayLike,
+        preshape: ArrayLike,
+        *,
+        points: int = 1000,
+        obstacles: ArrayLike | None = None,
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         """Return whether the open hand reaches poses, and how many fingers meet the volume as they close.
 
@@ -175,17 +181,20 @@ class HandGrid:
             The nearest of the hand's preshapes is taken.
         points : int
             Points of the volume's surface with which collisions are searched.
+        obstacles : (k, 3) array, optional
+            Points of the crop's frame that the open hand must not touch either, metres.
 
         Returns
         -------
         (m,) bool, (m,) int64
-            Whether the open hand touches neither volume nor table, at the pose and on the approach; and the number of
-            chains that meet the volume as they close, 0 where it touches.
+            Whether the open hand touches neither volume, table nor obstacles, at the pose and on the approach; and the
+            number of chains that meet the volume as they close, 0 where it touches.
         """
         return self._core.meets(
             _bytes(occupancy, "occupancy"),
             self._crop,
             natural(points, "points"),
+            floats(np.zeros((0, 3)) if obstacles is None else obstacles, "obstacles"),
             floats(poses, "poses"),
             floats(preshape, "preshape"),
             self.num_threads,

@@ -64,6 +64,8 @@ class Task:
         Keyword ``cameras`` of the environments, with the size of their images.
     layout : str
         Keyword ``layout`` of the environments: with ``single`` there is one object.
+    bin_size : sequence of float, optional
+        Sides of the floor of the bin along x and y, and height of its walls, metres; None for other layouts.
     scenes : callable, optional
         Shows the scene of each environment by its index, for **privileged** policies; None for a single object in
         ``GraspPose-v0`` or ``Grasp-v0``, and for observations that come from a client.
@@ -83,6 +85,7 @@ class Task:
     hand: HandArgument
     cameras: CamerasConfig
     layout: SceneLayout = "single"
+    bin_size: Sequence[float] | None = None
     scenes: Callable[[int], Arrangement] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -113,8 +116,11 @@ class Task:
         values |= {"sets": spec.kwargs.get("objects", OBJECTS.default), "cameras": _cameras(spec.kwargs)}
         clears = spec.id not in SINGLE_OBJECT_IDS
         layout = spec.kwargs.get("layout", keywords(ClearSettings if clears else GraspSettings)["layout"].default)
+        values["layout"] = layout
+        if layout == "bin":
+            values["bin_size"] = spec.kwargs.get("bin_size", keywords(ClearSettings)["bin_size"].default)
         scenes = _Scenes(envs) if clears or layout != "single" else None
-        return cls(spec.id, num_envs, observation_space, action_space, **values, layout=layout, scenes=scenes)
+        return cls(spec.id, num_envs, observation_space, action_space, **values, scenes=scenes)
 
     @property
     def has_target(self) -> bool:

@@ -14,6 +14,7 @@ from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.artifacts.runtimes import Backend, load_parts
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
+from graspbox.layouts import bin_points
 from graspbox.perception.configs import DepthNoise
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder
 from graspbox.perception.finder_configs import FinderConfig
@@ -29,13 +30,16 @@ __all__ = ["DepthGrasp", "DepthPolicy", "load_finder"]
 
 #: Label of the object to grasp in segmentations.
 _TARGET = 2
+#: Number of last attempts in a scene that are not repeated.
+_REMEMBERED = 5
 
 
 class DepthPolicy(Policy):
     """Grasps the object in one depth image: an observer looks, a finder chooses, an executor moves the hand.
 
-    Where one of several objects is the target, its pixels in the segmentation (label 2) tell which. It looks once per
-    episode, and before every attempt in ``Clear-v0``. There and in ``GraspPose-v0`` the grasp is the
+    Where one of several objects is the target, its pixels in the segmentation (label 2) tell which. A bin's place and
+    size are known, and grasps keep off its walls where they can. It looks once per episode, and before every attempt in
+    ``Clear-v0``. There and in ``GraspPose-v0`` the grasp is the
     action. In ``Grasp-v0`` the hand first leaves the image, and then moves to the grasp as the scripted expert does.
     Where no object is seen or no grasp is found, its actions are zeros.
 
@@ -83,12 +87,15 @@ class DepthPolicy(Policy):
         self.hand = load_hand(task.hand)
         self.observer = self._make_observer(task, self.hand)
         self.finder = self._make_finder(self.hand)
+        if task.bin_size is not None:
+            self.finder = self.finder.keeping_off(bin_points(task.bin_size))
         self.executor = self._make_executor(task, self.hand, self.observer.hand_view)
         self.found = [None] * task.num_envs
         self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
         #: Seed of each environment's pending look, and the finder that then chooses.
         self._waiting: list[int | None] = [None] * task.num_envs
         self._finders = [self.finder] * task.num_envs
+        self._tried: list[tuple[FoundGrasp, ...]] = [()] * task.num_envs
         self._clears = task.env_id == IDS[2]
         self.needed = (*self.obs, *(self.target_obs if task.has_target else ()))
 
@@ -97,6 +104,7 @@ class DepthPolicy(Policy):
             self._streams[env] = np.random.default_rng(seed)
         del info
         self.executor.begin(env)
+        self._tried[env] = ()
         self._wait(env, self.finder)
 
     def _wait(self, env: int, finder: Finder) -> None:
@@ -108,7 +116,7 @@ class DepthPolicy(Policy):
         actions = self._zeros()
         for env in range(self.task.num_envs):
             if self._clears and self._waiting[env] is None:
-                self._wait(env, self._other_than(self.found[env]))
+                self._wait(env, self._other_than(env))
             row = {name: observation[name][env] for name in self.needed}
             if self._waiting[env] is not None and self.executor.ready(env, row):
                 self.executor.start(env, self._look(env, row), row)
@@ -117,12 +125,16 @@ class DepthPolicy(Policy):
                 actions[env] = action
         return actions
 
-    def _other_than(self, last: FoundGrasp | None) -> Finder:
-        """Give a finder for the attempt after another one in the same scene.
+    def _other_than(self, env: int) -> Finder:
+        """Give a finder for the attempt after others in the same scene.
 
-        If that failed, the same grasp would fail again; if it succeeded, nothing is left there.
+        What failed would fail again; where an attempt succeeded, nothing is left.
         """
-        return self.finder if last is None or not isinstance(self.finder, GraspFinder) else self.finder.avoiding(last)
+        last = self.found[env]
+        if last is None or not isinstance(self.finder, GraspFinder):
+            return self.finder
+        self._tried[env] = (*self._tried[env], last)[-_REMEMBERED:]
+        return self.finder.avoiding(*self._tried[env])
 
     def find(self, env: int, seed: int, row: Mapping[str, Any]) -> FoundGrasp | None:
         """Look and choose in one environment, without moving; None where no grasp is found.

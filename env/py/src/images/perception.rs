@@ -1,6 +1,6 @@
 //! Perception: noise of depth images, crops around the object, candidate grasps, voxels around the hand.
 
-use crate::convert::{Array, Floats, array, config, entries, isometries, matrices};
+use crate::convert::{self, Array, Floats, array, config, entries, isometries, matrices};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
@@ -235,7 +235,8 @@ impl HandGrid {
     }
 
     /// Feasibility of each pose (n, 4, 4) for the open hand, and the number of chains that meet the object as they close: flags and counts (n,).
-    #[pyo3(signature = (occupancy, crop, points, poses, preshape, num_threads))]
+    /// `obstacles` (k, 3) are points that the open hand must not touch either.
+    #[pyo3(signature = (occupancy, crop, points, obstacles, poses, preshape, num_threads))]
     #[expect(clippy::too_many_arguments, reason = "every array crosses by itself")]
     fn meets<'py>(
         &self,
@@ -243,6 +244,7 @@ impl HandGrid {
         occupancy: Bytes<'_>,
         crop: &str,
         points: usize,
+        obstacles: Floats<'_>,
         poses: Floats<'_>,
         preshape: Floats<'_>,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
@@ -250,10 +252,12 @@ impl HandGrid {
         let crop: CropConfig = self::config(crop, "CropConfig")?;
         let occupancy = occupancy_of(&occupancy, &crop)?;
         let grasps = self.grasps(&poses, &preshape)?;
+        let obstacles: Vec<_> =
+            convert::points(&obstacles, "obstacles")?.iter().map(|point| point.cast::<f32>()).collect();
         let core = Arc::clone(&self.core);
         let met = detached(py, num_threads, move || {
             let points = obstacle_points(&crop.grid()?, &occupancy, points);
-            let met = grasps.par_iter().map(|(pose, preshape)| core.meets(&points, pose, *preshape));
+            let met = grasps.par_iter().map(|(pose, preshape)| core.meets(&points, &obstacles, pose, *preshape));
             Ok::<_, CoreError>(met.collect::<Vec<_>>())
         })?;
         let free = array(py, met.iter().map(|met| met.free).collect(), &[met.len()])?;
