@@ -88,8 +88,6 @@ def clutter(
         graspbox benchmark clutter panda scene_planner --hand panda_gripper --layout pile --rounds 40
         graspbox benchmark clutter panda_clutter --layout bin --objects-per-scene 15 --max-failures 30 --camera overhead
     """
-    if camera not in _CAMERAS:
-        raise ConfigError(f"--camera is {camera!r}; choose from {', '.join(_CAMERAS)}")
     if out is not None:
         check_output(out)
     filmed = None if video is None else _Video(video)
@@ -104,9 +102,8 @@ def clutter(
         "max_attempts": max_attempts,
         "max_failures": max_failures,
         "fitting": not all_objects,
+        **_cameras(camera),
     }
-    if camera != "front":
-        settings["cameras"] = CamerasConfig(cameras=(_CAMERAS[camera],))
     results = []
     for policy, one in product(policies, layouts):
         with (
@@ -132,6 +129,13 @@ def clutter(
     if filmed is not None:
         filmed.save()
     (print_json if json else _print)(results)
+
+
+def _cameras(name: str) -> dict[str, Any]:
+    """Give the setting of the environment for a camera by its name; there is none for the default."""
+    if name not in _CAMERAS:
+        raise ConfigError(f"--camera is {name!r}; choose from {', '.join(_CAMERAS)}")
+    return {} if name == "front" else {"cameras": CamerasConfig(cameras=(_CAMERAS[name],))}
 
 
 def _judge(name: str | None, policy: str, hand: HandArgument | None, patch: float) -> Any:
