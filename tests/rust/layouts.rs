@@ -45,7 +45,7 @@ fn greatest_shift(found: &Arrangement, bodies: &[Body]) -> f64 {
 #[test]
 fn objects_lie_in_the_workspace() {
     let bodies = bodies(5);
-    let mut kept = [0; 3];
+    let (mut kept, mut rolling) = ([0; 3], 0);
     for seed in 0..4 {
         for (layout, kept) in [Layout::Packed, Layout::Pile, BIN].into_iter().zip(&mut kept) {
             let found = arrange(layout, &bodies, seed);
@@ -58,10 +58,12 @@ fn objects_lie_in_the_workspace() {
                 assert!(within, "{layout:?} {seed}: object {index} at {center}");
             }
             let shift = greatest_shift(&found, &bodies);
-            // A can may still roll: of 400 piles, 7 shift by more than 3 cm, none by more than 10 cm.
             assert!(shift < 0.1, "{layout:?} {seed}: an object moves by {shift} m");
+            rolling += u32::from(shift >= 0.03);
         }
     }
+    // A can may still roll.
+    assert!(rolling <= 1, "in {rolling} of 12 scenes an object moves by 3 cm");
     assert!(kept.iter().all(|kept| *kept >= 12), "of 20 objects each {kept:?} stayed");
 }
 

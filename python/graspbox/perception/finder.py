@@ -249,7 +249,7 @@ class Finder(ABC):
         Returns
         -------
         Finder
-            The same finder if its grasps are not checked for collisions.
+            By default the same finder, which knows nothing of them: `GraspFinder` alone keeps off.
         """
         del points
         return self
@@ -383,7 +383,9 @@ class GraspFinder(Finder):
         poses, preshapes = self._proposed(volume, wanted, meets, crops.channels[0])
         if not len(poses) and len(self._obstacles):
             # A grasp that touches a wall may still succeed: the hand stops only where a wall resists.
-            return self.keeping_off(np.zeros((0, 3))).rank(crops, seed, clock)
+            bare = self.keeping_off(np.zeros((0, 3)))
+            meets = bare._collisions(crops.world_from_crop[0])
+            poses, preshapes = bare._proposed(volume, wanted, meets, crops.channels[0])
         clock.lap("propose")
         if not len(poses):
             return Ranked(volume, poses, preshapes, np.zeros(0))

@@ -10,7 +10,7 @@
 //!
 //! For many objects without the hand, two convex problems are enough, or one if its solution changes the bounds little. The first has the bounds
 //! of the velocities at the start, like Drake's lagged model (Castro et al., "A theory of irrotational contact fields", 2023); alone it lets an arch
-//! slip by a millimetre while its thrust builds up.
+//! slip while its thrust builds up (`an_arch_stands` in `tests/many_objects.rs`).
 
 use serde::{Deserialize, Serialize};
 
@@ -171,8 +171,8 @@ impl Newton {
     }
 
     /// Solves the convex problem several times, each time with friction bounds from the last solution, and tries to end each time with Newton's
-    /// method; objects without the hand need no such end. Returns false if that does not converge. The velocities are then those of the last solution, or those of the first guess, where
-    /// the residual has the size `begun`, if it is smaller there.
+    /// method; objects without the hand need no such end. Returns false if that does not converge. The velocities are then those of the last
+    /// solution, or those of the first guess, where the residual has the size `begun`, if it is smaller there.
     ///
     /// Where the bounds swing from one solution to the next, the residual falls slowly or not at all; then they move halfway.
     fn solve_in_rounds(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, begun: f64) -> bool {
