@@ -126,7 +126,7 @@ def test_a_training_adopts_a_completion_that_is_shared_already(tmp_path: Path, o
     sharing(tmp_path / "sharing", own)
     networks = TrainedNetworks(tmp_path / "run", QUICK, HandGrid("reflex"), SceneConfig())
     (tmp_path / "run/completion").mkdir(parents=True)
-    networks.adopt_completion(tmp_path / "sharing")
+    assert networks.adopt_completion(tmp_path / "sharing") == read_depth_policy(own)
     for name in ("completion.onnx", "completion.safetensors"):
         assert (tmp_path / "run/completion" / name).read_bytes() == (own / name).read_bytes()
 

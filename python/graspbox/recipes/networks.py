@@ -120,7 +120,12 @@ class TrainedNetworks:
         return Completion(onnx_network(self.out / "completion" / "completion.onnx"))
 
     def adopt_completion(self, policy: Path) -> DepthPolicyConfig:
-        """Copy the completion of a published policy into the run; returns the policy's description.
+        """Copy the completion of a published policy into the run.
+
+        Returns
+        -------
+        DepthPolicyConfig
+            The policy that has the completion: the published one, or the one that it shares.
 
         Raises
         ------
@@ -135,7 +140,7 @@ class TrainedNetworks:
         owner = completion_folder(policy, config)
         for name in (ADOPTED, "completion.onnx"):
             write_bytes(self.out / "completion" / name, (owner / name).read_bytes())
-        return config
+        return read_depth_policy(owner)
 
     def keep_tuned(self, net: CompletionNet) -> None:
         """Replace the adopted completion by one that was trained further."""
