@@ -37,14 +37,16 @@ pub(crate) mod newton;
 pub(crate) mod objects;
 pub(crate) mod ordering;
 pub(crate) mod rows;
+pub(crate) mod stiffness;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::kinematics::{Kinematics, Twist};
 use crate::laws::{CableState, stop};
 use crate::model::{BodyKind, Model};
 use crate::problem::matrix::Matrix;
-use crate::problem::objects::{ObjectTerms, about_center, by_velocity, own_twist};
+use crate::problem::objects::{ObjectTerms, own_twist};
+use crate::problem::stiffness::{Slope, Stiffness};
 
 /// A contact point during one step.
 #[derive(Clone, Copy, Debug)]
@@ -109,18 +111,6 @@ pub(crate) enum Bounds {
     Frozen,
 }
 
-/// Slope of friction in the derivative of the residual.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Slope {
-    /// Its derivative, with bounds that follow.
-    Follow,
-    /// Its derivative, with frozen bounds.
-    Frozen,
-    /// That of the straight line from no slip to the present friction, with frozen bounds. It is steeper than the derivative, so that a step does
-    /// not go far beyond the point where sliding ends.
-    Secant,
-}
-
 /// The hand during one step.
 #[derive(Clone, Default)]
 pub(crate) struct HandTerms {
@@ -164,16 +154,6 @@ pub(crate) struct Problem {
     touching: Vec<Patch>,
     /// Friction bounds of the island's points, see [`Problem::keep_bounds`].
     kept_bounds: Vec<f64>,
-}
-
-/// The negative derivative of a patch's wrench with respect to its relative twist, in 3 x 3 blocks: `force = -(ll linear + la angular)`,
-/// `moment = -(al linear + aa angular)`.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Stiffness {
-    ll: Matrix3<f64>,
-    la: Matrix3<f64>,
-    al: Matrix3<f64>,
-    aa: Matrix3<f64>,
 }
 
 impl Problem {
@@ -432,7 +412,7 @@ impl Problem {
                     let moved;
                     let k = match &self.objects[object].lever {
                         Some(lever) => {
-                            moved = by_velocity(k, lever);
+                            moved = k.by_velocity(lever);
                             &moved
                         }
                         None => k,
@@ -512,7 +492,7 @@ impl Problem {
                     let moved;
                     let k = match &self.objects[other].lever {
                         Some(lever) => {
-                            moved = about_center(k, lever);
+                            moved = k.about_center(lever);
                             &moved
                         }
                         None => k,
@@ -534,54 +514,6 @@ impl Problem {
                 BodyKind::Scenery => {}
             }
         }
-    }
-}
-
-impl Stiffness {
-    /// Adds one point: `A = -d c / d u`, moved to the reference point.
-    ///
-    /// With `h = bound / max(|u_t|, stick speed)`, `s` the stiffness of a point that presses (else 0) and `t` the direction of the slip:
-    ///
-    /// ```text
-    /// A = s n n^T + h (1 - n n^T)
-    ///   - h t t^T                                        if the point slides: |u_t| > stick speed; not for the secant
-    ///   - (mu s / max(|u_t|, stick speed)) u_t n^T       if the bounds follow
-    /// ```
-    #[inline]
-    fn add(&mut self, point: &Point, stick: f64, slope: Slope) {
-        let n = &point.normal;
-        let speed = point.slip_speed.max(stick);
-        let grip = point.bound / speed;
-        let pressed = if point.impulse > 0.0 { point.stiffness } else { 0.0 };
-        let mut by_normal = n * (pressed - grip);
-        if slope == Slope::Follow {
-            by_normal -= point.slip * (point.friction * pressed / speed);
-        }
-        let mut a = by_normal * n.transpose();
-        for i in 0..3 {
-            a[(i, i)] += grip;
-        }
-        if point.slip_speed > stick && slope != Slope::Secant {
-            let along = point.slip / point.slip_speed;
-            a -= (along * grip) * along.transpose();
-        }
-        let r = &point.arm;
-        let mut la = Matrix3::zeros();
-        for i in 0..3 {
-            let row = Vector3::new(a[(i, 0)], a[(i, 1)], a[(i, 2)]);
-            let turned = r.cross(&row);
-            for c in 0..3 {
-                la[(i, c)] = turned[c];
-            }
-        }
-        for c in 0..3 {
-            let mut column = self.al.column_mut(c);
-            column += r.cross(&a.column(c));
-            let mut column = self.aa.column_mut(c);
-            column += r.cross(&la.column(c));
-        }
-        self.ll += a;
-        self.la += la;
     }
 }
 

@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 /// Entries per vector operation. Rows and row operations begin at multiples of this number; a row operation may therefore change entries left of
 /// its first one, which nothing reads afterwards.
 const LANES: usize = 4;
+/// Rows that Cholesky's method eliminates together: the unknowns of an object.
+const PANEL: usize = 6;
 
 /// A square matrix of `n` rows of fixed stride.
 #[derive(Clone, Default)]
@@ -12,12 +14,14 @@ pub(crate) struct Matrix {
     n: usize,
     stride: usize,
     values: Vec<f64>,
+    /// Buffer of the forward substitution.
+    sums: Vec<f64>,
 }
 
 impl Matrix {
     pub fn new(n: usize) -> Self {
         let stride = n.next_multiple_of(LANES);
-        Self { n, stride, values: vec![0.0; n * stride] }
+        Self { n, stride, values: vec![0.0; n * stride], sums: Vec::new() }
     }
 
     /// Sets the number of rows; the entries are then arbitrary.
@@ -83,9 +87,35 @@ impl Matrix {
 
     /// Solves `self x = b` in place for a symmetric positive definite matrix by Cholesky's method. Returns false if it is not positive definite.
     /// Reads only the upper triangle, and destroys it.
+    ///
+    /// Rows are eliminated by panels of [`PANEL`]: each row below a panel is read and written once for all its rows.
     pub fn solve_definite(&mut self, b: &mut [f64]) -> bool {
         let (n, stride) = (self.n, self.stride);
-        for i in 0..n {
+        for first in (0..n).step_by(PANEL) {
+            let last = n.min(first + PANEL);
+            if !self.factor_panel(first, last) {
+                return false;
+            }
+            let (above, below) = self.values.split_at_mut(last * stride);
+            let panel: [&[f64]; PANEL] =
+                std::array::from_fn(|i| &above[(first + i).min(last - 1) * stride..][..stride]);
+            let rows = last - first;
+            let end = panel.iter().map(|row| occupied(&row[..n])).max().unwrap_or(0);
+            for (k, row) in (last..end.min(n)).zip(below.chunks_exact_mut(stride)) {
+                let shares: [f64; PANEL] = std::array::from_fn(|i| if i < rows { panel[i][k] } else { 0.0 });
+                if shares != [0.0; PANEL] {
+                    subtract_panel(&mut row[..end], &panel, &shares, k);
+                }
+            }
+        }
+        self.substitute_definite(b);
+        true
+    }
+
+    /// Eliminates the rows of a panel from each other. Returns false if a pivot is not positive.
+    fn factor_panel(&mut self, first: usize, last: usize) -> bool {
+        let stride = self.stride;
+        for i in first..last {
             let pivot = self.values[i * stride + i];
             if pivot.is_nan() || pivot <= 0.0 {
                 return false;
@@ -95,19 +125,31 @@ impl Matrix {
                 *x *= inverse;
             }
             let (above, below) = self.values.split_at_mut((i + 1) * stride);
-            let above = &above[i * stride..][..occupied(&above[i * stride..][..n])];
-            for (k, row) in (i + 1..above.len()).zip(below.chunks_exact_mut(stride)) {
+            let above = &above[i * stride..];
+            for (k, row) in (i + 1..last).zip(below.chunks_exact_mut(stride)) {
                 if above[k] != 0.0 {
                     subtract(row, above, above[k], k);
                 }
             }
         }
-        for i in 0..n {
-            let sum: f64 = (0..i).map(|k| self.values[k * stride + i] * b[k]).sum();
-            b[i] = (b[i] - sum) / self.values[i * stride + i];
-        }
-        back_substitute(&self.values, stride, b);
         true
+    }
+
+    /// Forward and back substitution with the triangle of [`Matrix::solve_definite`].
+    fn substitute_definite(&mut self, b: &mut [f64]) {
+        let n = self.n;
+        let mut sums = std::mem::take(&mut self.sums);
+        sums.clear();
+        sums.resize(n, 0.0);
+        for i in 0..n {
+            let row = self.row(i);
+            b[i] = (b[i] - sums[i]) / row[i];
+            for (sum, x) in sums[i + 1..].iter_mut().zip(&row[i + 1..]) {
+                *sum += x * b[i];
+            }
+        }
+        self.sums = sums;
+        back_substitute(&self.values, self.stride, b);
     }
 }
 
@@ -188,6 +230,18 @@ fn subtract(row: &mut [f64], other: &[f64], x: f64, first: usize) {
     let (row, other) = (row.as_chunks_mut::<LANES>().0, other.as_chunks::<LANES>().0);
     for (a, p) in row[first / LANES..].iter_mut().zip(&other[first / LANES..]) {
         *a = std::array::from_fn(|lane| a[lane] - x * p[lane]);
+    }
+}
+
+/// `row -= sum of shares[i] * panel[i]`, one after the other, from entry `first` (see [`LANES`]).
+#[inline]
+fn subtract_panel(row: &mut [f64], panel: &[&[f64]; PANEL], shares: &[f64; PANEL], first: usize) {
+    let row = &mut row.as_chunks_mut::<LANES>().0[first / LANES..];
+    let panel = panel.map(|other| &other.as_chunks::<LANES>().0[first / LANES..][..row.len()]);
+    for (chunk, a) in row.iter_mut().enumerate() {
+        for (other, x) in panel.iter().zip(shares) {
+            *a = std::array::from_fn(|lane| a[lane] - x * other[chunk][lane]);
+        }
     }
 }
 

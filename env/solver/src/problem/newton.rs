@@ -19,7 +19,8 @@ use crate::kinematics::{Kinematics, Twist};
 use crate::model::Model;
 use crate::problem::matrix::Factors;
 use crate::problem::ordering::only;
-use crate::problem::{Bounds, Problem, Slope};
+use crate::problem::stiffness::Slope;
+use crate::problem::{Bounds, Problem};
 
 /// A Newton step is accepted if it reduces the residual's size (its squared norm) by this share, dimensionless: 2 % of the norm. A smooth
 /// residual falls by far more; less means that the step crossed a kink.

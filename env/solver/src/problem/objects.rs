@@ -12,7 +12,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Stiffness;
 use crate::kinematics::Twist;
 
 /// An object during one step; frame of the base.
@@ -68,18 +67,6 @@ impl ObjectTerms {
             None => wrench.angular,
         }
     }
-}
-
-/// A stiffness of twists at the reference point as one of the velocities of an object with this lever.
-pub(crate) fn by_velocity(k: &Stiffness, lever: &Vector3<f64>) -> Stiffness {
-    let turn = lever.cross_matrix();
-    Stiffness { la: k.la - k.ll * turn, aa: k.aa - k.al * turn, ..*k }
-}
-
-/// A stiffness of moments about the reference point as one of moments about the centre of mass of an object with this lever.
-pub(crate) fn about_center(k: &Stiffness, lever: &Vector3<f64>) -> Stiffness {
-    let turn = lever.cross_matrix();
-    Stiffness { al: k.al + turn * k.ll, aa: k.aa + turn * k.la, ..*k }
 }
 
 /// Twist at the centre of mass.

@@ -1,5 +1,7 @@
 //! The equations of a step and their derivative.
 
+use nalgebra::Matrix3;
+
 use super::*;
 
 const STICK: f64 = 2e-5;
