@@ -36,7 +36,7 @@ from graspbox.policies.depth import load_finder  # noqa: E402
 from graspbox.policies.grasp_image import grasp_image  # noqa: E402
 from graspbox.recipes.collection import CollectConfig, collect  # noqa: E402
 from graspbox.recipes.depth_cards import any_hand_card  # noqa: E402
-from graspbox.recipes.networks import TrainedNetworks  # noqa: E402
+from graspbox.recipes.networks import TrainedNetworks, scorer_width  # noqa: E402
 from graspbox.recipes.settings.any_hand import AnyHandSettings  # noqa: E402
 from graspbox.recipes.settings.depth import Sizes  # noqa: E402
 
@@ -199,7 +199,7 @@ def test_wrong_configurations_for_any_hand_are_refused(published: Path) -> None:
 
 
 def test_the_scorer_of_the_last_round_is_adopted(grids: list[HandGrid], tmp_path: Path) -> None:
-    """With its features for the hand; a folder without one, and one of another width or hand, are refused."""
+    """With its features for the hand; a folder without one, and one of another hand, are refused."""
     run, out = tmp_path / "shared", tmp_path / "run"
     networks = TrainedNetworks(out, Sizes(width=8), grids[1], SceneConfig())
     with pytest.raises(ConfigError, match="there is no trained scorer in"):
@@ -214,8 +214,8 @@ def test_the_scorer_of_the_last_round_is_adopted(grids: list[HandGrid], tmp_path
     found = torch.load(networks.adopt_scorer(run), weights_only=True)
     expected = nets["round-10"].of_hand(grids[1]).state_dict()
     assert all(torch.equal(found[name], value) for name, value in expected.items())
-    with pytest.raises(ConfigError, match=r"has the width 8; give --sizes\.width 8"):
-        TrainedNetworks(out, Sizes(), grids[1], SceneConfig()).adopt_scorer(run)
+    assert scorer_width(run) == 8
+    assert scorer_width(POLICIES / "any_hand") == 64
     torch.save(expected, run / "round-10" / "weights.pt")
     own = torch.load(networks.adopt_scorer(run), weights_only=True)
     assert own.keys() == expected.keys()
@@ -224,6 +224,9 @@ def test_the_scorer_of_the_last_round_is_adopted(grids: list[HandGrid], tmp_path
         TrainedNetworks(out, Sizes(width=8), grids[0], SceneConfig()).adopt_scorer(run)
     (run / "round-10" / "weights.pt").write_bytes(b"nothing")
     with pytest.raises(ConfigError, match="is not a file of weights"):
+        networks.adopt_scorer(run)
+    torch.save({"other": torch.zeros(1)}, run / "round-10" / "weights.pt")
+    with pytest.raises(ConfigError, match=r"round-10/weights\.pt holds the weights of another network"):
         networks.adopt_scorer(run)
 
 

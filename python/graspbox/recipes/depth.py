@@ -41,7 +41,7 @@ from graspbox.recipes.cards import package_licence, write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.recipes.collection import CollectConfig, check_hand, collect, load_trials
 from graspbox.recipes.depth_cards import depth_card
-from graspbox.recipes.networks import TrainedNetworks, is_published, is_shared, learned_before
+from graspbox.recipes.networks import TrainedNetworks, is_published, is_shared, learned_before, scorer_width
 from graspbox.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
@@ -103,7 +103,8 @@ class _DepthTraining:
         several = self.layouts != ("single",)
         self.scenes = SceneConfig(crop=CropConfig(gap=EVERYTHING if several else CropConfig.gap))
         hand = settings.load_hand()
-        start = settings.start
+        if (start := settings.start) is not None:
+            self.sizes = replace(settings.sizes, width=scorer_width(start))
         shape = None if start is None or not is_shared(start) else SHARED_SHAPE
         fitted = settings_of(hand, FINDER.proposals, shape=shape)
         self.finder, self.anchors = replace(FINDER, proposals=fitted.proposals), fitted.anchors

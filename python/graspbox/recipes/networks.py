@@ -25,7 +25,7 @@ from graspbox.perception.anchors import Anchors
 from graspbox.recipes.settings.depth import Sizes
 from graspbox.training.trainer import load_weights, read_weights
 
-__all__ = ["TrainedNetworks", "is_published", "is_shared", "latest_weights", "learned_before"]
+__all__ = ["TrainedNetworks", "is_published", "is_shared", "latest_weights", "learned_before", "scorer_width"]
 
 #: Weights of a completion that began in another run, with folded norms.
 ADOPTED = "completion.safetensors"
@@ -66,6 +66,22 @@ def is_shared(run: Path) -> bool:
     return any(name.startswith("describe") for name in read_weights(latest_weights(run)))
 
 
+def scorer_width(start: Path) -> int:
+    """Count the channels of the first layer of the scorer of a run or a published policy.
+
+    Raises
+    ------
+    ConfigError, FileError
+        As `is_shared`, if the policy cannot be read, and if the weights are those of another network.
+    """
+    if is_published(start):
+        return read_depth_policy(start).width
+    weights = latest_weights(start)
+    if (stem := read_weights(weights).get("stem.weight")) is None:
+        raise ConfigError(f"{weights} holds the weights of another network; name a run of graspbox train depth")
+    return len(stem)
+
+
 def learned_before(start: Path) -> list[str]:
     """Name the objects from which a published policy learned, or a run and the runs with which it began.
 
@@ -94,7 +110,7 @@ class TrainedNetworks:
     out : Path
         The run's folder.
     sizes : Sizes
-        Sizes of the networks.
+        Sizes of the networks; `width` is that of the scorer with which the run begins, if there is one.
     grid : HandGrid
         Voxel grid of the hand.
     scenes : SceneConfig
@@ -169,11 +185,9 @@ class TrainedNetworks:
         Raises
         ------
         ConfigError
-            If the folder holds neither, or its scorer is of another width or hand.
+            If the folder holds neither, or its scorer is of another hand.
         """
         net = self._published_scorer(folder) if is_published(folder) else self._scorer_of_run(folder)
-        if (width := net.stem.out_channels) != self.sizes.width:
-            raise ConfigError(f"the scorer in {str(folder)!r} has the width {width}; give --sizes.width {width}")
         target = self.folder(0, 0) / "start.pt"
         with replacing(target) as temporary:
             torch.save(net.state_dict(), temporary)
@@ -183,7 +197,7 @@ class TrainedNetworks:
         weights = latest_weights(run)
         if is_shared(run):
             return SharedScorerNet.load(weights, [self.grid]).of_hand(self.grid)
-        net = ScorerNet(self.grid, len(read_weights(weights)["stem.weight"]))
+        net = ScorerNet(self.grid, scorer_width(run))
         load_weights(net, weights)
         return net
 

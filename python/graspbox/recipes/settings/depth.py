@@ -48,7 +48,7 @@ class Sizes:
     completion_width: int = 16
     """Channels of the completion's first layer."""
     width: int = 48
-    """Channels of the scorer's first layer."""
+    """Channels of the scorer's first layer; with --start they are those of its scorer."""
     rounds: int = 6
     members: int = 1
     """Scorers of the ensemble."""
