@@ -269,6 +269,41 @@ def test_grasps_are_ranked_and_differ(seen: Views, depth: NDArray[np.float64], t
         grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, region=(20, 0, 10, 20))
 
 
+def test_grasps_keep_off_what_stands_there(seen: Views, depth: NDArray[np.float64], tiny: Path, tmp_path: Path) -> None:
+    """A wall beside the mug, where some of the grasps without it have a finger."""
+    from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
+
+    grasper = ImageGrasper(tiny)
+    steps = np.arange(-0.15, 0.15, 0.008)
+    wall = np.stack(np.meshgrid([0.06, 0.068], steps, np.arange(0.004, 0.2, 0.008)), axis=-1).reshape(-1, 3)
+    grid = grasper._finder.grid
+
+    def touching(found: ImageGrasps) -> int:
+        crop = np.linalg.inv(found.table_from_crop)
+        poses, points = crop @ found.table_from_hand, wall @ crop[:3, :3].T + crop[:3, 3]
+        nothing = np.zeros_like(found.occupancy)
+        return int((~grid.meets(nothing, poses, found.preshape, obstacles=points)[0]).sum())
+
+    pose = seen.world_from_camera[0]
+    assert touching(grasper.find(depth, seen.intrinsics, pose, count=20)) > 0
+    found = grasper.find(depth, seen.intrinsics, pose, count=20, keep_off=wall)
+    assert len(found) >= 5
+    assert touching(found) == 0
+    np.save(tmp_path / "wall.npy", wall)
+    np.testing.assert_array_equal(depth_images.read_points(tmp_path / "wall.npy"), wall)
+    for wrong, message in (
+        (wall[:, :2], r"shape \(\d+, 2\); give points \(k, 3\)"),
+        (wall * 1000, "has a coordinate of 196; give metres"),
+        (np.full((2, 3), np.nan), "keep_off"),
+    ):
+        with pytest.raises(errors.ConfigError, match=message):
+            grasper.find(depth, seen.intrinsics, pose, keep_off=wrong)
+    with pytest.raises(errors.ConfigError, match="give table_from_camera"):
+        grasper.find(depth, seen.intrinsics, keep_off=wall)
+    with pytest.raises(errors.FileError, match="there is no such file of points"):
+        depth_images.read_points(tmp_path / "none.npy")
+
+
 @pytest.mark.parametrize(("height", "tilt"), [(0.035, 0.0), (-0.035, 0.0), (0.0, 3.0), (0.0, -3.0), (0.02, 1.0)])
 def test_a_pose_that_is_a_little_wrong_is_corrected(
     height: float, tilt: float, seen: Views, depth: NDArray[np.float64], tiny: Path

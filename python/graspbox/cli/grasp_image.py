@@ -11,7 +11,7 @@ from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli.common import Json, Seed, console, find_hand, print_json, print_table
 from graspbox.cli.exports.recording import Rerun, check_rerun
 from graspbox.errors import ConfigError
-from graspbox.perception.depth_images import camera_over_table, read_depth, read_mask, read_pose
+from graspbox.perception.depth_images import camera_over_table, read_depth, read_mask, read_points, read_pose
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasps, grasp_image
 
@@ -26,6 +26,12 @@ CameraPoseOption = Annotated[
         "Without it and --camera-height the table is found in the image.",
     ),
 ]
+CameraHeightOption = Annotated[
+    float | None, typer.Option("--camera-height", help="Height of the camera over the table, metres.")
+]
+TiltOption = Annotated[
+    float | None, typer.Option("--tilt", help="Degrees by which it is tilted down: 0 horizontal, 90 straight down.")
+]
 RegionOption = Annotated[
     tuple[int, int, int, int] | None,
     typer.Option("--region", metavar="LEFT TOP RIGHT BOTTOM", help="Pixels within which the object is looked for."),
@@ -36,6 +42,14 @@ MaskOption = Annotated[
         "--mask",
         help="Pixels of one of several objects, .npy or .png, not 0 where it is: grasps are of this one, and keep "
         "off the others.",
+    ),
+]
+KeepOffOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--keep-off",
+        help="Points of what stands there, such as the walls of a bin: .npy (k, 3), at most 8 mm apart, in the table's "
+        "frame, metres; needs the camera's pose. Grasps keep off them where any can.",
     ),
 ]
 HandErrorOption = Annotated[
@@ -118,14 +132,11 @@ def grasp_image_command(
         typer.Option("--depth-scale", help="Metres per unit of the file; by default 1 for floats, 0.001 for integers."),
     ] = None,
     camera_pose: CameraPoseOption = None,
-    camera_height: Annotated[
-        float | None, typer.Option("--camera-height", help="Height of the camera over the table, metres.")
-    ] = None,
-    tilt: Annotated[
-        float | None, typer.Option("--tilt", help="Degrees by which it is tilted down: 0 horizontal, 90 straight down.")
-    ] = None,
+    camera_height: CameraHeightOption = None,
+    tilt: TiltOption = None,
     region: RegionOption = None,
     mask: MaskOption = None,
+    keep_off: KeepOffOption = None,
     hand_error: HandErrorOption = None,
     count: Annotated[int, typer.Option("--count", min=1, max=100, help="Most grasps.")] = 5,
     hand: Annotated[
@@ -149,9 +160,18 @@ def grasp_image_command(
     pose = _pose(camera_pose, camera_height, tilt)
     error = None if hand_error is None else PoseNoise.in_millimetres(*hand_error)
     chosen = None if hand is None else find_hand(hand)
-    pixels = None if mask is None else read_mask(mask)
     found = grasp_image(
-        depth, lens, pose, policy, hand=chosen, count=count, region=region, mask=pixels, hand_error=error, seed=seed
+        depth,
+        lens,
+        pose,
+        policy,
+        hand=chosen,
+        count=count,
+        region=region,
+        mask=None if mask is None else read_mask(mask),
+        keep_off=None if keep_off is None else read_points(keep_off),
+        hand_error=error,
+        seed=seed,
     )
     if pose is None:
         _print_table(found.table_from_camera)

@@ -18,6 +18,7 @@ __all__ = [
     "MAX_COORDINATE",
     "camera_over_table",
     "check_intrinsics",
+    "check_points",
     "check_pose",
     "check_table",
     "fit_table",
@@ -25,6 +26,7 @@ __all__ = [
     "points_of",
     "read_depth",
     "read_mask",
+    "read_points",
     "read_pose",
     "thinned",
 ]
@@ -47,6 +49,10 @@ _USUAL = 0.6
 _MOST_PIXELS, _LARGEST_POSE = 1 << 26, 1 << 20
 #: Coordinates of a camera are at most this, metres: beyond, millimetres are lost, and a fit may not end.
 MAX_COORDINATE = 1e4
+#: Most points of obstacles: a box of 0.5 m filled at every 8 mm has half as many.
+_MOST_OBSTACLES = 500_000
+#: Obstacles beyond this distance cannot matter, metres: their unit is wrong.
+_FARTHEST_OBSTACLE = 10.0
 #: A plane is fitted to about this many points at most; more make it slower, not better.
 _MOST_POINTS = 1_000_000
 #: Planes that are tried, pixels that vote for them, and the least share of the votes that a table has.
@@ -133,6 +139,42 @@ def read_mask(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS) -
             f"{path} holds {values.dtype} of shape {values.shape}; give one mask (H, W), not 0 where the object is"
         )
     return np.asarray(values != 0)
+
+
+def read_points(path: str | os.PathLike[str]) -> NDArray[np.float64]:
+    """Read the points of obstacles from a ``.npy`` file of shape (k, 3), metres.
+
+    Raises
+    ------
+    FileError
+        If there is no such file.
+    ConfigError
+        As `check_points`, or if it is no array.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(2, "there is no such file of points", str(path))
+    return check_points(_read_npy(path), str(path))
+
+
+def check_points(points: ArrayLike, name: str = "keep_off") -> NDArray[np.float64]:
+    """Check the points (k, 3) of obstacles, metres.
+
+    Raises
+    ------
+    ConfigError
+        If they are no points, too many, or too far away to be in metres.
+    """
+    shape = np.shape(points)
+    if len(shape) != 2 or shape[1] != 3 or shape[0] > _MOST_OBSTACLES:
+        raise ConfigError(f"{name} has shape {shape}; give points (k, 3), at most {_MOST_OBSTACLES}")
+    values = floats(points, name)
+    if not (np.abs(values) <= _FARTHEST_OBSTACLE).all():
+        raise ConfigError(
+            f"{name} has a coordinate of {float(values.flat[np.argmax(np.abs(values))]):.6g}; give metres, at most "
+            f"{_FARTHEST_OBSTACLE:g} m from the origin of the table's frame"
+        )
+    return values
 
 
 def metric_depth(

@@ -21,7 +21,14 @@ from graspbox.artifacts.runtimes import Backend
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.perception.crops import Crops
-from graspbox.perception.depth_images import check_intrinsics, check_pose, check_table, fit_table, thinned
+from graspbox.perception.depth_images import (
+    check_intrinsics,
+    check_points,
+    check_pose,
+    check_table,
+    fit_table,
+    thinned,
+)
 from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder import Clock, GraspFinder, Ranked, TrainedScore
 from graspbox.perception.outputs import check_finite
@@ -151,6 +158,7 @@ class ImageGrasper:
         count: int = 5,
         region: tuple[int, int, int, int] | None = None,
         mask: NDArray[np.bool_] | None = None,
+        keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
         seed: int = 0,
     ) -> ImageGrasps:
@@ -170,6 +178,13 @@ class ImageGrasper:
         crops = view.crops(self.config.crop, within=within)
         _check_object(crops, small)
         finder = self._finder if hand_error is None else self._finder.tolerating(hand_error)
+        if keep_off is not None:
+            if table_from_camera is None:
+                raise ConfigError(
+                    "keep_off is in the table's frame, which a table found in the image does not fix; give "
+                    "table_from_camera"
+                )
+            finder = finder.keeping_off(check_points(keep_off))
         if mask is not None:
             pixels = _thin(_checked(mask, image.shape), step, small.shape)
             finder = _targeting(finder, view.voxels(pixels, crops.world_from_crop[0], finder.crop))
@@ -201,6 +216,7 @@ def grasp_image(
     count: int = 5,
     region: tuple[int, int, int, int] | None = None,
     mask: NDArray[np.bool_] | None = None,
+    keep_off: ArrayLike | None = None,
     hand_error: PoseNoise | None = None,
     backend: Backend = "onnx",
     seed: int = 0,
@@ -229,6 +245,9 @@ def grasp_image(
     mask : (H, W) bool array, optional
         Pixels of one of several objects: grasps are of this one, and keep off the others. For policies that learned
         among several objects.
+    keep_off : (k, 3) array, optional
+        Points of what is known to stand there, such as the walls of a bin (`graspbox.layouts.bin_points`), close
+        together, in the table's frame, metres; needs `table_from_camera`. Grasps keep off them where any can.
     hand_error : PoseNoise, optional
         Expected error of your hand's pose: grasps are then ranked by their mean score under such errors. The
         probabilities remain those of a hand without error.
@@ -253,6 +272,7 @@ def grasp_image(
         count=count,
         region=region,
         mask=mask,
+        keep_off=keep_off,
         hand_error=hand_error,
         seed=seed,
     )
