@@ -2,6 +2,9 @@
 
     python scripts/measure_decision.py policies/depth --decisions 50
 
+With ``--layout packed``, ``pile`` or ``bin`` the images are those of
+``graspbox/GraspPose-v0`` with five objects, one of which is the target; ``--any-target`` takes whatever grasp is best.
+
 The backends alternate on the same images. A table gives medians of wall time and of processor time (all threads), in
 milliseconds; processor time changes little if other programs compete for the cores.
 """
@@ -10,9 +13,12 @@ import argparse
 import sys
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
+import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from graspbox import load_hand, object_sets
 from graspbox.artifacts.folders import read_depth_policy
@@ -20,10 +26,16 @@ from graspbox.artifacts.runtimes import Backend
 from graspbox.errors import GraspboxError
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.perception import DepthView, FoundGrasp, GraspFinder, PoseNoise, add_depth_noise
+from graspbox.policies import DepthGrasp
+from graspbox.policies.base import Task
 from graspbox.policies.depth import load_finder
 from graspbox.programs import run_program
 from graspbox.views import ViewPlan, views
 
+#: Label of the target in segmentations.
+TARGET = 2
+#: An image, and the pixels of the object to grasp.
+Image = tuple[DepthView, NDArray[np.bool_] | None]
 STEPS = ("crop", "complete", "propose", "score", "refine", "average")
 
 
@@ -34,11 +46,44 @@ def finder_of(folder: Path, backend: Backend, num_threads: int | None, error: Po
     return found if error is None else found.tolerating(error)
 
 
+def single_objects(args: argparse.Namespace) -> Iterator[Image]:
+    """Render single objects from any side."""
+    scenes = SceneConfig()
+    sampler = SceneSampler(object_sets.load(args.objects), scenes, 0)
+    plan = ViewPlan("random", axis=(0.0, 0.0, 1.0), cap=1.1, distance=scenes.distance)
+    for number in range(args.decisions):
+        _, mesh, pose = sampler.rest(np.random.default_rng(number))
+        seen = views(mesh, plan=plan, seed=number, count=1, image_size=128, images="depth", world_from_object=pose)
+        depth = add_depth_noise(seen.depth, seen.intrinsics, number)[0]
+        yield DepthView(depth, seen.intrinsics, seen.world_from_camera[0]), None
+
+
+def scenes(args: argparse.Namespace) -> Iterator[Image]:
+    """Render scenes of five objects, with the pixels of the target."""
+    policy = DepthGrasp(args.policy)
+    env = gymnasium.make(
+        "graspbox/GraspPose-v0",
+        objects=args.objects,
+        layout=args.layout,
+        objects_per_scene=5,
+        obs=(*policy.obs, *policy.target_obs),
+        **policy.settings,
+    )
+    with env:
+        policy.bind(Task.of(env))
+        for number in range(args.decisions):
+            observation, _ = env.reset(seed=number)
+            target = None if args.any_target else observation["segmentation"][..., 0] == TARGET
+            yield policy.observer.look(observation, number), target
+
+
 def measure() -> None:
     """Time decisions and print the medians."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("policy", type=Path, help="folder of the policy")
     parser.add_argument("--objects", default="procedural:unseen:0-9")
+    parser.add_argument("--layout", choices=("packed", "pile", "bin"), help="scenes of five objects")
+    parser.add_argument("--any-target", action="store_true", help="with --layout: any of the objects")
     parser.add_argument("--decisions", type=int, default=50)
     parser.add_argument("--threads", type=int, help="threads; by default one per core")
     parser.add_argument("--backends", nargs="+", default=["onnx", "torch"])
@@ -50,21 +95,15 @@ def measure() -> None:
 
         torch.set_num_threads(args.threads)
     finders = {backend: finder_of(args.policy, backend, args.threads, error) for backend in args.backends}
-    scenes = SceneConfig()
-    sampler = SceneSampler(object_sets.load(args.objects), scenes, 0)
-    plan = ViewPlan("random", axis=(0.0, 0.0, 1.0), cap=1.1, distance=scenes.distance)
     wall: dict[str, dict[str, list[float]]] = {backend: defaultdict(list) for backend in finders}
     processor: dict[str, list[float]] = defaultdict(list)
     same = 0
-    for number in range(args.decisions):
-        _, mesh, pose = sampler.rest(np.random.default_rng(number))
-        seen = views(mesh, plan=plan, seed=number, count=1, image_size=128, images="depth", world_from_object=pose)
-        depth = add_depth_noise(seen.depth, seen.intrinsics, number)[0]
-        view = DepthView(depth, seen.intrinsics, seen.world_from_camera[0])
+    images = single_objects(args) if args.layout is None else scenes(args)
+    for number, (view, target) in enumerate(images):
         found: dict[str, FoundGrasp | None] = {}
         for backend, finder in finders.items():
             began, cpu = time.perf_counter(), time.process_time()
-            found[backend] = finder.find(view, seed=number)
+            found[backend] = finder.find(view, seed=number, target=target)
             wall[backend]["all"].append(time.perf_counter() - began)
             processor[backend].append(time.process_time() - cpu)
             for step, seconds in (one.seconds if (one := found[backend]) else {}).items():

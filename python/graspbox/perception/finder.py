@@ -559,9 +559,10 @@ def _belonging(
 
 
 def _spread(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Add the six neighbours of true voxels; those at the border are false."""
-    grown = cells.copy()
-    for axis in range(3):
-        for shift in (-1, 1):
-            grown |= np.roll(cells, shift, axis)
-    return grown
+    """Add the six neighbours of true voxels; those at the border are false, so that nothing spreads around it."""
+    flat = cells.ravel()
+    grown = flat.copy()
+    for step in (1, cells.shape[2], cells.shape[1] * cells.shape[2]):
+        grown[step:] |= flat[:-step]
+        grown[:-step] |= flat[step:]
+    return grown.reshape(cells.shape)
