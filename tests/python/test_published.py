@@ -20,6 +20,7 @@ LEAST = {
     "feel": (22, "graspbox/Grasp-v0", "depth-feel"),
     "head": (15, "graspbox/GraspPose-v0", "head"),
     "inspire": (14, "graspbox/GraspPose-v0", "inspire"),
+    "leap": (9, "graspbox/GraspPose-v0", "leap"),
     "panda": (18, "graspbox/GraspPose-v0", "panda"),
     "panda_clutter": (17, "graspbox/GraspPose-v0", "panda_clutter"),
     "reflex_clutter": (19, "graspbox/GraspPose-v0", "reflex_clutter"),
