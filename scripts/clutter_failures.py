@@ -23,7 +23,7 @@ from graspbox.envs.coding import encode_action
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.layouts import objects_that_fit
 from graspbox.perception import FoundGrasp
-from graspbox.policies import DepthPolicy, load
+from graspbox.policies import DepthGrasp, load
 from graspbox.policies.base import Task
 from graspbox.programs import run_program
 
@@ -42,7 +42,7 @@ def alternatives(env: Any, before: bytes, found: FoundGrasp, hand: Any, count: i
     return outcomes
 
 
-def attempts(policy: DepthPolicy, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
+def attempts(policy: DepthGrasp, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Clear scenes, attempt by attempt."""
     hand = args.hand or policy.settings["hand"]
     objects = objects_that_fit(object_sets.load(args.objects), args.layout, hand)
@@ -100,8 +100,8 @@ def main() -> int:
     args = parser.parse_args()
     try:
         policy = load(args.policy)
-        if not isinstance(policy, DepthPolicy):
-            raise ConfigError(f"{args.policy!r} is no policy of one depth image; name one that is")
+        if not isinstance(policy, DepthGrasp):
+            raise ConfigError(f"{args.policy!r} is no published policy of one depth image; name one that is")
         rows = list(attempts(policy, args))
     except (GraspboxError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -295,6 +295,7 @@ def test_grasps_keep_off_what_stands_there(seen: Views, depth: NDArray[np.float6
         (wall[:, :2], r"shape \(\d+, 2\); give points \(k, 3\)"),
         (wall * 1000, "has a coordinate of 196; give metres"),
         (np.full((2, 3), np.nan), "keep_off"),
+        ([[0.0, 0.0], [0.0]], "keep_off"),
     ):
         with pytest.raises(errors.ConfigError, match=message):
             grasper.find(depth, seen.intrinsics, pose, keep_off=wrong)

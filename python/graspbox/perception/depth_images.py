@@ -165,10 +165,11 @@ def check_points(points: ArrayLike, name: str = "keep_off") -> NDArray[np.float6
     ConfigError
         If they are no points, too many, or too far away to be in metres.
     """
-    shape = np.shape(points)
-    if len(shape) != 2 or shape[1] != 3 or shape[0] > _MOST_OBSTACLES:
-        raise ConfigError(f"{name} has shape {shape}; give points (k, 3), at most {_MOST_OBSTACLES}")
-    values = floats(points, name)
+    # Arrays of a file are mapped, and read only once their shape is known.
+    array = points if isinstance(points, np.ndarray) else floats(points, name)
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) > _MOST_OBSTACLES:
+        raise ConfigError(f"{name} has shape {array.shape}; give points (k, 3), at most {_MOST_OBSTACLES}")
+    values = floats(array, name)
     if not (np.abs(values) <= _FARTHEST_OBSTACLE).all():
         raise ConfigError(
             f"{name} has a coordinate of {float(values.flat[np.argmax(np.abs(values))]):.6g}; give metres, at most "
