@@ -69,6 +69,20 @@ def test_q1_knows_grasps_that_resist_nothing() -> None:
     assert ferrari_canny(around(0.8)) > ferrari_canny(around(0.4)) == pytest.approx(ferrari_canny(around(0.8), 0.5))
 
 
+def test_q1_takes_contacts_that_nearly_coincide() -> None:
+    """A grasp of five places. By default Qhull rejects it where a third of these sixth contacts is added."""
+    places = [
+        contact((-0.0167246, 0.04492903, 1.06961172), (0.2913057, -0.85815891, -0.42273428), 0.6),
+        contact((-0.0202328, -0.00523807, 1.02558141), (0.40434425, 0.91458743, -0.005963), 0.6),
+        contact((0.01771609, 0.02840552, 1.05018495), (-0.85935972, -0.51113228, 0.01564146), 0.6),
+        contact((0.01610644, 0.00761849, 1.02581087), (-0.87695378, 0.48023612, 0.0180373), 0.6),
+        contact((0.00144442, -0.00642014, 1.06917605), (-0.31972325, 0.94187433, -0.10319779), 0.6),
+    ]
+    for shift in np.random.default_rng(0).normal(size=(20, 3)) * 1e-14:
+        again = replace(places[2], point=places[2].point + shift)
+        assert ferrari_canny([*places[:3], again, *places[3:]]) == pytest.approx(0.227320, abs=1e-6)
+
+
 def test_the_residual_of_one_contact_has_a_closed_form() -> None:
     """It presses with 1 along x: pulls along x leave 0.9 and 1.1, and across it 1 where friction carries them."""
     one = [contact((0.2, 0.1, 0), (1, 0, 0), 0.5)]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import LinearConstraint, minimize
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull
 
 from graspbox.validation.forces.config import PULLS, Array, Contact
 
@@ -70,11 +70,11 @@ def ferrari_canny(contacts: Sequence[Contact], friction: float = 1.0) -> float:
     if len(contacts) < 2:
         return 0.0
     points = wrenches(contacts, friction).reshape(-1, 6)
-    try:
-        hull = ConvexHull(points)
-    except QhullError:
+    if np.linalg.matrix_rank(points - points[0], tol=1e-9) < points.shape[1]:
         # All wrenches are in a hyperplane: forces across it are not resisted.
         return 0.0
+    # Two contacts may coincide. Qhull fails on wrenches that nearly do, unless it may move them ("joggle", by 1e-11).
+    hull = ConvexHull(points, qhull_options="QJ")
     # Facets are n x + d <= 0 inside, with unit normals.
     return max(0.0, float(-hull.equations[:, -1].max()))
 
