@@ -1,5 +1,6 @@
 //! The families' shapes: from a random stream to a draft of one object.
 
+mod assemblies;
 mod brackets;
 mod cutlery;
 mod food;
@@ -44,5 +45,6 @@ pub(crate) fn draft(family: Family, sampler: &mut Sampler) -> Result<Draft, Mesh
         Family::Prism => prisms::prism(sampler),
         Family::Bracket => brackets::bracket(sampler)?,
         Family::Carton => prisms::carton(sampler),
+        Family::Assembly => assemblies::assembly(sampler)?,
     })
 }

@@ -28,6 +28,8 @@ fn check_surface(object: &ProceduralObject) {
         Family::Scissors => 2..=2,
         // One for each link.
         Family::Chain => 3..=5,
+        // Pieces may cross.
+        Family::Assembly => 0..=4,
         _ => 0..=0,
     };
     let genus = genus(object);
