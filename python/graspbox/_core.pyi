@@ -209,7 +209,8 @@ class Mesh:
 class Hand:
     """A hand, held in Rust: immutable, pickled and compared by the text of its URDF and its ``hand.toml``."""
 
-    def __new__(cls, urdf: str, toml: str) -> Hand: ...
+    def __new__(cls, urdf: str, toml: str, names: tuple[str, str] | None = None) -> Hand:
+        """Read a hand from the text of its files; `names` are those of the files in errors."""
     def __getnewargs__(self) -> tuple[str, str]: ...
     def __copy__(self) -> Hand: ...
     def __deepcopy__(self, _memo: object, /) -> Hand: ...
@@ -275,6 +276,9 @@ class Hand:
         ``hand_from_shape`` (n, 4, 4), half extents (n, 3), which are pads (n,), and the row of `joint_frames` of the
         joint that carries each, -1 for the palm (n,).
         """
+    @property
+    def shape_kinds(self) -> list[str]:
+        """Kind of each of `shapes`: ``cuboid``, ``cylinder`` (about its z axis) or ``sphere``."""
     def joint_frames(
         self, positions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:

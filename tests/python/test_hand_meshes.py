@@ -141,6 +141,14 @@ def test_a_pad_of_several_shapes_is_a_pad_as_a_whole(tmp_path: Path) -> None:
     assert 'name="leftfinger_pad.1"' in hand.files[0]
 
 
+def test_errors_name_the_given_files(tmp_path: Path) -> None:
+    write_obj(tmp_path / "pad.obj", box_corners(pad_size()))
+    folder = with_meshes(tmp_path, "pad.obj")
+    (folder / "mine.toml").write_text((folder / "hand.toml").read_text().replace('unit = "N"', 'unit = "kN"', 1))
+    with pytest.raises(HandError, match=f"(?m)^{re.escape(str(folder / 'mine.toml'))}:\\d+: .*kN"):
+        load_hand((folder / "hand.urdf", folder / "mine.toml"))
+
+
 def test_fits_are_cached_and_a_damaged_cache_is_made_again(tmp_path: Path, cache: Path) -> None:
     write_obj(tmp_path / "pad.obj", box_corners(pad_size()))
     folder = with_meshes(tmp_path, "pad.obj")

@@ -5,7 +5,7 @@ import pytest
 
 import graspbox
 from graspbox import object_sets
-from graspbox.hands import corners_of, load_hand, reach_of, symmetries_of
+from graspbox.hands import asymmetries_of, corners_of, load_hand, reach_of, symmetries_of
 from graspbox.models.scorer.inputs import ScorerInputs
 from graspbox.perception import HandGrid, HandGridConfig, ProposalConfig
 from graspbox.perception.anchors import AnchorConfig
@@ -62,6 +62,28 @@ def test_a_box_nearly_as_wide_as_the_opening_is_grasped() -> None:
 @pytest.mark.parametrize("hand", graspbox.Hand.names())
 def test_symmetries_of_hands(hand: str) -> None:
     assert symmetries_of(load_hand(hand)) == HandGrid(hand).symmetries == SYMMETRIES[hand]
+
+
+def test_cylinders_may_be_turned_about_their_axes() -> None:
+    """A round palm leaves the gripper its symmetries, whichever way it is turned; a square one does not."""
+    urdf, toml = load_hand("panda_gripper").files
+    box, place = '<box size="0.063 0.204 0.066"/>', '<origin xyz="0 0 0.033"/>'
+    assert box in urdf
+    assert place in urdf
+    turned = '<origin xyz="0 0 0.033" rpy="0 0 0.0982"/>'
+    for shape, start, symmetric in (
+        ('<cylinder radius="0.05" length="0.066"/>', place, True),
+        ('<cylinder radius="0.05" length="0.066"/>', turned, True),
+        ('<box size="0.1 0.1 0.066"/>', place, True),
+        ('<box size="0.1 0.1 0.066"/>', turned, False),
+    ):
+        hand = graspbox.Hand(urdf.replace(box, shape).replace(place, start), toml)
+        moved = asymmetries_of(hand)
+        assert (MIRROR_Y in symmetries_of(hand)) == (MIRROR_X in symmetries_of(hand)) == symmetric, (shape, start)
+        assert moved[HALF_TURN] < 1e-6
+        assert (moved[MIRROR_Y] < 1e-6) == symmetric
+    # A corner of the square is 70.7 mm from the axis, and the mirror turns it by twice 0.0982 rad.
+    assert moved[MIRROR_Y] == pytest.approx(2 * 0.0707 * np.sin(0.0982), rel=1e-3)
 
 
 def test_corners_of_palm_and_fingers_are_all_corners() -> None:

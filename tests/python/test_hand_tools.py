@@ -233,6 +233,7 @@ def test_reach_width_and_symmetries() -> None:
     assert one(panda, "width", "note", "widest").value == "78.0 mm"
     assert "mirror x = 0" in one(panda, "symmetry", "note", "trainings").value
     assert one(graspbox.load_hand("soft_hand"), "symmetry", "note", "human").value == "none"
+    assert one(panda, "mass", "note", "compare").value == "0.76 kg"
     assert one(graspbox.load_hand("reflex"), "width", "note", "no `width`").value == "not stated"
     wide = broken("panda_gripper", (r"width = \{ value = \[0.0, 0.078\]", "width = { value = [0.0, 0.09]"))
     assert "80.0 mm" in one(wide, "width", "warning", "exceeds").message

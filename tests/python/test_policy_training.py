@@ -224,6 +224,9 @@ def test_a_training_begins_with_a_published_policy(trained: Path, tmp_path: Path
     out, published = tmp_path / "run", trained / "policy"
     words = ["--start", str(published), "--completion", str(published), "--data", str(trained / "data" / "set")]
     subprocess.run([*command(out), *words], check=True, capture_output=True)
+    card = (out / "policy" / "README.md").read_text()
+    assert f"graspbox evaluate {out / 'policy'} --objects" in card
+    assert json.loads((out / "settings.json").read_text())["sizes"]["width"] == read_depth_policy(published).width
     begun, scorer = torch.load(out / "scorer" / "start.pt"), load_weights(published / "scorer-0.safetensors")
     assert begun.keys() == scorer.keys()
     for name, values in begun.items():

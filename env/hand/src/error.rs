@@ -147,6 +147,17 @@ pub enum ProblemKind {
         /// The missing item.
         missing: &'static str,
     },
+    /// A preshape of a hand with a preshape coordinate has positions of other actuators too.
+    #[error(
+        "preshape \"{preshape}\" has positions of several actuators; with `[grasp.coordinate]` a preshape has only that \
+         of \"{coordinate}\""
+    )]
+    OtherActuators {
+        /// The preshape.
+        preshape: String,
+        /// The actuator of the coordinate.
+        coordinate: String,
+    },
     /// Two things of the same name.
     #[error("the {what} name \"{name}\" is used twice; names must be unique")]
     Duplicate {

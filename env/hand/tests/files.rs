@@ -292,6 +292,26 @@ fn driven_joints_must_reach_the_whole_preshape() {
     );
 }
 
+/// With a preshape coordinate, a preshape is a position of it alone.
+#[test]
+fn preshapes_are_positions_of_the_coordinate() {
+    let reflex = asset("reflex").unwrap();
+    let power = "positions.preshape = { value = 0.0, unit = \"rad\"";
+    assert!(reflex.toml.contains(power));
+    let told = |new: &str| {
+        let text = complaint(reflex.urdf, &reflex.toml.replacen(power, new, 1));
+        text.split_once(": ").unwrap().1.to_owned()
+    };
+    let other = power.replacen("preshape", "finger_1", 1);
+    assert_eq!(told(&other), "preshape \"power\" has no position of the preshape coordinate");
+    let both = format!("positions.finger_1 = {{ value = 0.0, unit = \"rad\", source = \"a test\" }}\n{power}");
+    assert_eq!(
+        told(&both),
+        "preshape \"power\" has positions of several actuators; with `[grasp.coordinate]` a preshape has only that of \
+         \"preshape\""
+    );
+}
+
 /// Both files are checked in one go.
 #[test]
 fn problems_of_both_files_are_told_together() {

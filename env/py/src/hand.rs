@@ -3,7 +3,7 @@
 use crate::convert::{Array, Floats, array, matrices, table, vector};
 use crate::errors::CoreError;
 use graspbox_hand::assets::{ASSETS, asset};
-use graspbox_hand::{Hand as Core, JointKind, Material};
+use graspbox_hand::{Hand as Core, JointKind, Material, Shape};
 use graspbox_plan::closing_center;
 use nalgebra::{UnitQuaternion, Vector3};
 use pyo3::prelude::*;
@@ -39,8 +39,10 @@ impl Hash for Hand {
 impl Hand {
     /// Reads a hand from the text of its two files.
     #[new]
-    fn new(urdf: String, toml: String) -> PyResult<Self> {
-        let hand = Core::from_strs(&urdf, &toml, ["URDF", "hand.toml"]).map_err(CoreError::from)?;
+    #[pyo3(signature = (urdf, toml, names=None))]
+    fn new(urdf: String, toml: String, names: Option<(String, String)>) -> PyResult<Self> {
+        let (first, second) = names.as_ref().map_or(("URDF", "hand.toml"), |(u, t)| (u.as_str(), t.as_str()));
+        let hand = Core::from_strs(&urdf, &toml, [first, second]).map_err(CoreError::from)?;
         Ok(Self(Arc::new(hand), Arc::new([urdf, toml])))
     }
 
@@ -199,6 +201,18 @@ impl Hand {
             array(py, pads, &[count])?,
             array(py, shapes.iter().map(|s| carrier(s.link)).collect(), &[count])?,
         ))
+    }
+
+    /// Kind of each collision shape, in the order of [`Hand::shapes`]: cuboid, cylinder (about its z axis) or sphere.
+    #[getter]
+    fn shape_kinds(&self) -> Vec<&'static str> {
+        let colliders = self.0.links.iter().flat_map(|link| &link.colliders);
+        let kind = |shape: &Shape| match shape {
+            Shape::Cuboid(_) => "cuboid",
+            Shape::Cylinder { .. } => "cylinder",
+            Shape::Sphere { .. } => "sphere",
+        };
+        colliders.map(|collider| kind(&collider.shape)).collect()
     }
 
     /// Frames of all moving joints, chain by chain from root to tip, with the independent ones at `positions` (c,): hand_from_joint (j, 4, 4),

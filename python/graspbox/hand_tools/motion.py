@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from graspbox.hand_tools.boxes import gaps
 from graspbox.hand_tools.findings import CheckedHand, Finding, Severity
-from graspbox.hands import reach_of, symmetries_of
+from graspbox.hands import asymmetries_of, reach_of, symmetries_of
 
 __all__ = ["closing_gaps", "extent", "meeting", "overlaps", "pads"]
 
@@ -214,11 +214,13 @@ def extent(checked: CheckedHand) -> Iterator[Finding]:
             yield Finding("note", "reach", subject, f"{reach * 1e3:.1f} mm", message)
     yield from _width(checked)
     found = [_MIRRORS[signs] for signs in symmetries_of(checked.hand)]
-    message = (
-        "trainings use them to show every grasp in several ways"
-        if found
-        else "none; that is fine for a human-like hand"
-    )
+    if found:
+        message = "trainings use them to show every grasp in several ways"
+    else:
+        signs, distance = min(asymmetries_of(checked.hand).items(), key=lambda item: item[1])
+        message = (
+            f"none, which is fine for a human-like hand; the {_MIRRORS[signs]} moves shapes by {distance * 1e3:.1f} mm"
+        )
     yield Finding("note", "symmetry", "grasp frame", ", ".join(found) or "none", message)
 
 

@@ -63,6 +63,10 @@ def units(tree: Tree) -> Iterator[Finding]:
             else "no hand is that light, and light links make the simulation stiff",
             "give masses in kilograms, and inertias in kg m2",
         )
+    else:
+        yield Finding(
+            "note", "mass", "all links", f"{total:.3g} kg", "the hand's own mass; compare it with the maker's"
+        )
 
 
 def sizes(checked: CheckedHand) -> Iterator[Finding]:

@@ -4,7 +4,7 @@
 |---|---|
 | `load_hand` | a hand by its name, or from a URDF and a ``hand.toml`` |
 | `fitted_urdf` | a URDF with boxes, cylinders and spheres in place of its collision meshes, and how well they fit |
-| `corners_of`, `reach_of`, `symmetries_of` | collision boxes, reach and symmetries of a hand |
+| `corners_of`, `reach_of`, `symmetries_of`, `asymmetries_of` | collision boxes, reach and symmetries of a hand |
 | `cache_folder` | the folder for cached data |
 | `euler_from_rotation` | angles of a URDF |
 """
@@ -12,7 +12,7 @@
 from graspbox._common.rotations import euler_from_rotation
 from graspbox._core import Hand
 from graspbox.hands.caching import cache_folder
-from graspbox.hands.geometry import corners_of, reach_of, symmetries_of
+from graspbox.hands.geometry import asymmetries_of, corners_of, reach_of, symmetries_of
 from graspbox.hands.loading import HandLike, load_hand
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
 from graspbox.hands.mjcf import urdf_of_mjcf
@@ -24,6 +24,7 @@ __all__ = [
     "HandLike",
     "MeshFit",
     "Primitive",
+    "asymmetries_of",
     "cache_folder",
     "corners_of",
     "euler_from_rotation",

@@ -57,4 +57,5 @@ def _loaded(urdf: Path, toml: Path) -> Hand:
         settings = read_bounded(toml, _LARGEST).decode()
     except (FileError, UnicodeDecodeError) as error:
         raise HandError(f"{toml}: {error}") from None
-    return Hand(fitted.text, settings)
+    # Lines of the text without meshes are not those of the file.
+    return Hand(fitted.text, settings, (f"{urdf} (meshes replaced)", str(toml)))

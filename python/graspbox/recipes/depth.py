@@ -74,6 +74,9 @@ def train(settings: DepthSettings, command: str, echo: Callable[[str], None]) ->
     """
     if settings.quick:
         settings = replace(settings, sizes=QUICK, **QUICK_OBJECTS)
+    if settings.start is not None:
+        start = folder_of(str(settings.start))
+        settings = replace(settings, start=start, sizes=replace(settings.sizes, width=scorer_width(start)))
     learned = [*of_datasets(settings.data), *of_splits((*settings.objects, *settings.fresh))]
     if settings.completion is not None:
         learned += read_depth_policy(folder_of(settings.completion)).learned_from
@@ -103,8 +106,7 @@ class _DepthTraining:
         several = self.layouts != ("single",)
         self.scenes = SceneConfig(crop=CropConfig(gap=EVERYTHING if several else CropConfig.gap))
         hand = settings.load_hand()
-        if (start := settings.start) is not None:
-            self.sizes = replace(settings.sizes, width=scorer_width(start))
+        start = settings.start
         shape = None if start is None or not is_shared(start) else SHARED_SHAPE
         fitted = settings_of(hand, FINDER.proposals, shape=shape)
         self.finder, self.anchors = replace(FINDER, proposals=fitted.proposals), fitted.anchors

@@ -30,7 +30,7 @@ Stages = Mapping[str, Mapping[str, Any]]
 
 
 def _use(folder: Path) -> str:
-    return f"graspbox evaluate policies/{folder.name} --objects procedural:unseen:0-19"
+    return f"graspbox evaluate {folder} --objects procedural:unseen:0-19"
 
 
 def _limits(scenes: SceneConfig) -> tuple[str, ...]:
@@ -97,7 +97,7 @@ def depth_card(
         summary=_SUMMARY if settings.layout == ("single",) else f"{_SUMMARY} {_SEVERAL}",
         commands=(
             _use(folder),
-            f"graspbox grasp-image DEPTH.npy --intrinsics FX FY CX CY --policy policies/{folder.name}",
+            f"graspbox grasp-image DEPTH.npy --intrinsics FX FY CX CY --policy {folder}",
         ),
         method=_METHOD,
         scores=scores,

@@ -188,9 +188,14 @@ fn value_of(
             *position
         }
         _ => {
-            let missing = "position of the preshape coordinate, and of that actuator alone";
             let (item, name) = ("preshape", written.name.get_ref().clone());
-            reader.add(&written.name, ProblemKind::Missing { item, name, missing });
+            let actuator = coordinate.actuator;
+            let kind = if positions.iter().any(|(other, _)| *other == actuator) {
+                ProblemKind::OtherActuators { preshape: name, coordinate: hand.actuators[actuator].name.clone() }
+            } else {
+                ProblemKind::Missing { item, name, missing: "position of the preshape coordinate" }
+            };
+            reader.add(&written.name, kind);
             0.0
         }
     }

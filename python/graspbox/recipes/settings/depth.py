@@ -171,8 +171,8 @@ class DepthSettings(HandOption):
     """A policy of one depth image, by folder or name, whose completion is used: it knows no hand. With several objects
     it is trained further on scenes of the layouts. By default one is trained."""
     start: Path | None = None
-    """A run of `graspbox train depth` with this hand, or of `graspbox train any-hand`, or the folder of a published
-    policy, with whose scorer the first member begins. The head of a published policy is used as it is."""
+    """A run of `graspbox train depth` with this hand, or of `graspbox train any-hand`, or a published policy, by folder
+    or name, with whose scorer the first member begins. The head of a published policy is used as it is."""
     publish: Path | None = None
     """Folder of the exported policy; by default ``policy`` in the run's folder."""
     name: str = "depth"
