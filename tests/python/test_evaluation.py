@@ -273,7 +273,7 @@ KEYS = [
     "objects_left_out",
     "refused",
 ]
-KEYS += ["calibration_error", "ms_per_decision"]
+KEYS += ["mean_confidence", "calibration_error", "ms_per_decision"]
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:

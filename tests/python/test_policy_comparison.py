@@ -11,7 +11,7 @@ import pytest
 import graspbox
 import tiny_policy
 from datasets_for_tests import run as make_dataset
-from graspbox import evaluation, object_sets, policies
+from graspbox import cli, evaluation, object_sets, policies
 from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import evaluate
@@ -263,6 +263,7 @@ def test_tables_count_pool_and_compare() -> None:
 
 
 def test_policies_say_how_sure_they_are(tmp_path: Path) -> None:
+    typer = pytest.importorskip("typer.testing", reason="the command line needs the extra 'cli'")
     pytest.importorskip("onnxruntime", reason="policies with networks need onnxruntime")
     pytest.importorskip("onnx", reason="the tiny policy is written with onnx")
     from tiny_policy import make
@@ -273,6 +274,11 @@ def test_policies_say_how_sure_they_are(tmp_path: Path) -> None:
     assert all(p is not None and 0.0 <= p <= 1.0 for p in stated)
     assert found.calibration_error is not None
     assert found.to_json()["calibration_error"] == found.calibration_error
+    assert found.mean_confidence == found.to_json()["mean_confidence"] == pytest.approx(np.mean(stated))
+    words = ["evaluate", str(tmp_path / "tiny"), "--objects", CANS, "--trials", "6"]
+    done = typer.CliRunner().invoke(cli.typer_app, words, catch_exceptions=False)
+    sure = f"predicted probability of success: {found.mean_confidence:.1%} on average, expected calibration error"
+    assert f"{sure} {found.calibration_error:.3f}" in done.output
 
 
 def test_every_policy_has_a_label_of_its_own() -> None:

@@ -98,6 +98,11 @@ def _print(result: Evaluation) -> None:
         f"success {result.rate:.1%} (95 % interval {result.ci95[0]:.1%} to {result.ci95[1]:.1%}); "
         f"secure {secure:.1%} ({low:.1%} to {high:.1%}); {result.ms_per_decision:.2f} ms per decision"
     )
+    if result.mean_confidence is not None:
+        typer.echo(
+            f"predicted probability of success: {result.mean_confidence:.1%} on average, expected calibration error "
+            f"{result.calibration_error:.3f}"
+        )
     fitting = result.fitting
     if 0 < len(fitting.trials) < len(result.trials):
         low, high = fitting.ci95

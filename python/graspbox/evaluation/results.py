@@ -204,10 +204,18 @@ class Evaluation:
 
         None if some trial has none, or there is no trial.
         """
-        stated = [trial.confidence for trial in self.trials if trial.confidence is not None]
-        if not stated or len(stated) < len(self.trials):
+        if (stated := self._stated()) is None:
             return None
-        return calibration_error(np.array(stated), np.array([trial.success for trial in self.trials]))
+        return calibration_error(stated, np.array([trial.success for trial in self.trials]))
+
+    @property
+    def mean_confidence(self) -> float | None:
+        """Mean of the predicted probabilities of success; None if some trial has none, or there is no trial."""
+        return None if (stated := self._stated()) is None else float(stated.mean())
+
+    def _stated(self) -> NDArray[np.float64] | None:
+        stated = [trial.confidence for trial in self.trials if trial.confidence is not None]
+        return np.array(stated) if stated and len(stated) == len(self.trials) else None
 
     @property
     def fitting(self) -> "Evaluation":
@@ -250,6 +258,7 @@ class Evaluation:
             "failures": self.failures,
             "objects_left_out": self.objects_left_out,
             "refused": dict(self.refused),
+            "mean_confidence": self.mean_confidence,
             "calibration_error": self.calibration_error,
             "ms_per_decision": self.ms_per_decision,
         }
