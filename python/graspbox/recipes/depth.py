@@ -339,7 +339,8 @@ class _DepthTraining:
     ) -> Choices:
         """Try choices on a set of objects, until the stage's time is over if they are `limited`."""
         sampler = self.sampler(objects, split, self.seed + 9000)
-        folder = stage.folder / "-".join((objects,) if isinstance(objects, str) else objects).replace(":", "-")
+        names = (objects,) if isinstance(objects, str) else objects
+        folder = stage.folder / "-".join(names).replace(":", "-")
         return try_choices(
             folder,
             sampler,
@@ -350,7 +351,7 @@ class _DepthTraining:
             finder,
             head=parts.head,
             weights=weights,
-            progress=stage.counter(count, f"choices ({objects})"),
+            progress=stage.counter(count, f"choices ({', '.join(names)})"),
             stop=stage.late if limited else lambda: False,
         )
 
