@@ -1,6 +1,5 @@
 //! The families' shapes: from a random stream to a draft of one object.
 
-mod assemblies;
 mod brackets;
 mod cutlery;
 mod food;
@@ -45,6 +44,5 @@ pub(crate) fn draft(family: Family, sampler: &mut Sampler) -> Result<Draft, Mesh
         Family::Prism => prisms::prism(sampler),
         Family::Bracket => brackets::bracket(sampler)?,
         Family::Carton => prisms::carton(sampler),
-        Family::Assembly => assemblies::assembly(sampler)?,
     })
 }

@@ -60,8 +60,6 @@ pub enum Family {
     Bracket = 23,
     /// Filled carton or canister, standing or lying, or a thick piece of timber.
     Carton = 24,
-    /// Rods, bars, discs and blocks of unlike sections, joined in a plane, lying: handles with heads, frames with screws.
-    Assembly = 25,
 }
 
 /// Bounds that every object of a family keeps.
@@ -283,14 +281,6 @@ const FACTS: &[FamilyFacts] = &[
         greatest: [0.241, 0.241, 0.241],
         mass: [0.05, 1.001],
         source: "filled cartons, canisters and timber 60 to 94 mm thick, 430 to 950 kg/m3, less where it would weigh over 1 kg",
-    },
-    FamilyFacts {
-        family: Family::Assembly,
-        name: "assembly",
-        least: [0.02, 0.005, 0.003],
-        greatest: [0.3, 0.3, 0.06],
-        mass: [0.001, 0.701],
-        source: "tools and utensils 3 to 30 mm thick, up to 250 mm long; wood, plastic, aluminium or steel",
     },
 ];
 

@@ -9,7 +9,7 @@
 //! | `implicit`, `nets` | composite solids as signed distances; their manifold surface |
 //! | `cloud` | few points whose hull stays close to a convex shape |
 //! | `draft` | an object in its construction frame, and its resting pose |
-//! | `families` | the shapes of the families: packages, prisms, brackets, assemblies, balls, vessels, food, cutlery, tools, kettles |
+//! | `families` | the shapes of the families: packages, prisms, brackets, balls, vessels, food, cutlery, tools, kettles |
 //!
 //! ```
 //! use graspbox_objects::{Family, generate};

@@ -28,8 +28,6 @@ fn check_surface(object: &ProceduralObject) {
         Family::Scissors => 2..=2,
         // One for each link.
         Family::Chain => 3..=5,
-        // Pieces may cross.
-        Family::Assembly => 0..=4,
         _ => 0..=0,
     };
     let genus = genus(object);
@@ -186,6 +184,12 @@ fn same_seed_same_bits_and_another_seed_another_object() {
         assert_ne!(a.mesh, c.mesh, "{family}: seeds 7 and 8 make the same mesh");
         assert_eq!(a.name, format!("{family}-000007"));
     }
+}
+
+/// A chain of five links of nearly the thickest wire and the longest straights.
+#[test]
+fn the_longest_chains_keep_their_bounds() {
+    check_promises(&generate(Family::Chain, 18_319_913_164_365_112_584).unwrap());
 }
 
 proptest! {

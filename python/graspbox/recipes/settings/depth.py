@@ -150,7 +150,6 @@ class DepthSettings(HandOption):
         "procedural:prism:200-799",
         "procedural:bracket:200-799",
         "procedural:carton:200-799",
-        "procedural:assembly:200-999",
         "ycb",
     )
     """Objects of the generated data set, and of the completion."""
@@ -159,7 +158,6 @@ class DepthSettings(HandOption):
         "procedural:prism:1000-1799",
         "procedural:bracket:1000-1799",
         "procedural:carton:1000-1799",
-        "procedural:assembly:1000-2199",
     )
     """Objects of the rounds (split train), and of validation and calibration (split validation)."""
     evaluated: tuple[str, ...] = ("procedural:unseen:0-19", "ycb")
