@@ -32,7 +32,8 @@ def broken(name: str, *changes: tuple[str, str]) -> graspbox.Hand:
             texts[index], count = re.subn(pattern, replacement, text, flags=re.DOTALL)
             counts.append(count)
         assert sum(counts) > 0, pattern
-    return graspbox.Hand(*texts)
+    urdf, toml = texts
+    return graspbox.Hand(urdf, toml)
 
 
 def findings(hand: graspbox.Hand, check: str) -> list[Finding]:
