@@ -274,7 +274,11 @@ def test_policies_say_how_sure_they_are(tmp_path: Path) -> None:
     assert all(p is not None and 0.0 <= p <= 1.0 for p in stated)
     assert found.calibration_error is not None
     assert found.to_json()["calibration_error"] == found.calibration_error
-    assert found.mean_confidence == found.to_json()["mean_confidence"] == pytest.approx(sum(filter(None, stated)) / len(stated))
+    assert (
+        found.mean_confidence
+        == found.to_json()["mean_confidence"]
+        == pytest.approx(sum(filter(None, stated)) / len(stated))
+    )
     words = ["evaluate", str(tmp_path / "tiny"), "--objects", CANS, "--trials", "6"]
     done = typer.CliRunner().invoke(cli.typer_app, words, catch_exceptions=False)
     sure = f"predicted probability of success: {found.mean_confidence:.1%} on average, expected calibration error"
