@@ -11,7 +11,7 @@ import pytest
 import graspbox
 import tiny_policy
 from datasets_for_tests import run as make_dataset
-from graspbox import cli, evaluation, object_sets, policies
+from graspbox import evaluation, object_sets, policies
 from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import evaluate
@@ -267,6 +267,8 @@ def test_policies_say_how_sure_they_are(tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime", reason="policies with networks need onnxruntime")
     pytest.importorskip("onnx", reason="the tiny policy is written with onnx")
     from tiny_policy import make
+
+    from graspbox import cli
 
     make(tmp_path / "tiny")
     found = evaluate(policies.load(str(tmp_path / "tiny")), objects=CANS, trials=6)
