@@ -266,9 +266,8 @@ def test_policies_say_how_sure_they_are(tmp_path: Path) -> None:
     typer = pytest.importorskip("typer.testing", reason="the command line needs the extra 'cli'")
     pytest.importorskip("onnxruntime", reason="policies with networks need onnxruntime")
     pytest.importorskip("onnx", reason="the tiny policy is written with onnx")
-    from tiny_policy import make
-
     from graspbox import cli
+    from tiny_policy import make
 
     make(tmp_path / "tiny")
     found = evaluate(policies.load(str(tmp_path / "tiny")), objects=CANS, trials=6)
