@@ -671,7 +671,13 @@ class HandGrid:
     def swept(self) -> NDArray[np.uint8]: ...
     def nearest(self, preshape: NDArray[np.float64]) -> NDArray[np.int64]: ...
     def propose(
-        self, occupancy: NDArray[np.uint8], crop: str, config: str, num_threads: int | None
+        self,
+        occupancy: NDArray[np.uint8],
+        crop: str,
+        config: str,
+        whole: NDArray[np.uint8] | None,
+        obstacles: NDArray[np.float64],
+        num_threads: int | None,
     ) -> ProposalArrays: ...
     def meets(
         self,

@@ -30,7 +30,7 @@ from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet  # noqa:
 from graspbox.models.scorer.training import JoinedSampler, TrialSampler  # noqa: E402
 from graspbox.models.trials import GraspTrials  # noqa: E402
 from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalConfig  # noqa: E402
-from graspbox.perception.finder_configs import FinderConfig  # noqa: E402
+from graspbox.perception.configs import FinderConfig  # noqa: E402
 from graspbox.perception.hand_settings import settings_of  # noqa: E402
 from graspbox.policies.depth import load_finder  # noqa: E402
 from graspbox.policies.grasp_image import grasp_image  # noqa: E402

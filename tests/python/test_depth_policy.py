@@ -10,8 +10,8 @@ from graspbox import errors, evaluation, policies
 from graspbox.configs import CamerasConfig
 from graspbox.evaluation.oracles import DepthOracle
 from graspbox.perception import GraspFinder, HandGrid, ProposalConfig
+from graspbox.perception.configs import FinderConfig
 from graspbox.perception.finder import observed_only
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.policies import DepthPolicy, Observer
 
 QUICK = FinderConfig(proposals=ProposalConfig(most=24), refinements=1)

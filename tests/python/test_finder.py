@@ -13,9 +13,9 @@ from graspbox.models.scene_trials import render_scene
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.anchors import Candidates
+from graspbox.perception.configs import FinderConfig
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import FoundGrasp, GraspFinder, observed_only
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.perturbations import PoseNoise
 
 CONFIG = FinderConfig(ProposalConfig(most=24), predicted=3, refinements=0)
@@ -95,6 +95,18 @@ def test_without_predictions_the_head_is_not_asked(crops: Crops) -> None:
     alone, none = decide(crops, CONFIG, None), decide(crops, replace(CONFIG, predicted=0), head)
     assert head.asked == 0
     np.testing.assert_array_equal(none.poses, alone.poses)
+
+
+def test_the_head_is_asked_only_where_geometry_proposes_too_few(crops: Crops) -> None:
+    alone = decide(crops, CONFIG, None)
+    count = len(alone.poses)
+    assert 0 < count <= CONFIG.proposals.most
+    for enough, asks in ((count, False), (count + 1, True), (0, False), (None, True)):
+        head = Ladder(top_of(crops))
+        found = decide(crops, replace(CONFIG, enough=enough), head)
+        assert (head.asked > 0, len(found.poses)) == (asks, count + CONFIG.predicted * asks), enough
+    with pytest.raises(ConfigError, match=r"enough is -1 \(int\); give a number from 0 to 1024"):
+        FinderConfig(enough=-1)
 
 
 def test_a_hand_that_errs_takes_a_good_grasp_among_good_ones(crops: Crops) -> None:

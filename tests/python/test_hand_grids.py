@@ -196,6 +196,25 @@ def test_different_proposals_come_first(grid: HandGrid) -> None:
     assert nearest(few.poses) > 1.5 * nearest(many.poses[chosen])
 
 
+def test_proposals_keep_off_obstacles_and_what_stands_around(grid: HandGrid) -> None:
+    """They are those of the object alone that do not touch the rest, as long as all are kept."""
+    occupancy, every = box((0.05, 0.05, 0.08)), ProposalConfig(most=100_000)
+    beside = np.roll(occupancy, 14, axis=0)
+    whole, wall = np.maximum(occupancy, beside), np.array([[0.0, -0.06, 0.01 * i] for i in range(20)])
+    alone = grid.propose(occupancy, every)
+    found = grid.propose(occupancy, every, whole=whole, obstacles=wall)
+    free, _ = grid.meets(whole, alone.poses, alone.preshape, obstacles=wall)
+    assert 0.05 < free.mean() < 0.9
+    np.testing.assert_array_equal(np.sort(found.poses, axis=0), np.sort(alone.poses[free], axis=0))
+    few = grid.propose(occupancy, ProposalConfig(most=16), whole=whole, obstacles=wall)
+    assert len(few) == 16
+    assert grid.meets(whole, few.poses, few.preshape, obstacles=wall)[0].all()
+    with pytest.raises(errors.ConfigError, match="whole"):
+        grid.propose(occupancy, whole=np.zeros((8, 8, 8), dtype=np.uint8))
+    with pytest.raises(errors.ConfigError, match="obstacles"):
+        grid.propose(occupancy, obstacles=np.zeros((2, 2)))
+
+
 def test_nothing_is_proposed_where_nothing_is(grid: HandGrid) -> None:
     found = grid.propose(np.zeros((N, N, N), dtype=np.uint8))
     assert len(found) == 0

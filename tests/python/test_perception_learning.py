@@ -28,7 +28,7 @@ from graspbox.models.scorer.inputs import ScorerInputs  # noqa: E402
 from graspbox.models.scorer.network import ScorerBatch, ScorerNet, scorer_losses  # noqa: E402
 from graspbox.models.scorer.training import TrialSampler, auc, train_scorer  # noqa: E402
 from graspbox.models.trials import GraspTrials  # noqa: E402
-from graspbox.perception.finder_configs import FinderConfig  # noqa: E402
+from graspbox.perception.configs import FinderConfig  # noqa: E402
 from graspbox.perception.perturbations import PoseNoise  # noqa: E402
 from graspbox.recipes.collection import CollectConfig, collect, load_trials  # noqa: E402
 from graspbox.training.runs import Rows  # noqa: E402

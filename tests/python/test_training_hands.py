@@ -15,7 +15,7 @@ from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.models.trials import GraspTrials
 from graspbox.perception import HandGrid, ProposalConfig
-from graspbox.perception.finder_configs import FinderConfig
+from graspbox.perception.configs import FinderConfig
 from graspbox.perception.hand_settings import settings_of
 from graspbox.recipes.collection import CollectConfig, collect
 from graspbox.simulation import Scene

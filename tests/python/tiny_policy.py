@@ -24,8 +24,7 @@ from graspbox.artifacts.schema import parse
 from graspbox.models.calibration import Calibration
 from graspbox.models.head.configs import HeadConfig
 from graspbox.models.stability.inputs import STORED_NAME
-from graspbox.perception.configs import CropConfig, HandGridConfig, ProposalConfig
-from graspbox.perception.finder_configs import FinderConfig
+from graspbox.perception.configs import CropConfig, FinderConfig, HandGridConfig, ProposalConfig
 from graspbox.study.model_configs import ModelConfig
 from graspbox.study.pose_folders import PosePolicyConfig
 

@@ -27,7 +27,7 @@
 //! let ball = |p: Point3<f64>| (p - Point3::new(0.0, 0.0, 0.04)).norm() <= 0.04;
 //! let at = |flat: usize| grid.center([flat / 48 / 48, flat / 48 % 48, flat % 48]);
 //! let occupancy: Vec<u8> = (0..grid.len()).map(|flat| if ball(at(flat)) { 255 } else { 0 }).collect();
-//! let found = propose(&hand, &grid, &occupancy, &ProposalConfig::default())?;
+//! let found = propose(&hand, &grid, &occupancy, &[], &ProposalConfig::default())?;
 //! assert!(found.len() == 128);
 //! assert!(found.iter().all(|candidate| (candidate.pose.rotation * Vector3::z()).z < 0.5));
 //! # Ok(())

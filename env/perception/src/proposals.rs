@@ -124,6 +124,7 @@ pub struct Candidate {
 /// At most `most` candidates, the most diverse first.
 ///
 /// * `occupancy`: (N, N, N), 0 to 255; a quarter or more counts as occupied.
+/// * `obstacles`: points that the open hand must not touch either.
 ///
 /// Empty if nothing is occupied, or nothing is feasible. The result does not depend on the number of threads.
 ///
@@ -133,6 +134,7 @@ pub fn propose(
     hand: &HandGrid,
     grid: &VoxelFrame,
     occupancy: &[u8],
+    obstacles: &[Point3<f32>],
     config: &ProposalConfig,
 ) -> Result<Vec<Candidate>, PerceptionError> {
     config.check()?;
@@ -145,8 +147,8 @@ pub fn propose(
     candidates.extend(on_boxes(hand, &shape, config)?);
     let points = collision_points(&surface, config.points);
     let needed = (config.fingers as u32).min(hand.chains);
-    let met: Vec<Meeting> =
-        candidates.par_iter().map(|candidate| hand.meets(&points, &[], &candidate.pose, candidate.preshape)).collect();
+    let meets = |candidate: &Candidate| hand.meets(&points, obstacles, &candidate.pose, candidate.preshape);
+    let met: Vec<Meeting> = candidates.par_iter().map(meets).collect();
     let kept = candidates.into_iter().zip(met);
     let kept = kept.filter(|(_, met)| met.free && met.chains.count_ones() >= needed).map(|(candidate, _)| candidate);
     Ok(most_different(hand, kept.collect(), config.most))
@@ -320,17 +322,18 @@ fn most_different(hand: &HandGrid, candidates: Vec<Candidate>, most: usize) -> V
     farthest(candidates.len(), most, 0, distance).into_iter().map(|index| candidates[index]).collect()
 }
 
-/// Farthest-point sampling of at most `most` of `count` elements, from `first`.
+/// Farthest-point sampling of at most `most` of `count` elements, from `first`; no two of them are equal.
 fn farthest(count: usize, most: usize, first: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<usize> {
     let mut nearest = vec![f64::INFINITY; count];
-    let (mut taken, mut next) = (Vec::new(), first);
-    while taken.len() < most.min(count) {
-        taken.push(next);
+    let mut taken = Vec::new();
+    let mut next = (first < count).then_some(first);
+    while let Some(one) = next.filter(|&one| taken.len() < most && nearest[one] > 0.0) {
+        taken.push(one);
         for (other, nearest) in nearest.iter_mut().enumerate() {
-            *nearest = nearest.min(distance(next, other));
+            *nearest = nearest.min(distance(one, other));
         }
-        let best = (0..count).max_by(|a, b| nearest[*a].total_cmp(&nearest[*b]).then(b.cmp(a)));
-        next = best.unwrap_or(0);
+        nearest[one] = 0.0;
+        next = (0..count).max_by(|a, b| nearest[*a].total_cmp(&nearest[*b]).then(b.cmp(a)));
     }
     taken
 }

@@ -23,9 +23,8 @@ from graspbox.models.calibration import Calibration, check_line
 from graspbox.models.head.configs import HeadConfig, check_anchor
 from graspbox.models.scorer.hand_numbers import HAND_NUMBERS
 from graspbox.models.stability.inputs import check_times
-from graspbox.perception.configs import CropConfig, HandGridConfig, ProposalConfig
+from graspbox.perception.configs import CropConfig, FinderConfig, HandGridConfig, ProposalConfig
 from graspbox.perception.crops import crop as crop_images
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.hand_settings import settings_of
 

@@ -42,9 +42,8 @@ from graspbox.models.scorer.network import ScorerNet
 from graspbox.models.scorer.shared import SharedScorerNet
 from graspbox.models.stability.inputs import STORED_NAME
 from graspbox.models.stability.network import StabilityGraph, StabilityNet
-from graspbox.perception.configs import CropConfig, HandGridConfig
+from graspbox.perception.configs import CropConfig, FinderConfig, HandGridConfig
 from graspbox.perception.finder import LOOKED_AT
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import perturbed
 from graspbox.training.norms import fold_norms

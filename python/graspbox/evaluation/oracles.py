@@ -21,10 +21,9 @@ from graspbox._core import Hand, Mesh
 from graspbox.artifacts.folders import hand_of, read_depth_policy
 from graspbox.envs.coding import encode_action, object_pose
 from graspbox.errors import ConfigError
-from graspbox.perception.configs import DepthNoise
+from graspbox.perception.configs import DepthNoise, FinderConfig
 from graspbox.perception.crops import Crops, solid_occupancy
 from graspbox.perception.finder import Clock, Finder, FoundGrasp, GraspFinder, Ranked, observed_only
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.policies import DepthPolicy, Observer

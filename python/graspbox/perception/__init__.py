@@ -14,7 +14,7 @@ A decision goes one way: a `DepthView` is leveled, its object is cropped (`Crops
 
 | module | purpose |
 |---|---|
-| `configs`, `finder_configs`, `hand_settings` | settings; those that follow from a hand |
+| `configs`, `hand_settings` | settings; those that follow from a hand |
 | `depth_images` | depth images from files: their units, the camera's lens and pose, the table |
 | `depth_views`, `leveling` | one image with its camera, whose height and tilt the visible table corrects |
 | `crops` | noise of a depth camera; the crop around the object, and its voxels |
@@ -33,11 +33,10 @@ The networks are in `graspbox.models`; nothing here needs torch.
 
 from graspbox.perception._head_finder import HeadFinder
 from graspbox.perception._planned_finder import PlannedFinder
-from graspbox.perception.configs import CropConfig, DepthNoise, HandGridConfig, ProposalConfig
+from graspbox.perception.configs import CropConfig, DepthNoise, FinderConfig, HandGridConfig, ProposalConfig
 from graspbox.perception.crops import CHANNELS, Crops, add_depth_noise, crop, solid_occupancy
 from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid, Proposals
 from graspbox.perception.hand_settings import HandSettings, settings_of
 from graspbox.perception.perturbations import PoseNoise

@@ -11,7 +11,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -19,13 +18,13 @@ from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.perception.anchors import Candidates
-from graspbox.perception.configs import CropConfig
+from graspbox.perception.configs import CropConfig, FinderConfig
 from graspbox.perception.crops import OCCUPIED, Crops
 from graspbox.perception.depth_views import DepthView
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.outputs import check_finite
 from graspbox.perception.perturbations import PoseNoise, perturbed
+from graspbox.perception.reachability import Reachability, belonging
 
 __all__ = [
     "LOOKED_AT",
@@ -49,8 +48,6 @@ Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 Score = Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 #: Candidates of a head that are checked, for each that may be added.
 LOOKED_AT = 4
-#: Proposals that are made for one of several objects, for each that may be kept.
-_SURPLUS = 4
 #: Scale on which a grasp resembles one that failed, metres and radians.
 _MOVED, _TURNED = 0.03, 0.5
 
@@ -60,12 +57,6 @@ class Head(Protocol):
 
     def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
         """Give the best grasps of one crop (2 or more, N, N, N) uint8."""
-
-
-#: `HandGrid.meets` of an occupancy, poses and preshapes.
-_Meets = Callable[
-    [NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], tuple[NDArray[np.bool_], NDArray[np.int64]]
-]
 
 
 @runtime_checkable
@@ -378,14 +369,12 @@ class GraspFinder(Finder):
         """Score grasps: see `Finder.rank`. There may be none."""
         volume = volume_of(crops, self.complete)
         clock.lap("complete")
-        wanted = self._wanted(volume)
-        meets = self._collisions(crops.world_from_crop[0])
-        poses, preshapes = self._proposed(volume, wanted, meets, crops.channels[0])
-        if not len(poses) and len(self._obstacles):
+        reach = self._reachability(volume, crops.world_from_crop[0])
+        poses, preshapes = self._proposed(reach, crops.channels[0])
+        if not len(poses) and len(reach.obstacles):
             # A grasp that touches a wall may still succeed: the hand stops only where a wall resists.
-            bare = self.keeping_off(np.zeros((0, 3)))
-            meets = bare._collisions(crops.world_from_crop[0])
-            poses, preshapes = bare._proposed(volume, wanted, meets, crops.channels[0])
+            reach = reach.without_obstacles()
+            poses, preshapes = self._proposed(reach, crops.channels[0])
         clock.lap("propose")
         if not len(poses):
             return Ranked(volume, poses, preshapes, np.zeros(0))
@@ -393,13 +382,13 @@ class GraspFinder(Finder):
         ranked = _ranked(score, volume, poses, preshapes)
         clock.lap("score")
         rng = np.random.default_rng(seed)
-        ranked = self._refined(ranked, wanted, meets, score, rng)
+        ranked = self._refined(ranked, reach, score, rng)
         clock.lap("refine")
         if self.config.hand_error is not None:
-            tolerant = _Tolerant(score, meets, self.config, self.config.hand_error)
+            tolerant = _Tolerant(score, reach, self.config, self.config.hand_error)
             finalists = ranked.kept(ranked.best(self.config.finalists))
             compared = _ranked(tolerant, volume, finalists.poses, finalists.preshapes)
-            ranked = self._refined(compared, wanted, meets, tolerant, rng)
+            ranked = self._refined(compared, reach, tolerant, rng)
             clock.lap("average")
         return ranked
 
@@ -420,54 +409,27 @@ class GraspFinder(Finder):
         check_finite(success, "scorer")
         return float(success[0])
 
+    def _reachability(self, volume: NDArray[np.uint8], world_from_crop: NDArray[np.float64]) -> Reachability:
+        """Tell what is to be grasped in a completed volume (3, N, N, N), and what the open hand keeps off."""
+        occupancy, surface = np.asarray(volume[0]), np.asarray(volume[1])
+        target = None if self._target is None else belonging(occupancy, surface, self._target)
+        obstacles = (self._obstacles - world_from_crop[:3, 3]) @ world_from_crop[:3, :3]
+        return Reachability(self.grid, self.config.proposals, occupancy, target, obstacles)
+
     def _proposed(
-        self, volume: NDArray[np.uint8], wanted: NDArray[np.uint8], meets: _Meets, channels: NDArray[np.uint8]
+        self, reach: Reachability, channels: NDArray[np.uint8]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Propose feasible grasps: poses (m, 4, 4) and preshapes (m,), those of the head last."""
-        config = self.config
-        if self._target is None and not len(self._obstacles):
-            found = self.grid.propose(wanted, config.proposals)
-            poses, preshapes = found.poses, found.preshape
-        else:
-            # Many of those that keep off the volume of the target touch what is around it.
-            most = config.proposals.most
-            found = self.grid.propose(wanted, replace(config.proposals, most=_SURPLUS * most))
-            kept = np.flatnonzero(self._feasible(volume, wanted, meets, found.poses, found.preshape))[:most]
-            poses, preshapes = found.poses[kept], found.preshape[kept]
-        if self.head is None or not config.predicted:
-            return poses, preshapes
-        predicted = self.head.candidates(channels, LOOKED_AT * config.predicted)
-        others = self.grid.preshapes[predicted.preshape]
-        near = np.flatnonzero(self._feasible(volume, wanted, meets, predicted.poses, others))[: config.predicted]
-        return np.concatenate([poses, predicted.poses[near]]), np.concatenate([preshapes, others[near]])
+        found, predicted, enough = reach.propose(), self.config.predicted, self.config.enough
+        if self.head is None or not predicted or (enough is not None and len(found) >= enough):
+            return found.poses, found.preshape
+        candidates = self.head.candidates(channels, LOOKED_AT * predicted)
+        preshapes = self.grid.preshapes[candidates.preshape]
+        near = np.flatnonzero(reach.feasible(candidates.poses, preshapes))[:predicted]
+        poses = np.concatenate([found.poses, candidates.poses[near]])
+        return poses, np.concatenate([found.preshape, preshapes[near]])
 
-    def _wanted(self, volume: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the occupancy (N, N, N) of the object to grasp: that of the target, if there is one."""
-        whole = np.asarray(volume[0])
-        return whole if self._target is None else _belonging(whole, np.asarray(volume[1]), self._target)
-
-    def _feasible(
-        self,
-        volume: NDArray[np.uint8],
-        wanted: NDArray[np.uint8],
-        meets: _Meets,
-        poses: NDArray[np.float64],
-        preshapes: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
-        """Return where the open hand fits and enough fingers meet the object to grasp."""
-        free, fingers = meets(volume[0], poses, preshapes)
-        if self._target is not None:
-            _, fingers = meets(wanted, poses, preshapes)
-        return free & (fingers >= min(self.config.proposals.fingers, 2))
-
-    def _collisions(self, world_from_crop: NDArray[np.float64]) -> _Meets:
-        """Give `HandGrid.meets` with the points to keep off."""
-        obstacles = (self._obstacles - world_from_crop[:3, 3]) @ world_from_crop[:3, :3]
-        return partial(self.grid.meets, points=self.config.proposals.points, obstacles=obstacles)
-
-    def _refined(
-        self, ranked: Ranked, wanted: NDArray[np.uint8], meets: _Meets, score: Score, rng: np.random.Generator
-    ) -> Ranked:
+    def _refined(self, ranked: Ranked, reach: Reachability, score: Score, rng: np.random.Generator) -> Ranked:
         """Add feasible neighbours of the best grasps, nearer ones in each step."""
         config = self.config
         for step in range(config.refinements):
@@ -475,7 +437,7 @@ class GraspFinder(Finder):
             scale = 0.5**step
             poses = perturbed(ranked.poses[parents], rng, config.position * scale, config.rotation * scale)
             preshapes = ranked.preshapes[parents]
-            kept = self._feasible(ranked.volume, wanted, meets, poses, preshapes)
+            kept = reach.feasible(poses, preshapes)
             if not kept.any():
                 continue
             added = _ranked(score, ranked.volume, poses[kept], preshapes[kept])
@@ -519,11 +481,11 @@ class _Tolerant:
     All grasps have the same errors: chance must not decide between them.
     """
 
-    def __init__(self, score: Score, meets: _Meets, config: FinderConfig, error: PoseNoise) -> None:
+    def __init__(self, score: Score, reach: Reachability, config: FinderConfig, error: PoseNoise) -> None:
         still, rng = np.tile(np.eye(4), (config.neighbours, 1, 1)), np.random.default_rng(0)
         moved = perturbed(still, rng, error.position, error.rotation)
         self._score: Score = score.each if isinstance(score, TrainedScore) else score
-        self._meets = meets
+        self._reach = reach
         self._errors = np.concatenate([np.eye(4)[None], moved])
 
     def __call__(
@@ -531,38 +493,7 @@ class _Tolerant:
     ) -> NDArray[np.float64]:
         around = (poses[:, None] @ self._errors).reshape(-1, 4, 4)
         repeated = np.repeat(preshapes, len(self._errors))
-        free, _ = self._meets(volume[0], around, repeated)
+        free = self._reach.free(around, repeated)
         scores = np.zeros(len(around))
         scores[free] = self._score(volume, around[free], repeated[free])
         return np.asarray(scores.reshape(len(poses), -1).mean(axis=1))
-
-
-def _belonging(
-    occupancy: NDArray[np.uint8], surface: NDArray[np.uint8], target: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
-    """Keep the occupied voxels (N, N, N) that are reached from the target's visible ones before other visible ones.
-
-    From all visible voxels, ownership spreads through occupied ones, step by step to their neighbours.
-    """
-    occupied = np.pad((occupancy >= OCCUPIED) | target, 1)
-    own = np.pad(target, 1)
-    other = np.pad((surface > 0) & ~target, 1) & occupied
-    while True:
-        free = occupied & ~own & ~other
-        more = _spread(own) & free, _spread(other) & free
-        if not (more[0].any() or more[1].any()):
-            break
-        own |= more[0]
-        other |= more[1] & ~more[0]
-    inside = own[1:-1, 1:-1, 1:-1]
-    return np.ascontiguousarray(np.where(inside, np.maximum(occupancy, np.uint8(255) * target), np.uint8(0)))
-
-
-def _spread(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Add the six neighbours of true voxels; those at the border are false, so that nothing spreads around it."""
-    flat = cells.ravel()
-    grown = flat.copy()
-    for step in (1, cells.shape[2], cells.shape[1] * cells.shape[2]):
-        grown[step:] |= flat[:-step]
-        grown[:-step] |= flat[step:]
-    return grown.reshape(cells.shape)

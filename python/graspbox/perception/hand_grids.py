@@ -135,6 +135,9 @@ class HandGrid:
         self,
         occupancy: ArrayLike,
         config: ProposalConfig = ProposalConfig(),  # noqa: B008 (frozen)
+        *,
+        whole: ArrayLike | None = None,
+        obstacles: ArrayLike | None = None,
     ) -> Proposals:
         """Propose grasps of an occupied volume over the table.
 
@@ -144,12 +147,16 @@ class HandGrid:
             Voxels of a crop, 0 to 255 for 0 to 1; occupied from a quarter on.
         config : ProposalConfig
             How candidates are made.
+        whole : (N, N, N) uint8 array, optional
+            All that is occupied, where the volume is only the object to grasp: the open hand must not touch it either.
+        obstacles : (k, 3) array, optional
+            Points of the crop's frame that the open hand must not touch either, metres.
 
         Returns
         -------
         Proposals
-            That the open hand reaches without touching the volume or the table, and with which enough fingers meet the
-            volume. There may be none.
+            That the open hand reaches without touching the volume, the table, or anything else that it must not touch,
+            and with which enough fingers meet the volume. There may be none.
 
         Raises
         ------
@@ -157,7 +164,14 @@ class HandGrid:
             For an array of another shape or type, or a setting out of range.
         """
         text = to_json(config, ProposalConfig)
-        found = self._core.propose(_bytes(occupancy, "occupancy"), self._crop, text, self.num_threads)
+        found = self._core.propose(
+            _bytes(occupancy, "occupancy"),
+            self._crop,
+            text,
+            None if whole is None else _bytes(whole, "whole"),
+            floats(np.zeros((0, 3)) if obstacles is None else obstacles, "obstacles"),
+            self.num_threads,
+        )
         return Proposals(found["poses"], found["preshape"], np.array(found["source"], dtype=np.str_))
 
     def meets(

@@ -15,9 +15,8 @@ from graspbox.artifacts.runtimes import Backend, load_parts
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.layouts import bin_points
-from graspbox.perception.configs import DepthNoise
+from graspbox.perception.configs import DepthNoise, FinderConfig
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies._executor import Executor, GraspExecutor, executor_of

@@ -30,7 +30,7 @@ from graspbox.models.scorer.training import JoinedSampler, TrialSampler, fit_sco
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid, HandGridConfig
-from graspbox.perception.finder_configs import FinderConfig
+from graspbox.perception.configs import FinderConfig
 from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import DepthGrasp
 from graspbox.recipes.cards import package_licence, write_card

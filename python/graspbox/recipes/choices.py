@@ -11,8 +11,8 @@ from graspbox.artifacts.runtimes import Scorer
 from graspbox.hands import Hand
 from graspbox.models.scene_trials import render_scene
 from graspbox.models.scenes import SceneSampler
+from graspbox.perception.configs import FinderConfig
 from graspbox.perception.finder import Complete, GraspFinder, Head
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.training.array_files import ArrayTable, load_or_make_parts
 

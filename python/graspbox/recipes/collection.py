@@ -16,10 +16,9 @@ from graspbox.hands import Hand
 from graspbox.models.scene_trials import render_scene
 from graspbox.models.scenes import SceneSampler
 from graspbox.models.trials import GraspTrials
-from graspbox.perception.configs import ProposalConfig
+from graspbox.perception.configs import FinderConfig, ProposalConfig
 from graspbox.perception.crops import Crops
 from graspbox.perception.finder import Complete, GraspFinder, Head, Score
-from graspbox.perception.finder_configs import FinderConfig
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.training.array_files import load_or_make_parts

@@ -33,8 +33,7 @@ from graspbox.models.scorer.training import train_scorer
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
 from graspbox.perception import CropConfig, HandGrid, ProposalConfig
-from graspbox.perception.configs import EVERYTHING
-from graspbox.perception.finder_configs import FinderConfig
+from graspbox.perception.configs import EVERYTHING, FinderConfig
 from graspbox.perception.hand_settings import settings_of
 from graspbox.policies import DepthGrasp
 from graspbox.recipes.cards import package_licence, write_card
@@ -102,7 +101,9 @@ class _DepthTraining:
         self.seed, self.out = settings.seed, settings.out
         self.layouts = cast("tuple[SceneLayout, ...]", settings.layout)
         #: Whether the completion of another policy learns more: that of single objects is poor in heaps.
-        self.tunes_completion = settings.completion is not None and self.layouts != ("single",)
+        self.tunes_completion = (
+            settings.completion is not None and self.layouts != ("single",) and self.sizes.completion_steps > 0
+        )
         several = self.layouts != ("single",)
         self.scenes = SceneConfig(crop=CropConfig(gap=EVERYTHING if several else CropConfig.gap))
         hand = settings.load_hand()
@@ -126,7 +127,7 @@ class _DepthTraining:
         def stage(name: str, limit: float, work: Callable[[Run], dict[str, Any]]) -> dict[str, Any]:
             return self.run.stage(name, 3600 * limit, work)
 
-        if not self.settings.data:
+        if not self.settings.data and self.learns_trials:
             stage("data", hours.data, self.make_data)
         stage("completion", hours.completion, self.complete)
         stage("scorer", hours.scorer, partial(self.member, number=0, rounds=0))
@@ -136,13 +137,15 @@ class _DepthTraining:
             stage(f"round-{n}", hours.round, partial(self.member, number=0, rounds=n))
         for n in range(1, sizes.members):
             stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
-        tried = {
-            n: stage(f"calibrate-{n}", hours.calibrate / len(sizes.refinements), partial(self.calibrate, refinements=n))
-            for n in sizes.refinements
-        }
-        # Refinement exploits errors of the scorer.
-        found = tried[count := max(tried, key=lambda count: max(map(sum, tried[count]["rates"].values())))]
-        self.finder, weight = replace(self.finder, refinements=count), found["secure_weight"]
+        limits = (None, *sizes.enough)
+        finders = [replace(self.finder, refinements=n, enough=m) for n in sizes.refinements for m in limits]
+        tried = {}
+        for finder in finders:
+            name = f"calibrate-{finder.refinements}" + ("" if finder.enough is None else f"-{finder.enough}")
+            tried[finder] = stage(name, hours.calibrate / len(finders), partial(self.calibrate, finder=finder))
+        # Refinement, and the head where geometry proposes enough, may exploit errors of the scorer.
+        self.finder = max(tried, key=lambda finder: max(map(sum, tried[finder]["rates"].values())))
+        weight = (found := tried[self.finder])["secure_weight"]
         calibration = Calibration(tuple(found["success"]), tuple(found["secure"]), weight)
         stage("export", hours.evaluate, lambda s: self.export(calibration))
         stage("ablations", hours.evaluate, lambda s: self.export_ablations(s.folder, calibration))
@@ -156,6 +159,13 @@ class _DepthTraining:
         )
         write_card(folder, config, card)
         self.run.log(f"the policy is in {folder}")
+
+    @property
+    def learns_trials(self) -> bool:
+        """Whether a scorer or a head learns: otherwise no data set is needed."""
+        sizes, start = self.sizes, self.settings.start
+        adopted = start is not None and is_published(start) and read_depth_policy(start).head is not None
+        return sizes.scorer_steps > 0 or sizes.rounds > 0 or sizes.members > 1 or not adopted
 
     # --- stages --------------------------------------------------------------------------------------------------
 
@@ -230,6 +240,9 @@ class _DepthTraining:
         start = self.networks.folder(0, rounds - 1) / "weights.pt" if going_on else None
         if number == rounds == 0 and self.settings.start is not None:
             start = self.networks.adopt_scorer(self.settings.start)
+            if not sizes.scorer_steps:
+                self.networks.keep_scorer()
+                return {"policy": str(self.settings.start)}
         config = TrainConfig(
             learning_rate=1e-3 if start is None else 5e-4,
             batch_size=sizes.batch,
@@ -306,12 +319,11 @@ class _DepthTraining:
             results[split] = {"trials": len(trials), **{k: round(v, 4) for k, v in shares.items()}}
         return results
 
-    def calibrate(self, stage: Run, refinements: int) -> dict[str, Any]:
+    def calibrate(self, stage: Run, finder: FinderConfig) -> dict[str, Any]:
         """Try choices on held-out objects; choose the weight of a secure hold, and fit the logits."""
         graph = ScorerGraph(self.networks.members(), Calibration(), FINALISTS)
         scorer = Scorer(torch_network(graph), self.inputs, FINALISTS)
         parts = Parts(self.networks.completion(), scorer, self.networks.predictor())
-        finder = replace(self.finder, refinements=refinements)
         found = self.choices(stage, self.settings.fresh, "validation", parts, finder, self.sizes.choices)
         rates = np.stack([found.success.mean(axis=0), found.secure.mean(axis=0)], axis=1)
         best = int(np.argmax(rates.sum(axis=1)))
@@ -357,10 +369,14 @@ class _DepthTraining:
 
     def completion_of_export(self) -> CompletionNet | Path:
         """Return the trained completion, or the folder of the policy that has it."""
-        if self.settings.completion is None or self.tunes_completion:
+        if self.settings.completion is None or self.layouts != ("single",):
             return self.networks.completion_net()
         folder = folder_of(self.settings.completion)
         return completion_folder(folder, read_depth_policy(folder))
+
+    def learned_from(self) -> list[str]:
+        """Name the objects from which the policy learned: `settings.objects` too, since its completion did."""
+        return list(dict.fromkeys([*(of_datasets(self.data) if self.learns_trials else ()), *self.learned]))
 
     def policy_folder(self) -> Path:
         """Name the folder of the policy."""
@@ -374,8 +390,7 @@ class _DepthTraining:
             self.completion_of_export(),
             self.networks.members(),
             calibration,
-            # The completion is trained on `settings.objects`, even with `data`.
-            learned_from=dict.fromkeys([*of_datasets(self.data), *self.learned]),
+            learned_from=self.learned_from(),
             hand=self.grid.hand,
             crop=self.scenes.crop,
             grid=self.grid.config,
@@ -407,7 +422,7 @@ class _DepthTraining:
                 self.completion_of_export(),
                 members,
                 calibration,
-                learned_from=[*of_datasets(self.data), *self.learned],
+                learned_from=self.learned_from(),
                 hand=self.grid.hand,
                 crop=self.scenes.crop,
                 grid=self.grid.config,

@@ -11,6 +11,7 @@ from graspbox.artifacts.folders import hand_of
 from graspbox.dataset.learned import evaluated_split
 from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig
+from graspbox.perception.configs import FinderConfig
 from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times
 
 __all__ = ["any_hand_card", "depth_card", "feel_card", "head_card"]
@@ -71,14 +72,15 @@ def depth_card(
             scores.append(ScoreRow(_with_split(objects), _DECISION, *counts, more=_more(found)))
     weight, tried = config.calibration.secure_weight, []
     for name, found in stages.items():
-        stage, _, count = name.partition("-")
+        stage, *numbers = name.split("-")
         if stage == "calibrate":
+            count, enough = (*numbers, "any")[:2]
             rates = found["rates"].items()
-            tried += [(count, str(w), str(found["choices"]), f"{a:.1%}", f"{b:.1%}") for w, (a, b) in rates]
+            tried += [(count, enough, str(w), str(found["choices"]), f"{a:.1%}", f"{b:.1%}") for w, (a, b) in rates]
     details = paragraph(
         "ECE is the expected calibration error of the predicted probability of success. The policy takes the grasp "
         f"with the greatest (success + w secure) / (1 + w), where w = {weight}, after {config.finder.refinements} "
-        "refinements. Other settings on held-out scenes:"
+        f"refinements. Its head adds grasps {_asked(config.finder)}. Settings on held-out scenes:"
     )
     if (widest := load_hand(hand_of(folder, config)).widest) < math.inf:
         details = (
@@ -86,12 +88,18 @@ def depth_card(
             + "\n\n"
             + details
         )
-    columns = ("refinements", "w", "scenes", "success", "secure")
+    columns = ("refinements", "fewer proposals than", "w", "scenes", "success", "secure")
     data, fresh = (listed(names) for names in (settings.data or settings.objects, settings.fresh))
-    trials = max(found["trials"] for found in stages.values() if "on_policy" in found)
-    on_policy = max(found.get("on_policy", 0) for found in stages.values())
-    learned = f"Seed {settings.seed}. {trials} trials of {data} (split `train`), then {on_policy} trials "
-    learned += f"of grasps that the policy chose on {fresh}, in scenes of the layout {listed(settings.layout)}."
+    learned = f"Seed {settings.seed}. "
+    if trained := [found for found in stages.values() if "on_policy" in found]:
+        trials, on_policy = (max(found[name] for found in trained) for name in ("trials", "on_policy"))
+        learned += (
+            f"{trials} trials of {data} (split `train`), then {on_policy} trials of grasps that the policy chose "
+        )
+        learned += f"on {fresh}, in scenes of the layout {listed(settings.layout)}."
+    else:
+        learned += f"Networks of `{settings.start}`, calibrated on {fresh}, in scenes of the layout "
+        learned += f"{listed(settings.layout)}."
     stage_table = times({name: (found["seconds"], _result(name, found)) for name, found in stages.items()})
     return Card(
         summary=_SUMMARY if settings.layout == ("single",) else f"{_SUMMARY} {_SEVERAL}",
@@ -105,6 +113,11 @@ def depth_card(
         training=f"{code(command)}\n\n{paragraph(learned)}\n\n{stage_table}",
         limits=_limits(scenes),
     )
+
+
+def _asked(finder: FinderConfig) -> str:
+    """Tell where the head is asked."""
+    return "always" if finder.enough is None else f"where geometry proposes fewer than {finder.enough}"
 
 
 def _cleared(found: Mapping[str, Any]) -> str:

@@ -193,6 +193,11 @@ class TrainedNetworks:
             torch.save(net.state_dict(), temporary)
         return target
 
+    def keep_scorer(self) -> None:
+        """Take the scorer with which the run begins for the trained one."""
+        folder = self.folder(0, 0)
+        write_bytes(folder / "weights.pt", (folder / "start.pt").read_bytes())
+
     def _scorer_of_run(self, run: Path) -> ScorerNet:
         weights = latest_weights(run)
         if is_shared(run):

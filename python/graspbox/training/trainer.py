@@ -136,6 +136,8 @@ class Trainer(Generic[Batch]):
         Other settings that determine the weights, as JSON holds them; a folder with different ones is refused.
     parameters : iterable of Parameter, optional
         The weights to train; by default all of the network.
+    trained : bool
+        The initial weights are of a trained network: they are validated too, and kept where no later ones are better.
     """
 
     def __init__(
@@ -149,9 +151,10 @@ class Trainer(Generic[Batch]):
         validate: Callable[[nn.Module], Mapping[str, float]],
         settings: Mapping[str, Any] | None = None,
         parameters: Iterable[nn.Parameter] | None = None,
+        trained: bool = False,
     ) -> None:
         self._net, self._folder, self._config = net.to(config.device), Path(folder), config
-        self._batch, self._losses, self._validate = batch, losses, validate
+        self._batch, self._losses, self._validate, self._trained = batch, losses, validate, trained
         kept = {name: value for name, value in asdict(config).items() if name not in _EXTENDED}
         self._settings = {**kept, **(settings or {})}
         self._optimizer = _optimizer(config, net.parameters() if parameters is None else parameters)
@@ -194,6 +197,8 @@ class Trainer(Generic[Batch]):
         """Train until a limit is reached; returns its name."""
         config, reason, self._started = self._config, "", time.monotonic() - self._seconds
         coming = ahead.submit(self._batch, self._step)
+        if self._trained and self._best == -float("inf"):
+            log.write(0, 0.0, self._check())
         while not reason:
             batch = moved(coming.result(), config.device)
             if self._step + 1 < config.max_steps:

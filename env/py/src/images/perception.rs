@@ -12,7 +12,7 @@ use graspbox_perception::{
     HandGridConfig, ProposalConfig, add_depth_noise as add_noise, fill_channels, hand_crops, observe, obstacle_points,
     propose, solid,
 };
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -153,8 +153,13 @@ impl HandGrid {
 }
 
 /// The occupancy (N, N, N) of a crop.
-fn occupancy_of(occupancy: &Bytes<'_>, crop: &CropConfig) -> Result<Vec<u8>, CoreError> {
-    Ok(entries(occupancy, "occupancy", &[Some(crop.resolution); 3])?.to_vec())
+fn occupancy_of(occupancy: &Bytes<'_>, name: &str, crop: &CropConfig) -> Result<Vec<u8>, CoreError> {
+    Ok(entries(occupancy, name, &[Some(crop.resolution); 3])?.to_vec())
+}
+
+/// Points (k, 3) that the open hand must not touch.
+fn obstacles_of(obstacles: &Floats<'_>) -> PyResult<Vec<Point3<f32>>> {
+    Ok(convert::points(obstacles, "obstacles")?.iter().map(|point| point.cast::<f32>()).collect())
 }
 
 #[pymethods]
@@ -210,20 +215,32 @@ impl HandGrid {
     }
 
     /// Candidate grasps of an occupancy (N, N, N): `poses` (m, 4, 4) crop_from_hand, `preshape` (m,), and `source`, a list of m names.
-    #[pyo3(signature = (occupancy, crop, config, num_threads))]
+    /// The open hand touches neither it, nor the occupancy `whole` (N, N, N), nor the points `obstacles` (k, 3).
+    #[pyo3(signature = (occupancy, crop, config, whole, obstacles, num_threads))]
+    #[expect(clippy::too_many_arguments, reason = "every array crosses by itself")]
     fn propose<'py>(
         &self,
         py: Python<'py>,
         occupancy: Bytes<'_>,
         crop: &str,
         config: &str,
+        whole: Option<Bytes<'_>>,
+        obstacles: Floats<'_>,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let crop: CropConfig = self::config(crop, "CropConfig")?;
         let settings: ProposalConfig = self::config(config, "ProposalConfig")?;
-        let occupancy = occupancy_of(&occupancy, &crop)?;
+        let occupancy = occupancy_of(&occupancy, "occupancy", &crop)?;
+        let whole = whole.map(|whole| occupancy_of(&whole, "whole", &crop)).transpose()?;
+        let mut obstacles = obstacles_of(&obstacles)?;
         let core = Arc::clone(&self.core);
-        let found = detached(py, num_threads, move || propose(&core, &crop.grid()?, &occupancy, &settings))?;
+        let found = detached(py, num_threads, move || {
+            let grid = crop.grid()?;
+            if let Some(whole) = whole {
+                obstacles.extend(obstacle_points(&grid, &whole, settings.points));
+            }
+            propose(&core, &grid, &occupancy, &obstacles, &settings)
+        })?;
         let numbers: Vec<f64> = self.core.preshapes().collect();
         let count = found.len();
         let dict = PyDict::new(py);
@@ -250,10 +267,9 @@ impl HandGrid {
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<(Array<'py, bool>, Array<'py, i64>)> {
         let crop: CropConfig = self::config(crop, "CropConfig")?;
-        let occupancy = occupancy_of(&occupancy, &crop)?;
+        let occupancy = occupancy_of(&occupancy, "occupancy", &crop)?;
         let grasps = self.grasps(&poses, &preshape)?;
-        let obstacles: Vec<_> =
-            convert::points(&obstacles, "obstacles")?.iter().map(|point| point.cast::<f32>()).collect();
+        let obstacles = obstacles_of(&obstacles)?;
         let core = Arc::clone(&self.core);
         let met = detached(py, num_threads, move || {
             let points = obstacle_points(&crop.grid()?, &occupancy, points);

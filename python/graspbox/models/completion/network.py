@@ -147,7 +147,8 @@ def train_completion(
     width : int
         See `CompletionNet`.
     start : CompletionNet, optional
-        A trained network, with which the training begins; it is trained in place.
+        A trained network, with which the training begins, and which is kept where no step improves on it; it is trained
+        in place.
     """
     torch.manual_seed(config.seed)
     sampler, held_out = (SceneSampler(one, scenes, config.seed, layouts) for one in (objects, validation))
@@ -168,7 +169,16 @@ def train_completion(
     settings = {"width": width, "scenes": asdict(scenes), "validation_scenes": validation_scenes}
     settings |= {"layouts": list(layouts), "start": start is not None}
     settings |= {"objects": f"{objects.name} ({len(objects)})", "validation": f"{validation.name} ({len(validation)})"}
-    trainer = Trainer(net, folder, config, batch=batch, losses=completion_losses, validate=validate, settings=settings)
+    trainer = Trainer(
+        net,
+        folder,
+        config,
+        batch=batch,
+        losses=completion_losses,
+        validate=validate,
+        settings=settings,
+        trained=start is not None,
+    )
     return trainer.run(progress)
 
 

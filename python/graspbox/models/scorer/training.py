@@ -205,7 +205,8 @@ def train_scorer(
     error : PoseNoise
         See `TrialSampler`.
     start : Path, optional
-        A file of initial weights.
+        A file of weights of a trained scorer, with which the training begins, and which are kept where no step improves
+        on them.
     width : int
         See `ScorerNet`.
 
@@ -223,7 +224,7 @@ def train_scorer(
         load_weights(net, start)
     settings = {"hand": inputs.grid.hand.name, "width": width, "error": asdict(error), "start": start is not None}
     settings |= {"trials": [len(some) for some in sources], "validation": len(validation)}
-    return fit_scorer(folder, net, samplers, held_out, config, settings, progress)
+    return fit_scorer(folder, net, samplers, held_out, config, settings, progress, trained=start is not None)
 
 
 def fit_scorer(
@@ -234,12 +235,14 @@ def fit_scorer(
     config: TrainConfig,
     settings: dict[str, Any],
     progress: Callable[[TrainProgress], None] = lambda _: None,
+    *,
+    trained: bool = False,
 ) -> Trained:
     """Train a scorer from samplers, each with an equal share of every batch, or resume it.
 
     Parameters
     ----------
-    folder, settings, progress
+    folder, settings, progress, trained
         As in `graspbox.training.trainer`.
     net : ScorerNet
         The network, with its initial weights.
@@ -265,7 +268,16 @@ def fit_scorer(
             kept.extend(held_out.sample(i, group, 64) for i, group in enumerate(groups))
         return _measures(net, kept)
 
-    trainer = Trainer(net, folder, config, batch=batch, losses=scorer_losses, validate=validate, settings=settings)
+    trainer = Trainer(
+        net,
+        folder,
+        config,
+        batch=batch,
+        losses=scorer_losses,
+        validate=validate,
+        settings=settings,
+        trained=trained,
+    )
     return trainer.run(progress)
 
 

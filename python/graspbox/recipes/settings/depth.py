@@ -40,7 +40,9 @@ class Sizes:
     rests: int = 2
     """Scenes per object of the data set."""
     completion_steps: int = 12_000
+    """0 keeps the completion of --completion as it is."""
     scorer_steps: int = 15_000
+    """0 keeps the scorer of --start as it is."""
     head_steps: int = 4_000
     round_steps: int = 6_000
     batch: int = 256
@@ -54,6 +56,9 @@ class Sizes:
     """Scorers of the ensemble."""
     refinements: tuple[int, ...] = (0,)
     """Refinement counts that the calibration compares; the policy uses the best one for held-out objects."""
+    enough: tuple[int, ...] = ()
+    """Numbers of geometric proposals from which on the head is not asked; the calibration compares each of them with
+    asking it always."""
     scenes: int = 4_000
     """Scenes of each round."""
     held_out_scenes: int = 150
@@ -71,6 +76,8 @@ class Sizes:
             raise ConfigError(f"--sizes.members is {self.members}; give 1 or more")
         if not self.refinements or min(self.refinements) < 0:
             raise ConfigError(f"--sizes.refinements is {self.refinements}; give one count or more, each 0 or more")
+        if self.enough and min(self.enough) < 0:
+            raise ConfigError(f"--sizes.enough is {self.enough}; give counts of 0 or more")
 
 
 #: Sizes of ``--quick``.
@@ -124,9 +131,10 @@ class DepthSettings(HandOption):
     5. collect-N, round-N: trials of grasps chosen by the proposals and the scorer on fresh objects; training resumes
        with half of each batch from them.
     6. member-N: further members of the ensemble, on all trials (--sizes.members 3; by default there is one scorer).
-    7. calibrate-N: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two settings; the
-       default is 0). They determine the weight of a secure hold in the choice, and calibrate the scorer's logits to
-       probabilities.
+    7. calibrate-N, calibrate-N-M: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two
+       settings; the default is 0), with grasps of the head always, or where geometry proposes fewer than M
+       (--sizes.enough 32; by default only always). They determine the weight of a secure hold in the choice, and
+       calibrate the scorer's logits to probabilities.
     8. export, ablations: the policy's folder, and in ablations the policy before the rounds, before the ensemble,
        before the refinement, and without the head; scripts/evaluate_policies.py measures the effect of each step.
     9. evaluate: the exported policy in GraspPose-v0 on objects excluded from training, and its calibration
@@ -134,8 +142,10 @@ class DepthSettings(HandOption):
     10. clear: rounds of clearing scenes of several objects (graspbox benchmark clutter), if --layout has any.
 
     The same command resumes after an interruption, even after SIGKILL. With a larger --sizes.rounds it adds rounds to a
-    finished run. --quick runs all stages in minutes, as a check of the pipeline; such a policy grasps badly. Needs the
-    extras cli, data, ycb and train.
+    finished run. Where a published policy is named by --start and --completion, and --sizes.rounds,
+    --sizes.scorer-steps and --sizes.completion-steps are 0, nothing is learned and no data set is made: the policy is
+    calibrated again. --quick runs all stages in minutes, as a check of the pipeline; such a policy grasps badly. Needs
+    the extras cli, data, ycb and train.
     """
 
     free: ClassVar[tuple[str, ...]] = (*Options.free, "hours", "publish")
@@ -187,5 +197,9 @@ class DepthSettings(HandOption):
         for layout in self.layout:
             if layout not in known:
                 raise ConfigError(f"--layout has {layout!r}; choose from {', '.join(known)}")
+        if not self.sizes.scorer_steps and self.start is None:
+            raise ConfigError("--sizes.scorer-steps is 0; give more, or name the policy to keep by --start")
+        if not self.sizes.completion_steps and self.completion is None:
+            raise ConfigError("--sizes.completion-steps is 0; give more, or name the policy to keep by --completion")
         if not self.layout:
             raise ConfigError(f"--layout is empty; give one or more of {', '.join(known)}")

@@ -1,0 +1,101 @@
+"""Which grasps of an object in a crop the open hand can reach.
+
+The object is all that is occupied, or the part of it that belongs to a target (`belonging`). The open hand keeps off
+everything that is occupied, the table, and points that are known to be occupied, such as those of a bin's walls.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.perception.configs import ProposalConfig
+from graspbox.perception.crops import OCCUPIED
+from graspbox.perception.hand_grids import HandGrid, Proposals
+
+__all__ = ["Reachability", "belonging"]
+
+#: How many times as many points are approached where obstacles stand; the most that `HandGrid.propose` takes.
+_MORE, _MOST_SEEDS = 4, 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Reachability:
+    """The object to grasp in a crop, and what the open hand keeps off.
+
+    Attributes
+    ----------
+    grid : HandGrid
+        The hand.
+    config : ProposalConfig
+        How grasps are proposed; ``fingers`` and ``points`` hold for other grasps too.
+    occupancy : (N, N, N) uint8
+        All that is occupied, 0 to 255 for 0 to 1.
+    target : (N, N, N) uint8, optional
+        The part of it to grasp; by default all of it.
+    obstacles : (k, 3) float64
+        Points of the crop's frame that are occupied too, metres.
+    """
+
+    grid: HandGrid
+    config: ProposalConfig
+    occupancy: NDArray[np.uint8]
+    target: NDArray[np.uint8] | None
+    obstacles: NDArray[np.float64]
+
+    def without_obstacles(self) -> "Reachability":
+        """Forget the points, but not the occupied voxels."""
+        return replace(self, obstacles=np.zeros((0, 3)))
+
+    def propose(self) -> Proposals:
+        """Propose grasps: see `HandGrid.propose`. It approaches more points of objects among obstacles."""
+        config = self.config
+        if len(self.obstacles):
+            config = replace(config, seeds=min(_MORE * config.seeds, _MOST_SEEDS))
+        object_, whole = (self.occupancy, None) if self.target is None else (self.target, self.occupancy)
+        return self.grid.propose(object_, config, whole=whole, obstacles=self.obstacles)
+
+    def free(self, poses: NDArray[np.float64], preshapes: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return where the open hand at ``crop_from_hand`` (m, 4, 4), with preshapes (m,), touches nothing, (m,)."""
+        return self._meets(self.occupancy, poses, preshapes)[0]
+
+    def feasible(self, poses: NDArray[np.float64], preshapes: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return where the open hand touches nothing and enough fingers meet the object as they close; as `free`."""
+        free, fingers = self._meets(self.occupancy, poses, preshapes)
+        if self.target is not None:
+            _, fingers = self._meets(self.target, poses, preshapes)
+        return free & (fingers >= min(self.config.fingers, 2))
+
+    def _meets(
+        self, occupancy: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+        return self.grid.meets(occupancy, poses, preshapes, points=self.config.points, obstacles=self.obstacles)
+
+
+def belonging(occupancy: NDArray[np.uint8], surface: NDArray[np.uint8], target: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Keep the occupied voxels (N, N, N) that are reached from the target's visible ones before other visible ones.
+
+    From all visible voxels, ownership spreads through occupied ones, step by step to their neighbours.
+    """
+    occupied = np.pad((occupancy >= OCCUPIED) | target, 1)
+    own = np.pad(target, 1)
+    other = np.pad((surface > 0) & ~target, 1) & occupied
+    while True:
+        free = occupied & ~own & ~other
+        more = _spread(own) & free, _spread(other) & free
+        if not (more[0].any() or more[1].any()):
+            break
+        own |= more[0]
+        other |= more[1] & ~more[0]
+    inside = own[1:-1, 1:-1, 1:-1]
+    return np.ascontiguousarray(np.where(inside, np.maximum(occupancy, np.uint8(255) * target), np.uint8(0)))
+
+
+def _spread(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Add the six neighbours of true voxels; those at the border are false, so that nothing spreads around it."""
+    flat = cells.ravel()
+    grown = flat.copy()
+    for step in (1, cells.shape[2], cells.shape[1] * cells.shape[2]):
+        grown[step:] |= flat[:-step]
+        grown[:-step] |= flat[step:]
+    return grown.reshape(cells.shape)
