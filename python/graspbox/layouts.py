@@ -40,6 +40,7 @@ __all__ = [
     "objects_that_fit",
     "scaled",
     "scene_layout_named",
+    "wall_points",
 ]
 
 Layout = Literal["packed", "pile", "bin"]
@@ -200,8 +201,19 @@ def bin_points(inside: Sequence[float], *, spacing: float = 0.008, inset: float 
     if not 0.0 <= inset <= 0.01:
         raise ConfigError(f"inset is {inset!r}; give 0 to 0.01 m, half the thickness of a wall")
     walls = _core.bin_walls(_sides(inside))
-    parts = []
-    for pose, half in zip(walls["world_from_walls"], walls["wall_half_extents"], strict=True):
+    return wall_points(walls["world_from_walls"], walls["wall_half_extents"], spacing=spacing, inset=inset)
+
+
+def wall_points(
+    world_from_walls: NDArray[np.float64],
+    wall_half_extents: NDArray[np.float64],
+    *,
+    spacing: float = 0.008,
+    inset: float = 0.004,
+) -> NDArray[np.float64]:
+    """Fill walls, as of an `Arrangement`, with points (k, 3); arguments as of `bin_points`. No walls have none."""
+    parts = [np.zeros((0, 3))]
+    for pose, half in zip(world_from_walls, wall_half_extents, strict=True):
         sides = np.maximum(half - inset, 0.0)
         axes = [np.linspace(-side, side, int(np.ceil(2 * side / spacing)) + 1) for side in sides]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -12,7 +12,7 @@ import graspbox
 from graspbox import object_sets
 from graspbox.cli import typer_app
 from graspbox.errors import ConfigError, SimulationError
-from graspbox.layouts import SCALES, Layout, bin_points, draw_objects
+from graspbox.layouts import SCALES, Layout, bin_points, draw_objects, wall_points
 
 SETS = ["procedural:can:0-1", "procedural:mug:0-1", "procedural:banana:0"]
 LAYOUTS: tuple[Layout, ...] = ("packed", "pile", "bin")
@@ -117,7 +117,7 @@ def test_pictures_show_a_few_scenes(tmp_path: Path, meshes: list[graspbox.Mesh])
     assert (tmp_path / "a.png").exists()
 
 
-def test_points_fill_the_walls_of_a_bin() -> None:
+def test_points_fill_the_walls_of_a_bin(meshes: list[graspbox.Mesh]) -> None:
     points = bin_points((0.3, 0.2, 0.1), spacing=0.01, inset=0.0)
     half = np.array([0.15, 0.1])
     outside = np.abs(points[:, :2]) >= half - 1e-9
@@ -131,6 +131,9 @@ def test_points_fill_the_walls_of_a_bin() -> None:
     assert nearest.max() <= 0.0087 + 1e-9, "half the diagonal of a cell of 10 mm"
     deeper = bin_points((0.3, 0.2, 0.1))
     assert (np.abs(deeper[:, :2]) >= half + 0.004 - 1e-9).any(axis=1).all()
+    found = graspbox.arrange(meshes[:1], "bin", inside=(0.3, 0.2, 0.1))
+    np.testing.assert_array_equal(wall_points(found.world_from_walls, found.wall_half_extents), deeper)
+    assert wall_points(np.zeros((0, 4, 4)), np.zeros((0, 3))).shape == (0, 3)
     refused: tuple[dict[str, Any], ...] = (
         {"spacing": 0.0},
         {"inset": 0.02},

@@ -15,6 +15,7 @@ torch = pytest.importorskip("torch")
 from graspbox.artifacts.graphs import CompletionGraph, ScorerGraph  # noqa: E402
 from graspbox.artifacts.runtimes import Completion, Scorer, torch_network  # noqa: E402
 from graspbox.models.calibration import Calibration  # noqa: E402
+from graspbox.models.cluttered import read_scene  # noqa: E402
 from graspbox.models.completion.network import (  # noqa: E402
     CompletionBatch,
     CompletionNet,
@@ -286,6 +287,23 @@ def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inpu
     torch.testing.assert_close(first["head.0.weight"], second["head.0.weight"], atol=1e-6, rtol=0)
     stopped = collect(tmp_path / "trials", scenes, range(9), inputs.grid, config, score=noted, stop=lambda: True)
     assert len(stopped.source) == 3
+
+
+def test_collected_grasps_keep_off_the_walls_of_a_bin(tmp_path: Path, inputs: ScorerInputs) -> None:
+    scenes = SceneSampler(object_sets.load("procedural:can:0-3"), SceneConfig(image_size=96), 0, ("bin",))
+    still = PoseNoise(position=0.0, rotation=0.0)
+    config = CollectConfig(per_scene=64, error=still, finder=FinderConfig(ProposalConfig(most=64)))
+    found = collect(tmp_path / "trials", scenes, range(3), inputs.grid, config)
+    nothing, met = np.zeros((N, N, N), dtype=np.uint8), 0
+    for number, source in enumerate(found.source):
+        walls = read_scene(source).obstacles
+        assert len(walls) > 100
+        mine = found.scene_of == number
+        poses, preshapes = found.world_from_hand[mine], found.preshape[mine]
+        free, _ = inputs.grid.meets(nothing, poses, preshapes, obstacles=walls)
+        met += len(free)
+        assert free.all()
+    assert met > 30
 
 
 def test_a_completion_trains_and_is_read_again(tmp_path: Path) -> None:

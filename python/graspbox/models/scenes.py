@@ -17,7 +17,7 @@ from graspbox import object_sets
 from graspbox._core import Mesh
 from graspbox.errors import ConfigError, MeshError, SimulationError
 from graspbox.hands import HandLike, cache_folder
-from graspbox.layouts import SCALES, Arrangement, Layout, SceneLayout, arrange
+from graspbox.layouts import SCALES, Arrangement, Layout, SceneLayout, arrange, wall_points
 from graspbox.meshes import Surroundings
 from graspbox.perception.configs import CropConfig, DepthNoise
 from graspbox.perception.crops import Crops, add_depth_noise, crop, solid_occupancy
@@ -112,6 +112,11 @@ class PlacedObjects:
         corners = [pose[:3, :3] @ mesh.vertices.T + pose[:3, 3:] for mesh, pose in self]
         points = np.concatenate(corners, axis=1)
         return np.asarray((points.min(axis=1) + points.max(axis=1)) / 2)
+
+    @property
+    def obstacles(self) -> NDArray[np.float64]:
+        """Points of the walls (k, 3), metres, from which grasps keep off: see `graspbox.layouts.wall_points`."""
+        return wall_points(self.world_from_walls, self.wall_half_extents)
 
     def __iter__(self) -> Any:
         """Pair every object with its pose."""

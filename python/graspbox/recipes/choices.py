@@ -97,6 +97,7 @@ def _try_scene(
 ) -> Choices:
     """Choose and try grasps in one scene."""
     rendered = render_scene(sampler, number, np.random.default_rng([sampler.seed, number, 7]), hand)
+    finder = finder.keeping_off(rendered.objects.obstacles)
     found = None if rendered.crops is None else finder.decide(rendered.crops, seed=number)
     if found is None or rendered.scene is None or rendered.crops is None:
         flags, numbers = np.zeros((0, len(weights)), dtype=np.bool_), np.zeros((0, len(weights), 2))

@@ -4,7 +4,7 @@ The folder of trials holds one file per scene, so that an interrupted collection
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from graspbox.dataset import manifest
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand
-from graspbox.models.scene_trials import render_scene
+from graspbox.models.scene_trials import RenderedScene, render_scene
 from graspbox.models.scenes import SceneSampler
 from graspbox.models.trials import GraspTrials
 from graspbox.perception.configs import FinderConfig, ProposalConfig
-from graspbox.perception.crops import Crops
 from graspbox.perception.finder import Complete, GraspFinder, Head, Score
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import PoseNoise, perturbed
@@ -144,7 +143,7 @@ def _collect_scene(
     nothing = GraspTrials.empty(rendered.source, rendered.world_from_object)
     if rendered.scene is None or rendered.crops is None:
         return nothing
-    found = _find(rendered.crops, grid, config, complete or rendered.true_occupancy, score, head, number)
+    found = _find(rendered, grid, config, complete or rendered.true_occupancy, score, head, number)
     if found is None:
         return nothing
     poses, preshapes, scores = found
@@ -159,7 +158,7 @@ def _collect_scene(
 
 
 def _find(
-    crops: Crops,
+    rendered: RenderedScene,
     grid: HandGrid,
     config: CollectConfig,
     complete: Complete,
@@ -167,12 +166,22 @@ def _find(
     head: Head | None,
     seed: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None] | None:
-    """Find grasps to choose from: poses, preshapes, and scores if they are scored."""
+    """Find grasps to choose from, off walls where they can be: poses, preshapes, and scores if they are scored."""
+    assert rendered.crops is not None
     if score is None:
-        proposals = grid.propose(complete(crops.channels)[0], config.finder.proposals)
-        return (proposals.poses, proposals.preshape, None) if len(proposals) else None
-    found = GraspFinder(grid, complete, score, config.finder, head=head).decide(crops, seed=seed)
-    return None if found is None else (found.poses, found.preshapes, found.scores)
+        finder = GraspFinder(grid, complete, _unscored, replace(config.finder, refinements=0))
+    else:
+        finder = GraspFinder(grid, complete, score, config.finder, head=head)
+    found = finder.keeping_off(rendered.objects.obstacles).decide(rendered.crops, seed=seed)
+    return None if found is None else (found.poses, found.preshapes, None if score is None else found.scores)
+
+
+def _unscored(
+    volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Score all grasps alike."""
+    del volume, preshapes
+    return np.zeros(len(poses))
 
 
 def _choose(grasps: int, count: int, rng: np.random.Generator, scores: NDArray[np.float64] | None) -> NDArray[np.int64]:
