@@ -46,7 +46,15 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("members", 0), ("members", -1), ("refinements", ()), ("refinements", (0, -1))]
+    ("field", "value"),
+    [
+        ("members", 0),
+        ("members", -1),
+        ("snapshots", 0),
+        ("refinements", ()),
+        ("refinements", (0, -1)),
+        ("enough", (-1,)),
+    ],
 )
 def test_sizes_without_a_policy_are_refused(field: str, value: Any) -> None:
     with pytest.raises(errors.ConfigError, match=rf"--sizes\.{field} is {re.escape(str(value))}; give"):
@@ -62,13 +70,13 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     best = {count: max(map(sum, results[f"calibrate-{count}"]["rates"].values())) for count in (0, 2)}
     assert read_depth_policy(trained / "policy").finder.refinements == (2 if best[2] > best[0] else 0)
     assert results["evaluate"]["procedural:bottle:2000-2003"]["trials"] == 6
-    for name, members in (("scorer", 1), ("rounds", 1), ("ensemble", 3)):
+    for name, members in (("scorer", 1), ("rounds", 1), ("ensemble", 4)):
         ablation = read_depth_policy(trained / "ablations" / name)
         assert (ablation.name, ablation.members, ablation.finder.refinements) == (name, members, 0)
         assert ablation.head is not None
     geometry, whole = (read_depth_policy(trained / folder) for folder in ("ablations/geometry", "policy"))
-    assert (geometry.members, geometry.head, geometry.finder.predicted) == (3, None, 0)
-    assert (whole.members, whole.finder.predicted) == (3, 32)
+    assert (geometry.members, geometry.head, geometry.finder.predicted) == (4, None, 0)
+    assert (whole.members, whole.finder.predicted) == (4, 32)
     assert {"head.onnx", "head.safetensors"} <= set(whole.files)
     log = (trained / "log.txt").read_text()
     # The first stages were over when the command ran for the third time.
@@ -238,8 +246,10 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
     """Its networks stay; the calibration decides where the head is asked."""
     from graspbox.recipes import depth
 
-    out, published = tmp_path / "run", trained / "policy"
-    kept = replace(QUICK, rounds=0, members=1, scorer_steps=0, completion_steps=0, refinements=(0,), enough=(8,))
+    out, published = tmp_path / "run", trained / "ablations" / "rounds"
+    kept = replace(
+        QUICK, rounds=0, members=1, snapshots=1, scorer_steps=0, completion_steps=0, refinements=(0,), enough=(8,)
+    )
     names = {"start": published, "completion": str(published), "layout": ("single", "pile")}
     depth.train(DepthSettings(out=out, sizes=kept, **names, **QUICK_OBJECTS), "graspbox train depth", print)
     assert not (out / "data").exists()
@@ -252,6 +262,9 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
     assert not policy.uses
     card = (out / "policy" / "README.md").read_text()
     assert f"Networks of `{published}`, calibrated on `procedural:can:10-29`" in " ".join(card.split())
+    several = {"start": trained / "policy", "completion": str(published)}
+    with pytest.raises(errors.ConfigError, match="has 4 scorers, not one that could be kept; train further"):
+        depth.train(DepthSettings(out=tmp_path / "other", sizes=kept, **several, **QUICK_OBJECTS), "", print)
     for field, option in (("scorer_steps", "start"), ("completion_steps", "completion")):
         name = field.replace("_", "-")
         with pytest.raises(errors.ConfigError, match=rf"--sizes\.{name} is 0; give more, or .* --{option}"):

@@ -285,7 +285,8 @@ class _AnyHandTraining:
             raise ConfigError("no hand has trials; give --hours.trials more")
         settings = {"hands": [hand.name for hand in self.hands], "width": sizes.width, "rounds": rounds}
         used = [sampler for sampler in samplers if sampler is not None]
-        trained = fit_scorer(stage.folder, net, used, held_out, config, settings, reporter(stage, "AUC"))
+        progress = reporter(stage, "AUC")
+        trained = fit_scorer(stage.folder, net, used, held_out, config, settings, progress, trained=rounds > 0)
         return results_of(trained)
 
     def choices(

@@ -241,7 +241,7 @@ class _DepthTraining:
         if number == rounds == 0 and self.settings.start is not None:
             start = self.networks.adopt_scorer(self.settings.start)
             if not sizes.scorer_steps:
-                self.networks.keep_scorer()
+                self.networks.keep_scorer(self.settings.start)
                 return {"policy": str(self.settings.start)}
         config = TrainConfig(
             learning_rate=1e-3 if start is None else 5e-4,
@@ -413,7 +413,7 @@ class _DepthTraining:
             "ensemble": (nets.members(), unrefined),
             "geometry": (nets.members(), replace(self.finder, predicted=0)),
         }
-        if self.sizes.members == 1:
+        if len(nets.members()) == 1:
             del ablations["ensemble"]
         for name, (members, finder) in ablations.items():
             export_depth_policy(

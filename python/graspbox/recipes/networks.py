@@ -193,8 +193,16 @@ class TrainedNetworks:
             torch.save(net.state_dict(), temporary)
         return target
 
-    def keep_scorer(self) -> None:
-        """Take the scorer with which the run begins for the trained one."""
+    def keep_scorer(self, start: Path) -> None:
+        """Take the scorer with which the run begins for the trained one.
+
+        Raises
+        ------
+        ConfigError
+            If it is one of several of a published policy.
+        """
+        if is_published(start) and (members := read_depth_policy(start).members) > 1:
+            raise ConfigError(f"{str(start)!r} has {members} scorers, not one that could be kept; train further")
         folder = self.folder(0, 0)
         write_bytes(folder / "weights.pt", (folder / "start.pt").read_bytes())
 
@@ -248,5 +256,7 @@ class TrainedNetworks:
         return AnchorHead(network, Anchors(len(self.grid.preshapes), self.head_net().config.anchors))
 
     def members(self) -> list[ScorerNet]:
-        """Load the ensemble."""
-        return [self.member_net(number, self.sizes.rounds) for number in range(self.sizes.members)]
+        """Load the ensemble: the first member after the last rounds, the latest first, and further members."""
+        last, sizes = self.sizes.rounds, self.sizes
+        snapshots = [self.member_net(0, round_) for round_ in range(last, last - sizes.snapshots, -1)]
+        return snapshots + [self.member_net(number, last) for number in range(1, sizes.members)]

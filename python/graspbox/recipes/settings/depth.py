@@ -53,7 +53,9 @@ class Sizes:
     """Channels of the scorer's first layer; with --start they are those of its scorer."""
     rounds: int = 6
     members: int = 1
-    """Scorers of the ensemble."""
+    """Scorers of the ensemble that learn from all trials, each from nothing."""
+    snapshots: int = 1
+    """Scorers of the ensemble from the last rounds: that of the last one, of the one before it, and so on."""
     refinements: tuple[int, ...] = (0,)
     """Refinement counts that the calibration compares; the policy uses the best one for held-out objects."""
     enough: tuple[int, ...] = ()
@@ -74,6 +76,8 @@ class Sizes:
     def __post_init__(self) -> None:
         if self.members < 1:
             raise ConfigError(f"--sizes.members is {self.members}; give 1 or more")
+        if not 1 <= self.snapshots <= self.rounds + 1:
+            raise ConfigError(f"--sizes.snapshots is {self.snapshots}; give 1 to 1 + --sizes.rounds {self.rounds}")
         if not self.refinements or min(self.refinements) < 0:
             raise ConfigError(f"--sizes.refinements is {self.refinements}; give one count or more, each 0 or more")
         if self.enough and min(self.enough) < 0:
@@ -94,6 +98,7 @@ QUICK = Sizes(
     width=8,
     rounds=3,
     members=3,
+    snapshots=2,
     refinements=(0, 2),
     scenes=4,
     held_out_scenes=2,
@@ -108,6 +113,10 @@ QUICK_OBJECTS: dict[str, Any] = {
     "fresh": ("procedural:can:10-29",),
     "evaluated": ("procedural:bottle:2000-2003",),
 }
+
+
+#: Stages that depend on which scorers decide.
+_DECISION_STAGES = ("calibrate-*", "export*", "ablations*", "evaluate*", "clear*")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +140,7 @@ class DepthSettings(HandOption):
     5. collect-N, round-N: trials of grasps chosen by the proposals and the scorer on fresh objects; training resumes
        with half of each batch from them.
     6. member-N: further members of the ensemble, on all trials (--sizes.members 3; by default there is one scorer).
+       --sizes.snapshots 3 also takes the scorers as they were one and two rounds before, which costs no time.
     7. calibrate-N, calibrate-N-M: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two
        settings; the default is 0), with grasps of the head always, or where geometry proposes fewer than M
        (--sizes.enough 32; by default only always). They determine the weight of a secure hold in the choice, and
@@ -150,7 +160,8 @@ class DepthSettings(HandOption):
 
     free: ClassVar[tuple[str, ...]] = (*Options.free, "hours", "publish")
     growing: ClassVar[dict[str, tuple[str, ...]]] = {
-        "sizes.rounds": ("member-*", "calibrate-*", "export*", "ablations*", "evaluate*", "clear*")
+        "sizes.rounds": ("member-*", *_DECISION_STAGES),
+        "sizes.snapshots": _DECISION_STAGES,
     }
 
     data: tuple[Path, ...] = ()
