@@ -108,6 +108,21 @@ def test_objects_that_are_learned_from_are_not_evaluated(tmp_path: Path) -> None
     assert not (tmp_path / "run").exists()
 
 
+def test_data_without_held_out_objects_is_refused_before_anything_is_learned(tmp_path: Path) -> None:
+    from graspbox import dataset
+    from graspbox.recipes import depth
+
+    pytest.importorskip("pyarrow")
+    one = object_sets.load("procedural:can:0-9", split="train")[0]
+    small = dataset.DatasetConfig(poses=4, rests=1, views=0)
+    dataset.generate([f"procedural:can:{one.seed}"], tmp_path / "data", config=small)
+    with pytest.raises(
+        errors.ConfigError, match="no trials of the split 'validation'; run graspbox dataset of more objects"
+    ):
+        depth.train(DepthSettings(out=tmp_path / "run", data=(tmp_path / "data",), quick=True), "", print)
+    assert not (tmp_path / "run" / "completion").exists()
+
+
 def test_the_policy_decides_the_same_with_onnxruntime_and_torch(trained: Path) -> None:
     from graspbox import evaluation
     from graspbox.artifacts.onnx_files import PARITY

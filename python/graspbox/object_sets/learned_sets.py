@@ -7,10 +7,11 @@ import logging
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 from graspbox import object_sets
 from graspbox.errors import FileError, MissingExtraError, ObjectSetError
-from graspbox.object_sets import ObjectSet
+from graspbox.object_sets import ObjectSet, Split
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
 
 __all__ = ["by_family", "without"]
@@ -40,7 +41,7 @@ def by_family(source: str) -> list[str]:
 def without(found: ObjectSet, learned_from: Iterable[str]) -> ObjectSet:
     """Leave out the objects of other sets, which are identified by the source of their meshes.
 
-    A set that is not on this machine is ignored; the result may be empty.
+    A set that is not on this machine is ignored, as is a split without objects; the result may be empty.
 
     Raises
     ------
@@ -51,7 +52,9 @@ def without(found: ObjectSet, learned_from: Iterable[str]) -> ObjectSet:
     for source in learned_from:
         name, split = object_sets.name_and_split(source)
         try:
-            learned |= {spec.source for spec in object_sets.load(name, split=split)}
+            if split is not None and split not in get_args(Split):
+                raise ObjectSetError(f"there is no split {split!r}; choose from {', '.join(get_args(Split))}")
+            learned |= {spec.source for spec in object_sets.load(name) if split in (None, spec.split)}
         except (FileError, MissingExtraError, ObjectSetError) as error:
             names_files = name.startswith("dir:") or Path(name).suffix.lower() in MESH_SUFFIXES
             if isinstance(error, ObjectSetError) and not names_files:

@@ -127,7 +127,10 @@ class _DepthTraining:
         def stage(name: str, limit: float, work: Callable[[Run], dict[str, Any]]) -> dict[str, Any]:
             return self.run.stage(name, 3600 * limit, work)
 
-        if not self.settings.data and self.learns_trials:
+        if self.settings.data:
+            # Without held-out trials nothing can be selected: better said now than after the completion.
+            GraspTrials.from_datasets(self.data, "validation")
+        elif self.learns_trials:
             stage("data", hours.data, self.make_data)
         stage("completion", hours.completion, self.complete)
         stage("scorer", hours.scorer, partial(self.member, number=0, rounds=0))
