@@ -507,7 +507,7 @@ def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
     write_card(tmp_path, config, depth_card(tmp_path, config, **given))
     card = huggingface_hub.ModelCard.load(tmp_path / "README.md")
     assert "| `ycb/test` | 100 | 90.0% (82.6% to 94.5%) | 60.0% (50.2% to 69.1%) | 0.021 |" in card.text
-    assert "| 0 | any | 0.3 | 40 | 87.5% | 62.5% |" in card.text
+    assert "| 0 | 0.3 | 40 | 87.5% | 62.5% |" in card.text
     assert "500 trials of `procedural:seen:0-9` and `ycb`" in card.text
     assert "then 64 trials" in card.text
     assert "| all | 0:01:44 |" in card.text

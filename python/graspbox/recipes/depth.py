@@ -140,16 +140,15 @@ class _DepthTraining:
             stage(f"round-{n}", hours.round, partial(self.member, number=0, rounds=n))
         for n in range(1, sizes.members):
             stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
-        limits = (None, *sizes.enough)
-        finders = [replace(self.finder, refinements=n, enough=m) for n in sizes.refinements for m in limits]
+        finder = replace(self.finder, enough=sizes.enough)
         tried = {}
-        for finder in finders:
-            name = f"calibrate-{finder.refinements}" + ("" if finder.enough is None else f"-{finder.enough}")
-            tried[finder] = stage(name, hours.calibrate / len(finders), partial(self.calibrate, finder=finder))
-        # Refinement, and the head where geometry proposes enough, may exploit errors of the scorer.
-        self.finder = max(tried, key=lambda finder: max(map(sum, tried[finder]["rates"].values())))
-        weight = (found := tried[self.finder])["secure_weight"]
-        calibration = Calibration(tuple(found["success"]), tuple(found["secure"]), weight)
+        for n in sizes.refinements:
+            work = partial(self.calibrate, finder=replace(finder, refinements=n))
+            tried[n] = stage(f"calibrate-{n}", hours.calibrate / len(sizes.refinements), work)
+        # Refinement exploits errors of the scorer.
+        best = max(tried, key=lambda count: max(map(sum, tried[count]["rates"].values())))
+        self.finder, found = replace(finder, refinements=best), tried[best]
+        calibration = Calibration(tuple(found["success"]), tuple(found["secure"]), found["secure_weight"])
         stage("export", hours.evaluate, lambda s: self.export(calibration))
         stage("ablations", hours.evaluate, lambda s: self.export_ablations(s.folder, calibration))
         stage("evaluate", hours.evaluate, self.evaluate)

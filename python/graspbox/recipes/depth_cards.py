@@ -72,11 +72,10 @@ def depth_card(
             scores.append(ScoreRow(_with_split(objects), _DECISION, *counts, more=_more(found)))
     weight, tried = config.calibration.secure_weight, []
     for name, found in stages.items():
-        stage, *numbers = name.split("-")
+        stage, _, count = name.partition("-")
         if stage == "calibrate":
-            count, enough = (*numbers, "any")[:2]
             rates = found["rates"].items()
-            tried += [(count, enough, str(w), str(found["choices"]), f"{a:.1%}", f"{b:.1%}") for w, (a, b) in rates]
+            tried += [(count, str(w), str(found["choices"]), f"{a:.1%}", f"{b:.1%}") for w, (a, b) in rates]
     details = paragraph(
         "ECE is the expected calibration error of the predicted probability of success. The policy takes the grasp "
         f"with the greatest (success + w secure) / (1 + w), where w = {weight}, after {config.finder.refinements} "
@@ -88,7 +87,7 @@ def depth_card(
             + "\n\n"
             + details
         )
-    columns = ("refinements", "fewer proposals than", "w", "scenes", "success", "secure")
+    columns = ("refinements", "w", "scenes", "success", "secure")
     data, fresh = (listed(names) for names in (settings.data or settings.objects, settings.fresh))
     learned = f"Seed {settings.seed}. "
     if trained := [found for found in stages.values() if "on_policy" in found]:

@@ -58,9 +58,8 @@ class Sizes:
     """Scorers of the ensemble from the last rounds: that of the last one, of the one before it, and so on."""
     refinements: tuple[int, ...] = (0,)
     """Refinement counts that the calibration compares; the policy uses the best one for held-out objects."""
-    enough: tuple[int, ...] = ()
-    """Numbers of geometric proposals from which on the head is not asked; the calibration compares each of them with
-    asking it always."""
+    enough: int | None = None
+    """Number of geometric proposals from which on the policy does not ask its head; by default it always does."""
     scenes: int = 4_000
     """Scenes of each round."""
     held_out_scenes: int = 150
@@ -80,8 +79,6 @@ class Sizes:
             raise ConfigError(f"--sizes.snapshots is {self.snapshots}; give 1 to 1 + --sizes.rounds {self.rounds}")
         if not self.refinements or min(self.refinements) < 0:
             raise ConfigError(f"--sizes.refinements is {self.refinements}; give one count or more, each 0 or more")
-        if self.enough and min(self.enough) < 0:
-            raise ConfigError(f"--sizes.enough is {self.enough}; give counts of 0 or more")
 
 
 #: Sizes of ``--quick``.
@@ -136,15 +133,14 @@ class DepthSettings(HandOption):
     3. scorer: the first member, on the data set. --start takes its initial weights from an earlier run, from a
        published policy, or from a scorer of many hands, which needs few trials of this one.
     4. head: one network that predicts grasps (graspbox train head), on the data set. Its best grasps are scored
-       together with the geometric proposals.
+       together with the geometric proposals; with --sizes.enough 32 only where these are fewer than 32.
     5. collect-N, round-N: trials of grasps chosen by the proposals and the scorer on fresh objects; training resumes
        with half of each batch from them.
     6. member-N: further members of the ensemble, on all trials (--sizes.members 3; by default there is one scorer).
        --sizes.snapshots 3 also takes the scorers as they were one and two rounds before, which costs no time.
-    7. calibrate-N, calibrate-N-M: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two
-       settings; the default is 0), with grasps of the head always, or where geometry proposes fewer than M
-       (--sizes.enough 32; by default only always). They determine the weight of a secure hold in the choice, and
-       calibrate the scorer's logits to probabilities.
+    7. calibrate-N: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two settings; the
+       default is 0). They determine the weight of a secure hold in the choice, and calibrate the scorer's logits to
+       probabilities.
     8. export, ablations: the policy's folder, and in ablations the policy before the rounds, before the ensemble,
        before the refinement, and without the head; scripts/evaluate_policies.py measures the effect of each step.
     9. evaluate: the exported policy in GraspPose-v0 on objects excluded from training, and its calibration
