@@ -46,19 +46,6 @@ def test_fingers_that_point_forward_need_all_their_room(hand: str, clearance: fl
     assert settings_of(hand).grid.clearance == clearance
 
 
-@pytest.mark.parametrize("hand", graspbox.Hand.names())
-def test_the_grid_shows_what_a_long_object_does_beside_the_fingers(hand: str) -> None:
-    """Between two jaws alone lie 5 cm of a spoon: not where its middle is."""
-    own = settings_of(hand).grid
-    grid, needed = HandGrid(hand, own), HandGrid(hand, HandGridConfig(own.cell, clearance=own.clearance))
-    assert grid.cell == needed.cell
-    assert min(grid.shape[:2]) * grid.cell >= 0.14
-    if needed.shape != grid.shape:
-        assert (hand, needed.shape) in (("panda_gripper", (24, 8, 16)), ("robotiq_2f_85", (24, 8, 16)))
-        np.testing.assert_array_equal(grid.swept[:, :, 8:16], needed.swept)
-        assert not grid.swept[:, :, :8].any()
-
-
 def test_a_box_nearly_as_wide_as_the_opening_is_grasped() -> None:
     """The clearance of the ReFlex would leave no grasp from above: 75 mm between fingers 80 mm apart."""
     occupancy = np.zeros((48, 48, 48), dtype=np.uint8)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graspbox import errors, object_sets
-from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalConfig
+from graspbox.perception import CropConfig, HandGrid, ProposalConfig
 
 torch = pytest.importorskip("torch")
 
@@ -26,13 +26,12 @@ from graspbox.models.completion.network import (  # noqa: E402
 from graspbox.models.scene_views import SceneViews  # noqa: E402
 from graspbox.models.scenes import SceneConfig, SceneSampler  # noqa: E402
 from graspbox.models.scorer.inputs import ScorerInputs  # noqa: E402
-from graspbox.models.scorer.network import ScorerBatch, ScorerNet, scorer_losses, widened  # noqa: E402
+from graspbox.models.scorer.network import ScorerBatch, ScorerNet, scorer_losses  # noqa: E402
 from graspbox.models.scorer.training import TrialSampler, auc, train_scorer  # noqa: E402
 from graspbox.models.trials import GraspTrials  # noqa: E402
 from graspbox.perception.configs import FinderConfig  # noqa: E402
 from graspbox.perception.perturbations import PoseNoise  # noqa: E402
 from graspbox.recipes.collection import CollectConfig, collect, load_trials  # noqa: E402
-from graspbox.training.norms import fold_norms  # noqa: E402
 from graspbox.training.runs import Rows  # noqa: E402
 from graspbox.training.trainer import TrainConfig, load_weights  # noqa: E402
 
@@ -244,27 +243,6 @@ def test_columns_of_a_data_set_are_grouped_by_scene() -> None:
     assert found.slip.tolist() == [True, False, False, False, False]
     with pytest.raises(errors.ConfigError, match="lack success"):
         GraspTrials.from_columns({k: v for k, v in columns.items() if k != "success"})
-
-
-def test_a_scorer_is_widened_for_a_grid_with_more_cells() -> None:
-    own, grid = (HandGrid("panda_gripper", HandGridConfig(0.006, shape)) for shape in (None, (24, 24, 16)))
-    torch.manual_seed(0)
-    net = ScorerNet(own, width=8)
-    fold_norms(net)
-    wide = widened(net, grid, 8)
-    assert [tuple(one.swept.shape) for one in (net, wide)] == [(1, 24, 8, 16), (1, 24, 24, 16)]
-    assert torch.equal(wide.stem.weight, net.stem.weight)
-    # The last layer sees the middle of the new cells as it saw the old ones, and nothing beside it.
-    head, before = wide.head[0].weight.detach(), net.head[0].weight.detach()
-    middle = head[:, :-16].reshape(128, 16, 3, 2)
-    assert torch.equal(middle[:, :, 1], before[:, :-16].reshape(128, 16, 1, 2)[:, :, 0])
-    assert not middle[:, :, [0, 2]].any()
-    assert torch.equal(head[:, -16:], before[:, -16:])
-    cells = torch.randint(0, 256, (5, 4, 24, 24, 16), dtype=torch.uint8)
-    assert wide(cells, torch.eye(4).repeat(5, 1, 1), torch.zeros(5, dtype=torch.int64)).isfinite().all()
-    other = HandGrid("panda_gripper", HandGridConfig(0.006, (24, 16, 16)))
-    with pytest.raises(errors.ConfigError, match=r"\(24, 8, 16\) cells cannot become one of \(24, 16, 16\)"):
-        widened(net, other, 8)
 
 
 def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inputs: ScorerInputs) -> None:

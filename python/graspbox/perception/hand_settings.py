@@ -5,13 +5,11 @@ reach, down to the resolution of a crop, and a hand whose open fingers already p
 them.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 from graspbox.hands import HandLike, corners_of, load_hand, reach_of
 from graspbox.perception.anchors import AnchorConfig
 from graspbox.perception.configs import HandGridConfig, ProposalConfig
-from graspbox.perception.hand_grids import HandGrid
 
 __all__ = ["HandSettings", "settings_of"]
 
@@ -21,11 +19,6 @@ _USUAL = 0.0896
 _FORWARD = 0.5
 #: Least size of cells beside the usual ones: those of a crop are hardly finer.
 _FINEST = 0.6
-#: Least size of the grid along x and y, metres: a scorer must see that a long object is held far from its middle, which
-#: the cells between two narrow jaws do not show.
-_WIDEST = 0.14
-#: Numbers of cells are multiples of this.
-_MULTIPLE = 8
 #: Grasp point of the anchors, and least height of the hand over the table, as shares of the reach.
 _POINT, _LOWEST = 0.89, 0.39
 
@@ -64,7 +57,7 @@ def settings_of(
     proposals : ProposalConfig
         Proposals for the ReFlex; their lengths are fitted to the hand.
     shape : tuple of int, optional
-        Shape of the grid, for networks of several hands; by default that which the hand needs, at least 0.14 m wide.
+        Shape of the grid, for networks of several hands; by default that which the hand needs.
 
     Raises
     ------
@@ -84,17 +77,7 @@ def settings_of(
         grid = replace(usual, cell=_FINEST * usual.cell, shape=shape)
     if ahead >= _FORWARD * reach:
         grid = replace(grid, clearance=0.0)
-    if shape is None:
-        grid = replace(grid, shape=_wide(HandGrid(loaded, grid)))
     standoffs = tuple(round(size * standoff, 4) for standoff in proposals.standoffs)
     return HandSettings(
         grid, replace(proposals, standoffs=standoffs, radius=round(size * proposals.radius, 4)), anchors
     )
-
-
-def _wide(needed: HandGrid) -> tuple[int, int, int] | None:
-    """Return a shape that is wide enough; None where that which the hand needs is."""
-    x, y, z = needed.shape
-    least = _MULTIPLE * math.ceil(_WIDEST / needed.cell / _MULTIPLE)
-    wide = (max(x, least), max(y, least), z)
-    return None if wide == needed.shape else wide

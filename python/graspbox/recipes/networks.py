@@ -1,7 +1,7 @@
 """The networks trained by the stages of a run, loaded from its folder."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -18,7 +18,7 @@ from graspbox.models.completion.network import CompletionNet
 from graspbox.models.head.network import AnchorNet
 from graspbox.models.head.training import load_head, save_head
 from graspbox.models.scenes import SceneConfig
-from graspbox.models.scorer.network import ScorerNet, widened
+from graspbox.models.scorer.network import ScorerNet
 from graspbox.models.scorer.shared import SharedScorerNet
 from graspbox.perception import HandGrid
 from graspbox.perception.anchors import Anchors
@@ -217,15 +217,13 @@ class TrainedNetworks:
     def _published_scorer(self, folder: Path) -> ScorerNet:
         config = read_depth_policy(folder)
         grid, _ = config.settings_for(self.grid.hand)
-        if replace(grid, shape=self.grid.config.shape) != self.grid.config:
+        if grid != self.grid.config:
             raise ConfigError(f"the scorer in {str(folder)!r} has the grid {grid}, this training {self.grid.config}")
         weights = folder / config.member_weights[0]
         if config.hand_numbers is not None:
             shared = weight_files.restored(lambda: SharedScorerNet([self.grid], config.width), weights)
             return shared.of_hand(self.grid)
-        own = HandGrid(self.grid.hand, grid, crop=self.grid.crop)
-        net = weight_files.restored(lambda: ScorerNet(own, config.width), weights)
-        return net if own.shape == self.grid.shape else widened(net, self.grid, config.width)
+        return weight_files.restored(lambda: ScorerNet(self.grid, config.width), weights)
 
     def adopt_head(self, policy: Path) -> bool:
         """Copy the head of a published policy into the run, if it has one.

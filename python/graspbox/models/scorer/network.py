@@ -14,20 +14,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from graspbox.errors import ConfigError
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid
-from graspbox.training.norms import fold_norms
 
-__all__ = ["DECIDING", "TARGETS", "ScorerBatch", "ScorerNet", "deciding", "moments_of", "scorer_losses", "widened"]
+__all__ = ["DECIDING", "TARGETS", "ScorerBatch", "ScorerNet", "deciding", "moments_of", "scorer_losses"]
 
 #: The events by which grasps are chosen.
 DECIDING = ("success", "secure")
 #: The events whose logits the network outputs: those, and one that only helps it to learn.
 TARGETS = (*DECIDING, "slip")
-#: Number of scalar inputs besides the cells, and of learned features of a preshape.
-_SCALARS, _FEATURES = 8, 8
-#: How many cells along an axis become one in the last layer.
-_EIGHTH = 8
+#: Number of scalar inputs besides the cells.
+_SCALARS = 8
 #: Share of a batch that enters the loss: its hardest samples.
 _HARDEST = 0.75
 #: Weights of the targets in the loss.
@@ -78,9 +74,9 @@ class ScorerNet(nn.Module):  # type: ignore[misc]
             nn.ReLU(inplace=True),
             nn.Flatten(),
         )
-        self.shape_of_preshape = nn.Embedding(len(grid.swept), _FEATURES)
+        self.shape_of_preshape = nn.Embedding(len(grid.swept), 8)
         self.head = nn.Sequential(
-            nn.Linear(coarse * (y // _EIGHTH) * (z // _EIGHTH) + _SCALARS + _FEATURES, 128),
+            nn.Linear(coarse * (y // 8) * (z // 8) + _SCALARS + 8, 128),
             nn.ReLU(inplace=True),
             nn.Linear(128, len(TARGETS)),
         )
@@ -125,44 +121,6 @@ class ScorerNet(nn.Module):  # type: ignore[misc]
         """Return logits (m, 3) from cells (m, 4, X, Y, Z) uint8, poses (m, 4, 4) and preshapes (m,) int64."""
         swept = self.layer_of_swept(self.swept)[preshape]
         return self.logits(cells, poses, swept, self.shape_of_preshape(preshape))
-
-
-def widened(net: ScorerNet, grid: HandGrid, width: int) -> ScorerNet:
-    """Return the scorer for a grid with more cells along y, in whose middle are those of its own.
-
-    What the new cells show does not count at first, except for what the layers see beside the old ones, and for the
-    centroid and the share of completed cells.
-
-    Parameters
-    ----------
-    net : ScorerNet
-        The scorer.
-    grid : HandGrid
-        The grid, with as many preshapes.
-    width : int
-        Width of the scorer.
-
-    Raises
-    ------
-    ConfigError
-        If the grids differ otherwise.
-    """
-    wide = ScorerNet(grid, width)
-    fold_norms(wide)
-    old, new = net.swept.shape, wide.swept.shape
-    more = (new[2] - old[2]) // _EIGHTH
-    if (old[0], old[1], old[3]) != (new[0], new[1], new[3]) or more < 0 or more % 2:
-        raise ConfigError(f"a scorer of {tuple(old[1:])} cells cannot become one of {tuple(new[1:])}")
-    state, head = wide.state_dict(), "head.0.weight"
-    own = {name: value for name, value in net.state_dict().items() if name not in ("swept", "moments", head)}
-    rows, columns = old[2] // _EIGHTH, old[3] // _EIGHTH
-    weights = net.state_dict()[head]
-    seen = weights[:, : -_SCALARS - _FEATURES].reshape(len(weights), -1, rows, columns)
-    seen = functional.pad(seen, (0, 0, more // 2, more // 2))
-    state.update(own)
-    state[head] = torch.cat([seen.flatten(1), weights[:, -_SCALARS - _FEATURES :]], dim=1)
-    wide.load_state_dict(state)
-    return wide
 
 
 def deciding(values: Tensor) -> Tensor:
