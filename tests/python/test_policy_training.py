@@ -274,7 +274,13 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
     assert policy.finder.enough == 8
     assert not policy.uses
     card = (out / "policy" / "README.md").read_text()
-    assert f"Networks of `{published}`, calibrated on `procedural:can:10-29`" in " ".join(card.split())
+    assert f"The networks are those of `{published}`, calibrated on `procedural:can:10-29`" in " ".join(card.split())
+    assert "### How its networks were trained" not in card
+    again = tmp_path / "again"
+    depth.train(DepthSettings(out=again, sizes=kept, **{**names, "start": out / "policy"}, **QUICK_OBJECTS), "", print)
+    earlier = (again / "policy" / "README.md").read_text().partition("### How its networks were trained\n\n")[2]
+    assert earlier.startswith("```\ngraspbox train depth\n```\n\nSeed 0. The networks are those of")
+    assert "\n## Limits" in earlier
     several = {"start": trained / "policy", "completion": str(published)}
     with pytest.raises(errors.ConfigError, match="has 4 scorers, not one that could be kept; train further"):
         depth.train(DepthSettings(out=tmp_path / "other", sizes=kept, **several, **QUICK_OBJECTS), "", print)

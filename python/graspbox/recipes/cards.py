@@ -9,14 +9,30 @@ from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
-from graspbox._common.files import write_text
+from graspbox._common.files import read_bounded, write_text
 from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import PolicyConfig
 from graspbox.artifacts.downloads import CARD, hub
 from graspbox.evaluation import wilson
 
-__all__ = ["Card", "ScoreRow", "code", "listed", "package_licence", "paragraph", "rate", "table", "times", "write_card"]
+__all__ = [
+    "Card",
+    "ScoreRow",
+    "code",
+    "listed",
+    "package_licence",
+    "paragraph",
+    "rate",
+    "table",
+    "times",
+    "training_of",
+    "write_card",
+]
 
+#: Title of the section about the training of a policy.
+_TRAINING = "## Data and training"
+#: Largest card that is read, bytes.
+_LARGEST_CARD = 1_000_000
 _LICENCE = "Apache-2.0; see `LICENSE`. `graspbox objects` names the licences of the objects."
 
 
@@ -96,7 +112,7 @@ def write_card(folder: Path, config: PolicyConfig, card: Card) -> None:
         paragraph(f"{card.method} Brackets hold 95 % intervals (Wilson)."),
         _score_table(card.scores),
         card.details,
-        "## Data and training",
+        _TRAINING,
         card.training,
         "## Limits",
         limits,
@@ -105,6 +121,13 @@ def write_card(folder: Path, config: PolicyConfig, card: Card) -> None:
     ]
     text = "\n\n".join(part.strip("\n") for part in parts if part)
     write_text(Path(folder) / CARD, f"---\n{_metadata(config, card.scores)}\n---\n\n{text}\n")
+
+
+def training_of(folder: Path) -> str:
+    """Return what the card of a policy says about its training; empty without a card."""
+    path = Path(folder) / CARD
+    text = read_bounded(path, _LARGEST_CARD).decode() if path.exists() else ""
+    return text.partition(f"{_TRAINING}\n")[2].partition("\n## ")[0].strip()
 
 
 def rate(count: int, trials: int) -> str:

@@ -12,7 +12,7 @@ from graspbox.dataset.learned import evaluated_split
 from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig
 from graspbox.perception.configs import FinderConfig
-from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times
+from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times, training_of
 
 __all__ = ["any_hand_card", "depth_card", "feel_card", "head_card"]
 
@@ -88,17 +88,16 @@ def depth_card(
             + details
         )
     columns = ("refinements", "w", "scenes", "success", "secure")
-    data, fresh = (listed(names) for names in (settings.data or settings.objects, settings.fresh))
-    learned = f"Seed {settings.seed}. "
+    fresh = f"{listed(settings.fresh)}, in scenes of the layout {listed(settings.layout)}"
+    before = ""
     if trained := [found for found in stages.values() if "on_policy" in found]:
         trials, on_policy = (max(found[name] for found in trained) for name in ("trials", "on_policy"))
-        learned += (
-            f"{trials} trials of {data} (split `train`), then {on_policy} trials of grasps that the policy chose "
-        )
-        learned += f"on {fresh}, in scenes of the layout {listed(settings.layout)}."
+        learned = f"{trials} trials of {listed(settings.data or settings.objects)} (split `train`), then {on_policy} "
+        learned += f"trials of grasps that the policy chose on {fresh}."
     else:
-        learned += f"Networks of `{settings.start}`, calibrated on {fresh}, in scenes of the layout "
-        learned += f"{listed(settings.layout)}."
+        learned = f"The networks are those of `{settings.start}`, calibrated on {fresh}."
+        if earlier := training_of(settings.start):
+            before = f"\n\n### How its networks were trained\n\n{earlier}"
     stage_table = times({name: (found["seconds"], _result(name, found)) for name, found in stages.items()})
     return Card(
         summary=_SUMMARY if settings.layout == ("single",) else f"{_SUMMARY} {_SEVERAL}",
@@ -109,7 +108,7 @@ def depth_card(
         method=_METHOD,
         scores=scores,
         details=f"{details}\n\n{table(columns, tried, 'r')}{_cleared(stages.get('clear', {}))}",
-        training=f"{code(command)}\n\n{paragraph(learned)}\n\n{stage_table}",
+        training=f"{code(command)}\n\n{paragraph(f'Seed {settings.seed}. {learned}')}\n\n{stage_table}{before}",
         limits=_limits(scenes),
     )
 
