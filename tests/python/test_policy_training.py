@@ -265,7 +265,7 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
     kept = replace(
         QUICK, rounds=0, members=1, snapshots=1, scorer_steps=0, completion_steps=0, refinements=(0,), enough=8
     )
-    names = {"start": published, "completion": str(published), "layout": ("single", "pile")}
+    names: dict[str, Any] = {"start": published, "completion": str(published), "layout": ("single", "pile")}
     depth.train(DepthSettings(out=out, sizes=kept, **names, **QUICK_OBJECTS), "graspbox train depth", print)
     assert not (out / "data").exists()
     policy = read_depth_policy(out / "policy")
@@ -281,10 +281,11 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
     earlier = (again / "policy" / "README.md").read_text().partition("### How its networks were trained\n\n")[2]
     assert earlier.startswith("```\ngraspbox train depth\n```\n\nSeed 0. The networks are those of")
     assert "\n## Limits" in earlier
-    several = {"start": trained / "policy", "completion": str(published)}
+    several: dict[str, Any] = {"start": trained / "policy", "completion": str(published)}
     with pytest.raises(errors.ConfigError, match="has 4 scorers, not one that could be kept; train further"):
         depth.train(DepthSettings(out=tmp_path / "other", sizes=kept, **several, **QUICK_OBJECTS), "", print)
-    for field, option in (("scorer_steps", "start"), ("completion_steps", "completion")):
-        name = field.replace("_", "-")
+    nothing: dict[str, Any]
+    for option, nothing in (("start", {"scorer_steps": 0}), ("completion", {"completion_steps": 0})):
+        name = next(iter(nothing)).replace("_", "-")
         with pytest.raises(errors.ConfigError, match=rf"--sizes\.{name} is 0; give more, or .* --{option}"):
-            DepthSettings(out=tmp_path, sizes=replace(QUICK, **{field: 0}))
+            DepthSettings(out=tmp_path, sizes=replace(QUICK, **nothing))

@@ -18,7 +18,7 @@ from graspbox.errors import ConfigError, FileError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.depth_images import read_mask
 from graspbox.perception.depth_views import DepthView
-from graspbox.perception.finder import _belonging
+from graspbox.perception.reachability import belonging
 from graspbox.policies import Task, load
 from graspbox.policies.grasp_image import grasp_image
 
@@ -46,7 +46,7 @@ def test_ownership_spreads_from_what_is_seen() -> None:
     surface[1:5, 1:6, 5] = surface[5:9, 1:6, 3] = 255
     target = surface > 0
     target[:5] = False
-    own = _belonging(occupancy, surface, target)
+    own = belonging(occupancy, surface, target)
     assert (own[5:9, 1:6, :4] >= 200).all()
     assert own[:5, :, 4:].max() == 0
     # Below the higher top both are as near, at the border between them.
@@ -54,7 +54,7 @@ def test_ownership_spreads_from_what_is_seen() -> None:
     assert own[9:].max() == 0
     # What hangs on neither stays out.
     occupancy[11, 7, 7] = 255
-    assert _belonging(occupancy, surface, target)[11].max() == 0
+    assert belonging(occupancy, surface, target)[11].max() == 0
 
 
 def test_pixels_fill_the_voxels_that_they_see() -> None:
