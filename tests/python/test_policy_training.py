@@ -284,8 +284,9 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
     several: dict[str, Any] = {"start": trained / "policy", "completion": str(published)}
     with pytest.raises(errors.ConfigError, match="has 4 scorers, not one that could be kept; train further"):
         depth.train(DepthSettings(out=tmp_path / "other", sizes=kept, **several, **QUICK_OBJECTS), "", print)
-    nothing: dict[str, Any]
-    for option, nothing in (("start", {"scorer_steps": 0}), ("completion", {"completion_steps": 0})):
-        name = next(iter(nothing)).replace("_", "-")
-        with pytest.raises(errors.ConfigError, match=rf"--sizes\.{name} is 0; give more, or .* --{option}"):
-            DepthSettings(out=tmp_path, sizes=replace(QUICK, **nothing))
+    for sizes, said in (
+        (replace(QUICK, scorer_steps=0), "scorer-steps is 0; give more, or name the policy to keep by --start"),
+        (replace(QUICK, completion_steps=0), "completion-steps is 0; give more, or .* by --completion"),
+    ):
+        with pytest.raises(errors.ConfigError, match=said):
+            DepthSettings(out=tmp_path, sizes=sizes)
