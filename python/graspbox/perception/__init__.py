@@ -19,6 +19,7 @@ A decision goes one way: a `DepthView` is leveled, its object is cropped (`Crops
 | `depth_views`, `leveling` | one image with its camera, whose height and tilt the visible table corrects |
 | `crops` | noise of a depth camera; the crop around the object, and its voxels |
 | `finder` | `Finder`, `FoundGrasp`, and `GraspFinder`, which scores proposals; `HeadFinder` and `PlannedFinder` rank otherwise |
+| `reachability` | which grasps of an object the open hand reaches, beside other objects and obstacles |
 | `hand_grids` | candidate grasps of an occupied volume, and the voxels around the hand at each |
 | `anchors` | a grid of steep grasps, and poses between them |
 | `cameras`, `perturbations`, `outputs` | poses of cameras; errors of hand poses; outputs of networks, checked |

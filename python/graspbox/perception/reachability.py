@@ -52,8 +52,9 @@ class Reachability:
         config = self.config
         if len(self.obstacles):
             config = replace(config, seeds=min(_MORE * config.seeds, _MOST_SEEDS))
-        object_, whole = (self.occupancy, None) if self.target is None else (self.target, self.occupancy)
-        return self.grid.propose(object_, config, whole=whole, obstacles=self.obstacles)
+        if self.target is None:
+            return self.grid.propose(self.occupancy, config, obstacles=self.obstacles)
+        return self.grid.propose(self.target, config, whole=self.occupancy, obstacles=self.obstacles)
 
     def free(self, poses: NDArray[np.float64], preshapes: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return where the open hand at ``crop_from_hand`` (m, 4, 4), with preshapes (m,), touches nothing, (m,)."""
