@@ -53,7 +53,6 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("snapshots", 0),
         ("refinements", ()),
         ("refinements", (0, -1)),
-        ("enough", (-1,)),
     ],
 )
 def test_sizes_without_a_policy_are_refused(field: str, value: Any) -> None:
