@@ -29,6 +29,16 @@ STAGES += ["collect-1", "round-1", "collect-2", "round-2", "collect-3", "round-3
 STAGES += ["calibrate-0", "calibrate-2", "export", "ablations", "evaluate"]
 
 
+def improved(stage: Path) -> bool:
+    """Whether a network that began with trained weights, which are validated at step 0, became better."""
+    first, *others = (
+        {k: v for k, v in row.items() if k in ("step", "iou", "auc")} for row in Rows(stage / "losses.jsonl")
+    )
+    assert first.pop("step") == 0
+    (measure,) = first
+    return bool(max(row[measure] for row in others) > first[measure])
+
+
 def command(out: Path) -> list[str]:
     """Train without time for the evaluation, which runs to its end all the same."""
     words = ["train", "depth", "--out", str(out), "--quick", "--hours.evaluate", "0"]
@@ -210,14 +220,20 @@ def test_weights_of_another_network_are_refused(trained: Path, tmp_path: Path) -
 
 def test_a_policy_learns_from_scenes_of_several_objects(trained: Path, tmp_path: Path) -> None:
     """It begins with the scorer of an earlier run, and ends with rounds of clearing."""
+    import torch
+
+    from graspbox.artifacts.weight_files import load_weights
+
     out = tmp_path / "run"
     words = ["--layout", "pile", "single", "--start", str(trained), "--completion", str(trained / "policy")]
     subprocess.run([*command(out), *words, "--data", str(trained / "data" / "set")], check=True, capture_output=True)
     policy = read_depth_policy(out / "policy")
     assert policy.crop.gap > 0.3, "everything on the table counts as one object"
     assert not policy.uses, "its completion learned more"
-    # It learned, and was compared with what it began with.
     assert [row["step"] for row in Rows(out / "completion" / "losses.jsonl")] == [0, 6]
+    tuned, before = (load_weights(folder / "completion.safetensors") for folder in (out / "policy", trained / "policy"))
+    assert tuned.keys() == before.keys()
+    assert any(not torch.equal(tuned[name], before[name]) for name in tuned) == improved(out / "completion")
     cleared = json.loads((out / "clear.json").read_text())["pile procedural:bottle:2000-2003"]
     assert cleared["rounds"] == 2
     assert cleared["attempts"] >= 2
@@ -249,8 +265,11 @@ def test_a_training_begins_with_a_published_policy(trained: Path, tmp_path: Path
     assert begun.keys() == scorer.keys()
     for name, values in begun.items():
         torch.testing.assert_close(values, scorer[name].to(values.dtype), atol=0, rtol=0)
-    assert load_weights(out / "policy" / "scorer-0.safetensors").keys() == scorer.keys()
+    final = load_weights(out / "policy" / "scorer-0.safetensors")
+    assert final.keys() == scorer.keys()
     assert [row["step"] for row in Rows(out / "scorer" / "losses.jsonl")] == [0, 6, 12]
+    stages = ("scorer", "round-1", "round-2", "round-3")
+    assert any(not torch.equal(final[n], scorer[n]) for n in final) == any(improved(out / name) for name in stages)
     assert (out / "policy" / "head.safetensors").read_bytes() == (published / "head.safetensors").read_bytes()
     with pytest.raises(errors.ConfigError, match="was trained for the hand 'reflex', not 'panda_gripper'"):
         depth.train(DepthSettings(out=tmp_path / "other", hand="panda_gripper", start=published), "", print)

@@ -75,8 +75,8 @@ def _shards(
     chosen = [shard for name in wanted for shard in listed if shard["name"].startswith(f"{name}-")]
     if not chosen:
         missing = kind if split is None else f"{kind} of the split {split!r}"
-        more = "of more objects" if split else "or resume it"
-        todo = "run graspbox dataset with images" if kind == "images" else f"run graspbox dataset {more}"
+        more = " of more objects" if split else ""
+        todo = "run graspbox dataset with images" if kind == "images" else f"run graspbox dataset{more}, or resume it"
         raise ConfigError(f"the data set {os.fspath(folder)!r} has no {missing}; {todo}, or give another folder")
     for shard in chosen:
         yield _table(manifest.content_of(Path(folder), kind, shard), columns, kind, shard["name"])

@@ -409,13 +409,14 @@ class _DepthTraining:
         all members, if there are several. ``geometry`` is the policy without the head.
         """
         nets, unrefined = self.networks, replace(self.finder, refinements=0)
+        ensemble = nets.members()
         ablations = {
             "scorer": ([nets.member_net(0, 0)], unrefined),
             "rounds": ([nets.member_net(0, self.sizes.rounds)], unrefined),
-            "ensemble": (nets.members(), unrefined),
-            "geometry": (nets.members(), replace(self.finder, predicted=0)),
+            "ensemble": (ensemble, unrefined),
+            "geometry": (ensemble, replace(self.finder, predicted=0)),
         }
-        if len(nets.members()) == 1:
+        if len(ensemble) == 1:
             del ablations["ensemble"]
         for name, (members, finder) in ablations.items():
             export_depth_policy(
