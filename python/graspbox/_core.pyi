@@ -689,6 +689,14 @@ class HandGrid:
         preshape: NDArray[np.float64],
         num_threads: int | None,
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]: ...
+    def levers(
+        self,
+        occupancy: NDArray[np.uint8],
+        crop: str,
+        poses: NDArray[np.float64],
+        preshape: NDArray[np.float64],
+        num_threads: int | None,
+    ) -> NDArray[np.float64]: ...
     def crops(
         self,
         channels: NDArray[np.uint8],

@@ -15,7 +15,7 @@ from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.anchors import Candidates
 from graspbox.perception.configs import FinderConfig
 from graspbox.perception.crops import Crops
-from graspbox.perception.finder import FoundGrasp, GraspFinder, observed_only
+from graspbox.perception.finder import FoundGrasp, GraspFinder, Score, observed_only
 from graspbox.perception.perturbations import PoseNoise
 
 CONFIG = FinderConfig(ProposalConfig(most=24), predicted=3, refinements=0)
@@ -60,8 +60,8 @@ def highest(
     return np.asarray(poses[:, 2, 3])
 
 
-def decide(crops: Crops, config: FinderConfig, head: Ladder | None) -> FoundGrasp:
-    found = GraspFinder(HandGrid(), observed_only, highest, config, head=head).decide(crops)
+def decide(crops: Crops, config: FinderConfig, head: Ladder | None, score: Score = highest) -> FoundGrasp:
+    found = GraspFinder(HandGrid(), observed_only, score, config, head=head).decide(crops)
     assert found is not None
     return found
 
@@ -107,6 +107,30 @@ def test_the_head_is_asked_only_where_geometry_proposes_too_few(crops: Crops) ->
         assert (head.asked > 0, len(found.poses)) == (asks, count + CONFIG.predicted * asks), enough
     with pytest.raises(ConfigError, match=r"enough is -1 \(int\); give a number from 0 to 1024"):
         FinderConfig(enough=-1)
+
+
+def test_grasps_near_the_middle_of_an_object_win_where_levers_count(crops: Crops) -> None:
+    """Scores are those of the scorer less the penalty: a score that is a little better elsewhere does not decide."""
+
+    def prefers_the_end(
+        volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        del volume, preshapes
+        return np.asarray(0.5 + 0.1 * poses[:, 0, 3])
+
+    def levers(found: FoundGrasp) -> NDArray[np.float64]:
+        return HandGrid().levers(found.occupancy, found.poses, found.preshapes)
+
+    settings = replace(CONFIG, predicted=0, refinements=0)
+    free = decide(crops, settings, None, prefers_the_end)
+    held = decide(crops, replace(settings, lever_penalty=4.0), None, prefers_the_end)
+    np.testing.assert_array_equal(free.poses, held.poses)
+    np.testing.assert_allclose(held.scores, free.scores - 4.0 * levers(free), atol=1e-12)
+    assert levers(held)[held.chosen] < levers(free)[free.chosen] - 0.005
+    erring = replace(settings, lever_penalty=4.0, hand_error=PoseNoise(0.001, 0.01), neighbours=0)
+    assert decide(crops, erring, None, prefers_the_end).score == pytest.approx(held.score, abs=0.02)
+    with pytest.raises(ConfigError, match=r"lever_penalty is -1.0 \(float\); give a number from 0 to 100"):
+        FinderConfig(lever_penalty=-1.0)
 
 
 def test_a_hand_that_errs_takes_a_good_grasp_among_good_ones(crops: Crops) -> None:

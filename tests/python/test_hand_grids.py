@@ -215,6 +215,33 @@ def test_proposals_keep_off_obstacles_and_what_stands_around(grid: HandGrid) -> 
         grid.propose(occupancy, obstacles=np.zeros((2, 2)))
 
 
+@pytest.mark.parametrize("hand", ["panda_gripper", "leap"])
+def test_a_lever_is_the_distance_to_the_middle_of_what_is_near(hand: str) -> None:
+    """As another implementation of its definition finds it; a rod longer than the hand is held at many places."""
+    grid, rod = HandGrid(hand), box((0.24, 0.03, 0.03))
+    found = grid.propose(rod)
+    levers = grid.levers(rod, found.poses, found.preshape)
+    centers = np.argwhere(rod > 0) * H + np.array(CropConfig().origin) + H / 2
+    palms = found.poses[:, :2, 3]
+    assert np.ptp(palms[:, 0]) > 0.05, "the rod is held at one place only"
+    along = np.abs(palms[:, 0])
+    assert levers[along.argmax()] > levers[along.argmin()] + 0.005
+    if hand == "panda_gripper":
+        reach = graspbox.hands.reach_of(grid.hand, found.preshape[0])
+        tips = (found.poses[:, :3, 3] + reach * found.poses[:, :3, 2])[:, :2]
+        weights = np.exp(-0.5 * (np.linalg.norm(centers[None, :, :2] - tips[:, None], axis=2) / 0.05) ** 2)
+        middles = (weights[..., None] * centers[None, :, :2]).sum(axis=1) / weights.sum(axis=1)[:, None]
+        np.testing.assert_allclose(levers, np.linalg.norm(middles - tips, axis=1), atol=5e-4)
+
+
+def test_where_nothing_is_there_is_no_lever(grid: HandGrid) -> None:
+    nothing = np.zeros((N, N, N), dtype=np.uint8)
+    assert grid.levers(nothing, pose_at((0.0, 0.0, 0.1))[None], [0.0]).tolist() == [0.0]
+    far = box((0.01, 0.01, 0.01))
+    away = pose_at((100.0, 0.0, 0.1))[None]
+    assert grid.levers(far, away, [0.0]) == pytest.approx(100.0, abs=0.1)
+
+
 def test_nothing_is_proposed_where_nothing_is(grid: HandGrid) -> None:
     found = grid.propose(np.zeros((N, N, N), dtype=np.uint8))
     assert len(found) == 0

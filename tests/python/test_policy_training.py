@@ -280,19 +280,20 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
     from graspbox.recipes import depth
 
     out, published = tmp_path / "run", trained / "ablations" / "rounds"
-    kept = replace(
-        QUICK, rounds=0, members=1, snapshots=1, scorer_steps=0, completion_steps=0, refinements=(0,), enough=8
-    )
+    nothing = {"rounds": 0, "members": 1, "snapshots": 1, "scorer_steps": 0, "completion_steps": 0}
+    kept = replace(QUICK, **nothing, refinements=(0,), enough=8, lever_penalty=4.0)
     names: dict[str, Any] = {"start": published, "completion": str(published), "layout": ("single", "pile")}
     depth.train(DepthSettings(out=out, sizes=kept, **names, **QUICK_OBJECTS), "graspbox train depth", print)
     assert not (out / "data").exists()
     policy = read_depth_policy(out / "policy")
     for name in ("completion.safetensors", "scorer-0.safetensors", "head.safetensors"):
         assert (out / "policy" / name).read_bytes() == (published / name).read_bytes(), name
-    assert policy.finder.enough == 8
+    assert (policy.finder.enough, policy.finder.lever_penalty) == (8, 4.0)
     assert not policy.uses
     card = (out / "policy" / "README.md").read_text()
-    assert f"The networks are those of `{published}`, calibrated on `procedural:can:10-29`" in " ".join(card.split())
+    text = " ".join(card.split())
+    assert f"The networks are those of `{published}`, calibrated on `procedural:can:10-29`" in text
+    assert "The score loses 4 for each metre from the fingertips" in text
     assert "### How its networks were trained" not in card
     again = tmp_path / "again"
     depth.train(DepthSettings(out=again, sizes=kept, **{**names, "start": out / "policy"}, **QUICK_OBJECTS), "", print)

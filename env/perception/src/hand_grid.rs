@@ -143,6 +143,12 @@ impl HandGrid {
         &self.shaped[index].swept
     }
 
+    /// Point where the fingertips close with preshape `index`, hand frame, metres: in front of the closing centre, as far as they reach.
+    pub(crate) fn fingertips(&self, index: usize) -> Point3<f64> {
+        let shaped = &self.shaped[index];
+        Point3::from(shaped.center + Vector3::z() * shaped.reach)
+    }
+
     /// Collisions of the open hand, and contacts of the closing fingers, at a pose over the table z = 0.
     ///
     /// * `points`: points of the object's surface in the frame of `pose`; looked up in this order.

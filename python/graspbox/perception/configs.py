@@ -12,6 +12,7 @@ __all__ = ["EVERYTHING", "CropConfig", "DepthNoise", "FinderConfig", "HandGridCo
 _RANGES = (
     ("predicted", 0, 1024),
     ("enough", 0, 1024),
+    ("lever_penalty", 0.0, 100.0),
     ("refinements", 0, 64),
     ("parents", 1, 256),
     ("children", 1, 256),
@@ -201,6 +202,8 @@ class FinderConfig:
         out.
     enough : int, optional
         The head is asked only where geometry proposes fewer grasps than this; by default always.
+    lever_penalty : float, optional
+        What the score of a grasp loses for each metre of its lever (`HandGrid.levers`), 1/m; by default nothing.
     refinements : int
         Steps of refinement: each tries neighbours of the best grasps.
     parents, children : int
@@ -220,6 +223,7 @@ class FinderConfig:
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
     predicted: int = 32
     enough: int | None = None
+    lever_penalty: float | None = None
     refinements: int = 2
     parents: int = 4
     children: int = 8
@@ -231,7 +235,7 @@ class FinderConfig:
 
     def __post_init__(self) -> None:
         for name, least, most in _RANGES:
-            if name != "enough" or self.enough is not None:
+            if getattr(self, name) is not None:
                 check_range(self, name, least, most)
 
     def tolerating(self, error: PoseNoise) -> "FinderConfig":

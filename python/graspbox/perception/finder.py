@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -378,14 +379,16 @@ class GraspFinder(Finder):
         clock.lap("propose")
         if not len(poses):
             return Ranked(volume, poses, preshapes, np.zeros(0))
-        score = self.score if not self._failed else _Avoiding(self.score, self._failed, crops.world_from_crop[0])
+        avoid = partial(self._avoiding, world_from_crop=crops.world_from_crop[0])
+        score = self._balanced(avoid(self.score), reach)
         ranked = _ranked(score, volume, poses, preshapes)
         clock.lap("score")
         rng = np.random.default_rng(seed)
         ranked = self._refined(ranked, reach, score, rng)
         clock.lap("refine")
         if self.config.hand_error is not None:
-            tolerant = _Tolerant(score, reach, self.config, self.config.hand_error)
+            each = self.score.each if isinstance(self.score, TrainedScore) else self.score
+            tolerant = self._balanced(_Tolerant(avoid(each), reach, self.config, self.config.hand_error), reach)
             finalists = ranked.kept(ranked.best(self.config.finalists))
             compared = _ranked(tolerant, volume, finalists.poses, finalists.preshapes)
             ranked = self._refined(compared, reach, tolerant, rng)
@@ -408,6 +411,14 @@ class GraspFinder(Finder):
         success = self.score.judge(found.volume, found.poses[rows], found.preshapes[rows]).success
         check_finite(success, "scorer")
         return float(success[0])
+
+    def _avoiding(self, score: Score, world_from_crop: NDArray[np.float64]) -> Score:
+        """Let grasps lose score that are near ones that failed."""
+        return _Avoiding(score, self._failed, world_from_crop) if self._failed else score
+
+    def _balanced(self, score: Score, reach: Reachability) -> Score:
+        """Let grasps lose score far from the middle of the object."""
+        return _Balanced(score, reach, self.config.lever_penalty) if self.config.lever_penalty else score
 
     def _reachability(self, volume: NDArray[np.uint8], world_from_crop: NDArray[np.float64]) -> Reachability:
         """Tell what is to be grasped in a completed volume (3, N, N, N), and what the open hand keeps off."""
@@ -454,6 +465,18 @@ def _ranked(
     return Ranked(volume, poses, preshapes, scores)
 
 
+class _Balanced:
+    """Scores grasps; they lose by how far the hand is from the middle of the object."""
+
+    def __init__(self, score: Score, reach: Reachability, penalty: float) -> None:
+        self._score, self._reach, self._penalty = score, reach, penalty
+
+    def __call__(
+        self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        return np.asarray(self._score(volume, poses, preshapes) - self._penalty * self._reach.levers(poses, preshapes))
+
+
 class _Avoiding:
     """Scores grasps; those near ones that failed lose by their nearness."""
 
@@ -484,8 +507,7 @@ class _Tolerant:
     def __init__(self, score: Score, reach: Reachability, config: FinderConfig, error: PoseNoise) -> None:
         still, rng = np.tile(np.eye(4), (config.neighbours, 1, 1)), np.random.default_rng(0)
         moved = perturbed(still, rng, error.position, error.rotation)
-        self._score: Score = score.each if isinstance(score, TrainedScore) else score
-        self._reach = reach
+        self._score, self._reach = score, reach
         self._errors = np.concatenate([np.eye(4)[None], moved])
 
     def __call__(

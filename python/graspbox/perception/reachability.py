@@ -1,4 +1,4 @@
-"""Which grasps of an object in a crop the open hand can reach.
+"""Which grasps of an object in a crop the open hand can reach, and how far from its middle the hand is.
 
 The object is all that is occupied, or the part of it that belongs to a target (`belonging`). The open hand keeps off
 everything that is occupied, the table, and points that are known to be occupied, such as those of a bin's walls.
@@ -66,6 +66,11 @@ class Reachability:
         if self.target is not None:
             _, fingers = self._meets(self.target, poses, preshapes)
         return free & (fingers >= min(self.config.fingers, 2))
+
+    def levers(self, poses: NDArray[np.float64], preshapes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far the hand is from the middle of the object, (m,), metres: see `HandGrid.levers`."""
+        held = self.occupancy if self.target is None else self.target
+        return self.grid.levers(held, poses, preshapes)
 
     def _meets(
         self, occupancy: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]

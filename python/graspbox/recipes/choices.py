@@ -73,7 +73,8 @@ def try_choices(
     head : Head, optional
         As for `graspbox.perception.finder.GraspFinder`.
     weights : sequence of float
-        Weights w: a grasp is chosen by its probability of success plus w times that of a secure hold.
+        Weights w: a grasp is chosen by (success + w secure) / (1 + w), both probabilities, less what it loses for its
+        lever (`FinderConfig.lever_penalty`).
     progress : callable
         Called with the number of scenes so far.
     stop : callable
@@ -103,7 +104,11 @@ def _try_scene(
         flags, numbers = np.zeros((0, len(weights)), dtype=np.bool_), np.zeros((0, len(weights), 2))
         return Choices(numbers, numbers, flags, flags)
     judged = scorer.judge(found.volume, found.poses, found.preshapes)
-    best = np.array([int(np.argmax(judged.success + weight * judged.secure)) for weight in weights])
+    # As in the exported policy, where the first terms are the score of its scorer.
+    penalty = finder.config.lever_penalty or 0.0
+    lost = penalty * finder.grid.levers(found.occupancy, found.poses, found.preshapes)
+    scores = [(judged.success + weight * judged.secure) / (1.0 + weight) - lost for weight in weights]
+    best = np.argmax(scores, axis=1)
     object_from_hand = np.linalg.inv(rendered.world_from_object) @ found.world_from_crop @ found.poses[best]
     outcomes = rendered.scene.simulate(object_from_hand, found.preshapes[best])
     probabilities = np.stack([judged.success[best], judged.secure[best]], axis=1)

@@ -140,7 +140,7 @@ class _DepthTraining:
             stage(f"round-{n}", hours.round, partial(self.member, number=0, rounds=n))
         for n in range(1, sizes.members):
             stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
-        finder = replace(self.finder, enough=sizes.enough)
+        finder = replace(self.finder, enough=sizes.enough, lever_penalty=sizes.lever_penalty)
         tried = {}
         for n in sizes.refinements:
             work = partial(self.calibrate, finder=replace(finder, refinements=n))

@@ -79,7 +79,7 @@ def depth_card(
     details = paragraph(
         "ECE is the expected calibration error of the predicted probability of success. The policy takes the grasp "
         f"with the greatest (success + w secure) / (1 + w), where w = {weight}, after {config.finder.refinements} "
-        f"refinements. Its head adds grasps {_asked(config.finder)}. Settings on held-out scenes:"
+        f"refinements. {_lost(config.finder)}Its head adds grasps {_asked(config.finder)}. Settings on held-out scenes:"
     )
     if (widest := load_hand(hand_of(folder, config)).widest) < math.inf:
         details = (
@@ -110,6 +110,16 @@ def depth_card(
         details=f"{details}\n\n{table(columns, tried, 'r')}{_cleared(stages.get('clear', {}))}",
         training=f"{code(command)}\n\n{paragraph(f'Seed {settings.seed}. {learned}')}\n\n{stage_table}{before}",
         limits=_limits(scenes),
+    )
+
+
+def _lost(finder: FinderConfig) -> str:
+    """Tell what grasps lose for their lever."""
+    if not finder.lever_penalty:
+        return ""
+    return (
+        f"The score loses {finder.lever_penalty:g} for each metre from the fingertips to the middle of what is near "
+        "them (`HandGrid.levers`). "
     )
 
 

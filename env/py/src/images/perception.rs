@@ -9,8 +9,8 @@ use crate::mesh::Mesh;
 use graspbox_camera::Camera;
 use graspbox_perception::{
     CHANNEL_NAMES, CHANNELS, CropConfig, CropVolume, DepthNoise, HAND_CHANNEL_NAMES, HAND_CHANNELS, HandGrid as Core,
-    HandGridConfig, ProposalConfig, add_depth_noise as add_noise, fill_channels, hand_crops, observe, obstacle_points,
-    propose, solid,
+    HandGridConfig, ProposalConfig, add_depth_noise as add_noise, fill_channels, hand_crops, levers, observe,
+    obstacle_points, propose, solid,
 };
 use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
@@ -278,6 +278,26 @@ impl HandGrid {
         })?;
         let free = array(py, met.iter().map(|met| met.free).collect(), &[met.len()])?;
         Ok((free, array(py, met.iter().map(|met| i64::from(met.chains.count_ones())).collect(), &[met.len()])?))
+    }
+
+    /// How far the fingertips at each pose (m, 4, 4) are from the middle of what is near them, in plan view: (m,) metres.
+    #[pyo3(signature = (occupancy, crop, poses, preshape, num_threads))]
+    fn levers<'py>(
+        &self,
+        py: Python<'py>,
+        occupancy: Bytes<'_>,
+        crop: &str,
+        poses: Floats<'_>,
+        preshape: Floats<'_>,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<Array<'py, f64>> {
+        let crop: CropConfig = self::config(crop, "CropConfig")?;
+        let occupancy = occupancy_of(&occupancy, "occupancy", &crop)?;
+        let grasps = self.grasps(&poses, &preshape)?;
+        let (core, count) = (Arc::clone(&self.core), grasps.len());
+        let found =
+            detached(py, num_threads, move || Ok::<_, CoreError>(levers(&core, &crop.grid()?, &occupancy, &grasps)))?;
+        array(py, found, &[count])
     }
 
     /// Voxels around the hand at m poses: (m, 4, X, Y, Z) uint8.

@@ -60,6 +60,8 @@ class Sizes:
     """Refinement counts that the calibration compares; the policy uses the best one for held-out objects."""
     enough: int | None = None
     """Number of geometric proposals from which on the policy does not ask its head; by default it always does."""
+    lever_penalty: float | None = None
+    """What the score of a grasp loses for each metre from the hand to the middle of the object; by default nothing."""
     scenes: int = 4_000
     """Scenes of each round."""
     held_out_scenes: int = 150
@@ -140,7 +142,7 @@ class DepthSettings(HandOption):
        --sizes.snapshots 3 also takes the scorers as they were one and two rounds before, which costs no time.
     7. calibrate-N: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two settings; the
        default is 0). They determine the weight of a secure hold in the choice, and calibrate the scorer's logits to
-       probabilities.
+       probabilities. --sizes.lever-penalty 4 prefers grasps near the middle of an object.
     8. export, ablations: the policy's folder, and in ablations the policy before the rounds, before the ensemble,
        before the refinement, and without the head; scripts/evaluate_policies.py measures the effect of each step.
     9. evaluate: the exported policy in GraspPose-v0 on objects excluded from training, and its calibration
