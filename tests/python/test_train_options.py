@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import asdict, fields
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,6 +15,7 @@ pytest.importorskip("tyro", reason="graspbox train needs tyro, from the extra 'c
 pytest.importorskip("yaml", reason="graspbox train sb3 needs pyyaml, from the extra 'train'")
 
 from graspbox.cli.train import TRAININGS, parse, train
+from graspbox.recipes.settings.depth import DepthSettings
 from graspbox.sb3.settings import Sb3Settings, read_parameters
 
 #: Required options of each command besides ``--out``.
@@ -50,6 +51,16 @@ def test_help_names_every_option_and_loads_no_torch(name: str) -> None:
     listed = run("train", "--help")
     assert listed.returncode == 0
     assert name in listed.stdout
+
+
+def test_a_policy_is_trained_in_four_hours() -> None:
+    """The help, and the guide, say so of the default time limits."""
+    options = parse("depth", ["--out", "x"])
+    assert isinstance(options, DepthSettings)
+    limits, rounds = asdict(options.hours), options.sizes.rounds
+    per_round = limits.pop("collect") + limits.pop("round")
+    per_member = limits.pop("member")
+    assert sum(limits.values()) + rounds * per_round + (options.sizes.members - 1) * per_member <= 4.0
 
 
 @pytest.mark.parametrize("name", TRAININGS)

@@ -13,21 +13,21 @@ __all__ = ["QUICK", "QUICK_OBJECTS", "DepthSettings", "Hours", "Sizes"]
 
 @dataclass(frozen=True)
 class Hours:
-    """Time limits of the stages, hours."""
+    """Time limits of the stages, hours: together less than 4 with the default rounds."""
 
-    data: float = 3.0
-    completion: float = 1.75
-    scorer: float = 0.6
-    head: float = 0.9
-    collect: float = 0.3
+    data: float = 0.6
+    completion: float = 0.65
+    scorer: float = 0.35
+    head: float = 0.3
+    collect: float = 0.12
     """Per round."""
-    round: float = 0.35
+    round: float = 0.15
     """Per round."""
     member: float = 1.0
     """Per further member of the ensemble."""
-    calibrate: float = 0.2
+    calibrate: float = 0.1
     """For all calibrations together."""
-    evaluate: float = 0.7
+    evaluate: float = 0.2
     """An estimate: the evaluation runs all its trials."""
 
 
@@ -127,7 +127,7 @@ class DepthSettings(HandOption):
         graspbox train depth --out out/panda --hand panda_gripper --completion policies/depth
         graspbox train depth --out out/quick --quick
 
-    Stages, each with a time limit (--hours.NAME; together at most 12 hours), a log (log.txt) and results (NAME.json):
+    Stages, each with a time limit (--hours.NAME; together less than 4 hours), a log (log.txt) and results (NAME.json):
 
     1. data: a data set of trials (graspbox dataset), unless --data names some.
     2. completion: the object's occupancy from one camera's view; labels are rendered. --completion takes that of
