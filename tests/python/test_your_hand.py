@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import graspbox
 from graspbox import cli, errors
 
+POLICIES = Path(__file__).parents[2] / "policies"
 PAGE = (Path(__file__).parents[2] / "docs/guides/hand.md").read_text()
 
 
@@ -56,6 +57,23 @@ def test_code_and_commands_run(hand: tuple[str, str], capsys: pytest.CaptureFixt
     assert row["tried"] == 5
     assert row["succeeded"] > 0
     assert row["survived_shake"] > 0
+
+
+@pytest.mark.train
+def test_a_policy_of_the_hand_is_trained(hand: tuple[str, str]) -> None:
+    """The commands of the section about policies, in order, with few trials and small networks."""
+    section = PAGE.partition("## 7. A policy")[2].partition("\n## ")[0]
+    commands = re.findall(r"^```\n(graspbox .*?)\n```$", section, flags=re.DOTALL | re.MULTILINE)
+    assert [shlex.split(command)[1] for command in commands] == ["evaluate", "train", "evaluate"]
+    for command in commands:
+        # The published policies are installed for users; here they are folders.
+        command = command.replace("\\\n", "").replace(" any_hand", f" {POLICIES}/any_hand")
+        words = shlex.split(command.replace("--completion depth", f"--completion {POLICIES}/depth"))[1:]
+        words += ["--trials", "2"] if words[0] == "evaluate" else ["--quick"]
+        result = CliRunner().invoke(cli.typer_app, words)
+        assert result.exit_code == 0, result.output
+    folder = Path("out/pincher/policy")
+    assert {"hand.urdf", "hand.toml", "scorer.onnx", "README.md"} <= {file.name for file in folder.iterdir()}
 
 
 def write_finger(path: Path) -> None:
