@@ -20,7 +20,10 @@ GRASP = "graspbox/Grasp-v0"
 CLEAR = "graspbox/Clear-v0"
 STEPS = 20
 
-#: Every id with every observation that it has, and with several at once; Grasp-v0 with its other control modes too.
+#: The shipped hands besides the default.
+OTHER_HANDS = [name for name in graspbox.Hand.names() if name != "reflex"]
+#: Every id with every observation that it has, and with several at once; Grasp-v0 with its other control modes too, and
+#: the decision and the motion with every hand.
 CASES: list[tuple[str, dict[str, Any]]] = [
     *[("graspbox/GraspPose-v0", {"obs": name}) for name in TABLES["decision"]["observations"]],
     ("graspbox/GraspPose-v0", {"obs": ("depth_palm", "rgb", "state", "proprio", "voxels"), "image_size": 36}),
@@ -36,6 +39,8 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     (GRASP, {"obs": ("depth_palm", "proprio"), "randomization": "standard", "image_size": (40, 48)}),
     (GRASP, {"obs": ("proprio", "tactile"), "reward": "dense", "randomization": "standard"}),
     *[(GRASP, {"obs": "state", "control": control}) for control in TABLES["actions"] if control != "twist"],
+    *[("graspbox/GraspPose-v0", {"obs": ("state", "proprio"), "hand": name}) for name in OTHER_HANDS],
+    *[(GRASP, {"obs": ("state", "proprio"), "hand": name}) for name in OTHER_HANDS],
 ]
 
 

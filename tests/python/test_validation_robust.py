@@ -36,7 +36,7 @@ def test_reach_is_the_hand_s_own() -> None:
     assert reach_of(graspbox.load_hand("panda_gripper"), 0.0) == pytest.approx(0.0463, abs=0.001)
 
 
-@pytest.mark.parametrize("hand", ["reflex", "panda_gripper", "robotiq_2f_85", "leap", "inspire"])
+@pytest.mark.parametrize("hand", graspbox.Hand.names())
 def test_sampled_poses_are_feasible_and_reproducible(hand: str) -> None:
     scene = graspbox.Scene(graspbox.object_sets.load("procedural:box:1")[0].load(), hand=hand)
     for source in ("random", "planner", "planner-any"):
