@@ -23,8 +23,10 @@ from graspbox.evaluation.rounds import clear_rounds
 from graspbox.layouts import SceneLayout, layout_named
 from graspbox.models.calibration import Calibration, calibration_error, fit_logits
 from graspbox.models.completion.network import CompletionNet, train_completion
+from graspbox.models.head.batches import untried_scenes
 from graspbox.models.head.configs import HeadConfig
-from graspbox.models.head.training import HeadData, train_head
+from graspbox.models.head.network import AnchorNet
+from graspbox.models.head.training import HeadData, load_head, train_head
 from graspbox.models.scene_views import SceneViews
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.models.scorer.inputs import ScorerInputs
@@ -40,7 +42,14 @@ from graspbox.recipes.cards import package_licence, write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.recipes.collection import CollectConfig, check_hand, collect, load_trials
 from graspbox.recipes.depth_cards import depth_card
-from graspbox.recipes.networks import TrainedNetworks, is_published, is_shared, learned_before, scorer_width
+from graspbox.recipes.networks import (
+    HEAD_OF_ROUNDS,
+    TrainedNetworks,
+    is_published,
+    is_shared,
+    learned_before,
+    scorer_width,
+)
 from graspbox.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
@@ -52,7 +61,7 @@ __all__ = ["FINDER", "train"]
 
 #: Settings of the policy's decision; `Sizes.refinements` sets the number of refinements.
 FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=80), predicted=32, children=5)
-#: Learning rate with which a completion is trained further.
+#: Learning rate with which a completion or a head is trained further.
 _TUNING_RATE = 3e-4
 #: Number of trials per scene: enough that the random ones reveal the scorer's errors.
 _COLLECTED = {"most": 256, "predicted": 96}
@@ -138,6 +147,8 @@ class _DepthTraining:
         for n in range(1, sizes.rounds + 1):
             stage(f"collect-{n}", hours.collect, partial(self.collect, number=n))
             stage(f"round-{n}", hours.round, partial(self.member, number=0, rounds=n))
+        if sizes.rounds and sizes.head_round_steps and self.layouts == ("single",):
+            stage(HEAD_OF_ROUNDS, hours.head_rounds, self.head_of_rounds)
         for n in range(1, sizes.members):
             stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
         finder = replace(self.finder, enough=sizes.enough, lever_penalty=sizes.lever_penalty)
@@ -280,19 +291,40 @@ class _DepthTraining:
         if start is not None and is_published(start) and self.networks.adopt_head(start):
             write_head(self.networks.head_net(), stage.folder / "head.onnx", self.scenes.crop)
             return {"policy": str(start)}
-        steps = self.sizes.head_steps
+        train, held_out = (GraspTrials.from_datasets(self.data, split) for split in ("train", "validation"))
+        return self.train_head(stage, train, held_out, self.sizes.head_steps)
+
+    def head_of_rounds(self, stage: Run) -> dict[str, Any]:
+        """Train the head further, on the trials of the rounds and on scenes without trials too.
+
+        The trials of the rounds show what is wrong with grasps that seem good, the scenes without trials where the hand
+        can go: objects at rest are seldom tall.
+        """
+        train, held_out = (GraspTrials.from_datasets(self.data, split) for split in ("train", "validation"))
+        chosen = [load_trials(self.out / f"collect-{n}" / "train") for n in range(1, self.sizes.rounds + 1)]
+        objects = object_sets.load(self.settings.objects, split="train")
+        untried = [untried_scenes(objects, self.sizes.untried, self.seed)] if self.sizes.untried else []
+        joined = GraspTrials.joined([train, *chosen, *untried])
+        return self.train_head(stage, joined, held_out, self.sizes.head_round_steps, self.networks.head_net())
+
+    def train_head(
+        self, stage: Run, train: GraspTrials, held_out: GraspTrials, steps: int, start: AnchorNet | None = None
+    ) -> dict[str, Any]:
+        """Train a head in the stage's folder, and export it."""
         config = TrainConfig(
+            learning_rate=TrainConfig.learning_rate if start is None else _TUNING_RATE,
             batch_size=16,
             max_steps=steps,
             validate_every=min(250, steps),
             patience=steps,
             **self.common(stage),
         )
-        train, held_out = (GraspTrials.from_datasets(self.data, split) for split in ("train", "validation"))
-        data = HeadData.of(train, held_out, self.grid, self.anchors, self.scenes, self.seed)
-        head = HeadConfig(anchors=self.anchors)
-        trained = train_head(stage.folder, data, head, config, progress=reporter(stage, "share of holds"))
-        write_head(self.networks.head_net(), stage.folder / "head.onnx", self.scenes.crop)
+        head = HeadConfig(anchors=self.anchors) if start is None else start.config
+        data = HeadData.of(train, held_out, self.grid, head.anchors, self.scenes, self.seed)
+        trained = train_head(stage.folder, data, head, config, reporter(stage, "share of holds"), start)
+        net = load_head(stage.folder, len(self.grid.preshapes), self.scenes.crop)
+        assert isinstance(net, AnchorNet)
+        write_head(net, stage.folder / "head.onnx", self.scenes.crop)
         return results_of(trained) | {"trials": len(train)}
 
     def collect(self, stage: Run, number: int) -> dict[str, Any]:

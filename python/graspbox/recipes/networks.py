@@ -25,10 +25,20 @@ from graspbox.perception.anchors import Anchors
 from graspbox.recipes.settings.depth import Sizes
 from graspbox.training.trainer import load_weights, read_weights
 
-__all__ = ["TrainedNetworks", "is_published", "is_shared", "latest_weights", "learned_before", "scorer_width"]
+__all__ = [
+    "HEAD_OF_ROUNDS",
+    "TrainedNetworks",
+    "is_published",
+    "is_shared",
+    "latest_weights",
+    "learned_before",
+    "scorer_width",
+]
 
 #: Weights of a completion that began in another run, with folded norms.
 ADOPTED = "completion.safetensors"
+#: Stage in which the head learns from the rounds.
+HEAD_OF_ROUNDS = "head-rounds"
 #: Largest file of settings that is read, bytes.
 _LARGEST_SETTINGS = 1_000_000
 
@@ -243,16 +253,22 @@ class TrainedNetworks:
         save_head(self.out / "head", net, head)
         return True
 
+    def head_folder(self) -> Path:
+        """Return the folder of the head: after the rounds it is the one that learned from them too."""
+        tuned = self.out / HEAD_OF_ROUNDS
+        return tuned if (tuned / "head.onnx").exists() else self.out / "head"
+
     def head_net(self) -> AnchorNet:
         """Load the trained head."""
-        net = load_head(self.out / "head", len(self.grid.preshapes), self.scenes.crop)
+        folder = self.head_folder()
+        net = load_head(folder, len(self.grid.preshapes), self.scenes.crop)
         if not isinstance(net, AnchorNet):
-            raise ConfigError(f"{self.out / 'head'} holds a {type(net).__name__}; name another folder, or delete it")
+            raise ConfigError(f"{folder} holds a {type(net).__name__}; name another folder, or delete it")
         return net
 
     def predictor(self) -> AnchorHead:
         """Load the exported head."""
-        network = onnx_network(self.out / "head" / "head.onnx")
+        network = onnx_network(self.head_folder() / "head.onnx")
         return AnchorHead(network, Anchors(len(self.grid.preshapes), self.head_net().config.anchors))
 
     def members(self) -> list[ScorerNet]:

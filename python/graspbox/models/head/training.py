@@ -5,6 +5,7 @@ A run's folder has the layout of `graspbox.training.trainer`, and ``head.json``,
 
 import json
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -188,6 +189,7 @@ def train_head(
     head: HeadConfig = HeadConfig(),  # noqa: B008 (frozen)
     config: TrainConfig = TrainConfig(batch_size=16, max_steps=4000, validate_every=250, patience=1000),  # noqa: B008
     progress: Callable[[TrainProgress], None] = lambda _: None,
+    start: nn.Module | None = None,
 ) -> Trained:
     """Train a head, or resume it; `folder` and `progress` as in `graspbox.training.trainer`.
 
@@ -200,6 +202,8 @@ def train_head(
         The head; its anchors are those of the data.
     config : TrainConfig
         Training hyperparameters; `batch_size` counts scenes.
+    start : nn.Module, optional
+        A trained head of the same kind, which learns further, and is kept where that makes it no better.
 
     Raises
     ------
@@ -213,7 +217,7 @@ def train_head(
     if head.anchors != sampler.anchors.config:
         raise ConfigError(f"the head has {head.anchors}, the data {sampler.anchors.config}; give both the same")
     torch.manual_seed(config.seed)
-    net = head_of(sampler.anchors.shape[0], head, sampler.config.crop)
+    net = head_of(sampler.anchors.shape[0], head, sampler.config.crop) if start is None else deepcopy(start)
     _describe(Path(folder), head)
 
     def batch(step: int) -> HeadBatch:
@@ -231,8 +235,8 @@ def train_head(
 
     settings: dict[str, Any] = {"hand": sampler.grid.hand.name, "head": asdict(head), "scenes": asdict(sampler.config)}
     settings |= {"trials": [len(sampler.scenes), len(sampler.untried), len(sampler.trials)]}
-    trainer = Trainer(net, folder, config, batch=batch, losses=losses, validate=data.validation, settings=settings)
-    return trainer.run(progress)
+    made: dict[str, Any] = {"settings": settings, "trained": start is not None}
+    return Trainer(net, folder, config, batch=batch, losses=losses, validate=data.validation, **made).run(progress)
 
 
 def choose_constant(folder: Path, data: HeadData) -> dict[str, float]:

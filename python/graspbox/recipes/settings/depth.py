@@ -19,6 +19,7 @@ class Hours:
     completion: float = 0.65
     scorer: float = 0.35
     head: float = 0.3
+    head_rounds: float = 0.15
     collect: float = 0.12
     """Per round."""
     round: float = 0.15
@@ -44,6 +45,10 @@ class Sizes:
     scorer_steps: int = 15_000
     """0 keeps the scorer of --start as it is."""
     head_steps: int = 4_000
+    head_round_steps: int = 2_000
+    """Steps that the head learns further after the rounds; 0 for none, as with several objects."""
+    untried: int = 1_000
+    """Scenes without trials from which it then learns where the open hand can go."""
     round_steps: int = 6_000
     batch: int = 256
     completion_batch: int = 16
@@ -90,6 +95,8 @@ QUICK = Sizes(
     completion_steps=6,
     scorer_steps=12,
     head_steps=6,
+    head_round_steps=6,
+    untried=2,
     round_steps=6,
     batch=32,
     completion_batch=4,
@@ -138,16 +145,18 @@ class DepthSettings(HandOption):
        together with the geometric proposals; with --sizes.enough 32 only where these are fewer than 32.
     5. collect-N, round-N: trials of grasps chosen by the proposals and the scorer on fresh objects; training resumes
        with half of each batch from them.
-    6. member-N: further members of the ensemble, on all trials (--sizes.members 3; by default there is one scorer).
+    6. head-rounds: the head learns further, from the trials of the rounds too, and from scenes without trials where the
+       open hand can go; it is kept as it was where that makes it no better. With one object in a scene only.
+    7. member-N: further members of the ensemble, on all trials (--sizes.members 3; by default there is one scorer).
        --sizes.snapshots 3 also takes the scorers as they were one and two rounds before, which costs no time.
-    7. calibrate-N: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two settings; the
+    8. calibrate-N: choices on held-out objects, refined N times (--sizes.refinements 0 2 compares two settings; the
        default is 0). They determine the weight of a secure hold in the choice, and calibrate the scorer's logits to
        probabilities. --sizes.lever-penalty 4 prefers grasps near the middle of an object.
-    8. export, ablations: the policy's folder, and in ablations the policy before the rounds, before the ensemble,
+    9. export, ablations: the policy's folder, and in ablations the policy before the rounds, before the ensemble,
        before the refinement, and without the head; scripts/evaluate_policies.py measures the effect of each step.
-    9. evaluate: the exported policy in GraspPose-v0 on objects excluded from training, and its calibration
+    10. evaluate: the exported policy in GraspPose-v0 on objects excluded from training, and its calibration
        there.
-    10. clear: rounds of clearing scenes of several objects (graspbox benchmark clutter), if --layout has any.
+    11. clear: rounds of clearing scenes of several objects (graspbox benchmark clutter), if --layout has any.
 
     The same command resumes after an interruption, even after SIGKILL. With a larger --sizes.rounds it adds rounds to a
     finished run. Where a published policy is named by --start and --completion, and --sizes.rounds,
@@ -158,7 +167,7 @@ class DepthSettings(HandOption):
 
     free: ClassVar[tuple[str, ...]] = (*Options.free, "hours", "publish")
     growing: ClassVar[dict[str, tuple[str, ...]]] = {
-        "sizes.rounds": ("member-*", *_DECISION_STAGES),
+        "sizes.rounds": ("head-rounds*", "member-*", *_DECISION_STAGES),
         "sizes.snapshots": _DECISION_STAGES,
     }
 
@@ -189,7 +198,7 @@ class DepthSettings(HandOption):
     it is trained further on scenes of the layouts. By default one is trained."""
     start: Path | None = None
     """A run of `graspbox train depth` with this hand, or of `graspbox train any-hand`, or a published policy, by folder
-    or name, with whose scorer the first member begins. The head of a published policy is used as it is."""
+    or name, with whose scorer the first member begins. It brings the head of a published policy."""
     publish: Path | None = None
     """Folder of the exported policy; by default ``policy`` in the run's folder."""
     name: str = "depth"
