@@ -281,14 +281,15 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
 
     out, published = tmp_path / "run", trained / "ablations" / "rounds"
     nothing = {"rounds": 0, "members": 1, "snapshots": 1, "scorer_steps": 0, "completion_steps": 0}
-    kept = replace(QUICK, **nothing, refinements=(0,), enough=8, lever_penalty=4.0)
+    kept = replace(QUICK, **nothing, refinements=(0,), proposed=40, predicted=20, enough=8, lever_penalty=4.0)
     names: dict[str, Any] = {"start": published, "completion": str(published), "layout": ("single", "pile")}
     depth.train(DepthSettings(out=out, sizes=kept, **names, **QUICK_OBJECTS), "graspbox train depth", print)
     assert not (out / "data").exists()
     policy = read_depth_policy(out / "policy")
     for name in ("completion.safetensors", "scorer-0.safetensors", "head.safetensors"):
         assert (out / "policy" / name).read_bytes() == (published / name).read_bytes(), name
-    assert (policy.finder.enough, policy.finder.lever_penalty) == (8, 4.0)
+    finder = policy.finder
+    assert (finder.proposals.most, finder.predicted, finder.enough, finder.lever_penalty) == (40, 20, 8, 4.0)
     assert not policy.uses
     card = (out / "policy" / "README.md").read_text()
     text = " ".join(card.split())

@@ -50,7 +50,7 @@ from graspbox.recipes.networks import (
     learned_before,
     scorer_width,
 )
-from graspbox.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings
+from graspbox.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings, Sizes
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
 from graspbox.training.runs import Run
@@ -59,8 +59,8 @@ from graspbox.training.trainer import Trained, TrainProgress
 __all__ = ["FINDER", "train"]
 
 
-#: Settings of the policy's decision; `Sizes.refinements` sets the number of refinements.
-FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=80), predicted=32, children=5)
+#: Settings of the policy's decision where `Sizes` says nothing else.
+FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=Sizes.proposed), predicted=Sizes.predicted, children=5)
 #: Learning rate with which a completion or a head is trained further.
 _TUNING_RATE = 3e-4
 #: Number of trials per scene: enough that the random ones reveal the scorer's errors.
@@ -151,7 +151,13 @@ class _DepthTraining:
             stage(HEAD_OF_ROUNDS, hours.head_rounds, self.head_of_rounds)
         for n in range(1, sizes.members):
             stage(f"member-{n}", hours.member, partial(self.member, number=n, rounds=sizes.rounds))
-        finder = replace(self.finder, enough=sizes.enough, lever_penalty=sizes.lever_penalty)
+        finder = replace(
+            self.finder,
+            proposals=replace(self.finder.proposals, most=sizes.proposed),
+            predicted=sizes.predicted,
+            enough=sizes.enough,
+            lever_penalty=sizes.lever_penalty,
+        )
         tried = {}
         for n in sizes.refinements:
             work = partial(self.calibrate, finder=replace(finder, refinements=n))

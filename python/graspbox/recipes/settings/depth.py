@@ -63,6 +63,10 @@ class Sizes:
     """Scorers of the ensemble from the last rounds: that of the last one, of the one before it, and so on."""
     refinements: tuple[int, ...] = (0,)
     """Refinement counts that the calibration compares; the policy uses the best one for held-out objects."""
+    proposed: int = 80
+    """Most geometric proposals that the policy scores."""
+    predicted: int = 32
+    """Most grasps of its head that it scores too."""
     enough: int | None = None
     """Number of geometric proposals from which on the policy does not ask its head; by default it always does."""
     lever_penalty: float | None = None
