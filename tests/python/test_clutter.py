@@ -72,6 +72,96 @@ def test_rounds_end_with_the_budget_and_refuse_nonsense() -> None:
         graspbox.evaluation.evaluate("scene_planner", trials=1, objects=OBJECTS)
 
 
+class Scripted(policies.Policy):
+    """Makes attempts that fail, and looks that find no grasp where its script has an x."""
+
+    name = "scripted"
+
+    def __init__(self, script: str) -> None:
+        self.script, self.looks = script, 0
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        self.looks = 0
+
+    def act(self, observation: Any) -> policies.Actions:
+        """Give zeros."""
+        self.looks += 1
+        return self._zeros()
+
+    def found_nothing(self, env: int) -> bool:
+        """Read the script."""
+        return self.script[self.looks - 1] == "x"
+
+
+@pytest.mark.parametrize(
+    ("script", "most", "attempts", "looks", "no_grasp"),
+    [
+        ("x", None, 0, 1, 1),
+        (".x", None, 1, 2, 1),
+        ("..", None, 2, 2, 0),
+        ("x", 1, 0, 1, 1),
+        ("xxx", 3, 0, 3, 1),
+        ("x.x.", 4, 2, 4, 0),
+        ("..xx", 4, 2, 4, 1),
+    ],
+)
+def test_a_look_without_a_grasp_is_no_attempt(
+    script: str, most: int | None, attempts: int, looks: int, no_grasp: int
+) -> None:
+    """After VGN it ends the round; where more failures in a row are allowed, it is one of them."""
+    seen: list[Any] = []
+    settings: dict[str, Any] = {} if most is None else {"max_failures": most}
+    policy = Scripted(script)
+    found = clear_rounds(
+        policy, objects=OBJECTS, layout="packed", hand=HAND, rounds=2, witness=lambda *all: seen.append(all), **settings
+    )
+    assert found.attempts.tolist() == [attempts, attempts]
+    assert found.no_grasp.tolist() == [no_grasp, no_grasp]
+    assert policy.looks == looks
+    assert len(seen) == sum(found.failures.values()) == 2 * attempts
+    assert Rounds.joined([found, found]).to_json()["no_grasp"] == 4 * no_grasp
+    assert f"{2 * no_grasp} of 2 rounds end as no grasp is found" in str(found)
+
+
+class Blinking(policies.ScenePlanner):
+    """Finds no grasp at every second look."""
+
+    looks = 0
+
+    def _best(self, scene: graspbox.Arrangement) -> Any:
+        self.looks += 1
+        return None if self.looks % 2 else super()._best(scene)
+
+
+def test_failures_in_a_row_end_with_a_success() -> None:
+    settings: dict[str, Any] = {"objects": OBJECTS[1], "layout": "packed", "hand": HAND, "rounds": 1}
+    blinking = Blinking()
+    found, all_seen = clear_rounds(blinking, max_failures=3, **settings), clear_rounds("scene_planner", **settings)
+    assert found.successes.sum() > 3
+    assert blinking.looks == 2 * found.attempts.sum()
+    assert found.to_json() == all_seen.to_json()
+    assert found.no_grasp.sum() == 0
+    assert clear_rounds(Blinking(), **settings).attempts.tolist() == [0]
+
+
+@pytest.mark.parametrize("name", ["top_down", "partial_view_planner", "best_proposal"])
+def test_policies_tell_where_they_find_no_grasp(name: str) -> None:
+    env: Any = gymnasium.make(
+        "graspbox/Clear-v0", objects="procedural:can:0", hand=HAND, obs=("depth", "proprio"), image_size=128
+    )
+    policy = policies.load(name)
+    with env:
+        policy.bind(policies.Task.of(env))
+        observation, info = env.reset(seed=2)
+        policy.reset(2, info=info)
+        assert not policy.found_nothing(0), "it has not looked"
+        batch = {name: values[None] for name, values in observation.items()}
+        unseen = {**batch, "depth": np.zeros_like(batch["depth"])}
+        for images, found in ((unseen, False), (batch, True), (unseen, False)):
+            assert policy.act(images).any() == found
+            assert policy.found_nothing(0) != found
+
+
 def test_baselines_act_on_images_alone() -> None:
     """Cans no wider than half the gripper stand alone: from above they can all be lifted."""
     settings: dict[str, Any] = {"objects": "procedural:can:0-9", "hand": HAND, "layout": "packed", "rounds": 3}

@@ -202,6 +202,7 @@ def test_a_wrong_plan_is_refused() -> None:
         policy.bind(Task.of(env))
         policy.reset(1, info=info)
         assert not policy.act(batch).any()
+        assert policy.found_nothing(0)
     env.close()
 
 

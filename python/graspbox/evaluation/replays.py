@@ -84,6 +84,10 @@ class ActionLog(Policy):
         """Give the policy's probability."""
         return self._policy.confidence(env)
 
+    def found_nothing(self, env: int) -> bool:
+        """Whether the policy's last look found no grasp."""
+        return self._policy.found_nothing(env)
+
     def actions(self, seed: int, steps: int) -> NDArray[np.float32] | None:
         """Return the actions (steps, k) of an episode; None if they were not kept."""
         found = self._kept.get(seed, [])

@@ -1,8 +1,10 @@
 """Rounds of clearing scenes of several objects with a policy, measured as those of VGN.
 
-A round begins with a scene of a layout, and ends when nothing is left, after two failed attempts in a row, or after a
-number of attempts. VGN (Breyer et al., "Volumetric Grasping Network", 2020) reports the success rate, successful
-attempts over attempts, and the share of the objects that were cleared.
+A round begins with a scene of a layout, and ends when nothing is left, when the policy finds no grasp
+(`graspbox.policies.Policy.found_nothing`), after two failed attempts in a row, or after a number of attempts. A look
+that finds no grasp is no attempt. Where ``max_failures`` allows more than two failures in a row, such a look counts as
+one of them, and the policy looks again. VGN (Breyer et al., "Volumetric Grasping Network", 2020) reports the success
+rate, successful attempts over attempts, and the share of the objects that were cleared.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +19,8 @@ from graspbox import object_sets
 from graspbox._common.arguments import natural
 from graspbox.configs import CameraConfig, PictureConfig
 from graspbox.envs import IDS, MAX_ATTEMPTS
-from graspbox.envs.settings import HandArgument, ObjectsArgument
+from graspbox.envs.settings import ClearSettings, HandArgument, ObjectsArgument
+from graspbox.envs.settings import keywords as environment_keywords
 from graspbox.errors import ConfigError
 from graspbox.evaluation.results import wilson
 from graspbox.layouts import Arrangement, Layout, objects_that_fit
@@ -35,6 +38,8 @@ Film = Callable[[NDArray[np.uint8], str], None]
 #: Looks at the middle of the table from the side on which the hand does not wait.
 _CAMERA = CameraConfig("viewer", "world", eye=(0.75, -0.45, 0.55), target=(0.0, 0.0, 0.08), fov=0.5)
 _PICTURE = PictureConfig(image_size=(270, 360), camera=_CAMERA)
+#: Failures in a row that end a round of VGN; there a look that finds no grasp ends it at once.
+_FAILURES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +56,8 @@ class Rounds:
         Seed of each round.
     begun, attempts, successes, cleared, lost : (n,) int64
         Objects at the beginning, attempts, successful ones, objects taken away, and objects that left the workspace.
+    no_grasp : (n,) int64
+        1 for a round that ended since the policy found no grasp, else 0.
     failures : dict of str to int
         Number of attempts by kind of failure.
     left_out : int
@@ -68,6 +75,7 @@ class Rounds:
     successes: NDArray[np.int64]
     cleared: NDArray[np.int64]
     lost: NDArray[np.int64]
+    no_grasp: NDArray[np.int64]
     failures: dict[str, int]
     left_out: int = 0
     too_wide: int = 0
@@ -83,7 +91,7 @@ class Rounds:
         """
         if not parts:
             raise ConfigError("there are no rounds to put together; give some")
-        arrays = ("seeds", "begun", "attempts", "successes", "cleared", "lost")
+        arrays = ("seeds", "begun", "attempts", "successes", "cleared", "lost", "no_grasp")
         failures = {kind: sum(part.failures.get(kind, 0) for part in parts) for part in parts for kind in part.failures}
         columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays}
         return replace(parts[0], failures=failures, **columns)
@@ -117,6 +125,7 @@ class Rounds:
             "attempts": attempts,
             "objects": begun,
             "lost": int(self.lost.sum()),
+            "no_grasp": int(self.no_grasp.sum()),
             "failures": self.failures,
             "objects_left_out": self.left_out,
             "objects_too_wide": self.too_wide,
@@ -130,7 +139,8 @@ class Rounds:
         return (
             f"{self.policy} with {self.hand}, {self.layout}: {100 * self.success_rate:.1f} % of {found['attempts']} "
             f"attempts succeed ({low:.1f} to {high:.1f}); {100 * self.cleared_share:.1f} % of {found['objects']} "
-            f"objects are cleared ({first:.1f} to {last:.1f})"
+            f"objects are cleared ({first:.1f} to {last:.1f}); {found['no_grasp']} of {len(self)} rounds end as no "
+            "grasp is found"
         )
 
 
@@ -180,7 +190,7 @@ def clear_rounds(
         Called in the first round, at its beginning and after every attempt, with a picture (H, W, 3) uint8 and what it
         shows; the setting ``picture`` sets its size and camera.
     **settings
-        Other keywords of the environment.
+        Other keywords of the environment, such as ``max_failures``: see the module.
 
     Raises
     ------
@@ -205,20 +215,21 @@ def clear_rounds(
         max_episode_steps=max_attempts,
         **keywords,
     )
+    most = keywords.get("max_failures", environment_keywords(ClearSettings)["max_failures"].default)
     with env:
         chosen.bind(Task.of(env))
         rows, failures = [], dict[str, int]()
         for number in range(count):
             if stop():
                 break
-            rows.append(_round(env, chosen, first + number, failures, witness, None if number else film))
+            rows.append(_round(env, chosen, first + number, most, failures, witness, None if number else film))
             progress(number + 1)
         if not rows:
             raise ConfigError("no round was finished; give more time")
-        begun, attempts, successes, cleared, lost = np.array(rows, dtype=np.int64).T
+        begun, attempts, successes, cleared, lost, no_grasp = np.array(rows, dtype=np.int64).T
         name = load_hand(chosen.task.hand).name
     seeds = first + np.arange(len(rows))
-    counts = (begun, attempts, successes, cleared, lost)
+    counts = (begun, attempts, successes, cleared, lost, no_grasp)
     return Rounds(chosen.name, name, layout, seeds, *counts, failures, found - len(kept), len(kept) - len(fits))
 
 
@@ -243,11 +254,18 @@ def _choose_objects(
 
 
 def _round(
-    env: Any, policy: Policy, seed: int, failures: dict[str, int], witness: Witness | None, film: Film | None
-) -> tuple[int, int, int, int, int]:
-    """Do one round; counts in the order of `Rounds`."""
+    env: Any,
+    policy: Policy,
+    seed: int,
+    most: int,
+    failures: dict[str, int],
+    witness: Witness | None,
+    film: Film | None,
+) -> tuple[int, int, int, int, int, bool]:
+    """Do one round, which ends after `most` failures in a row; counts in the order of `Rounds`."""
     observation, info = env.reset(seed=seed)
-    begun, successes, over = info["remaining"], 0, False
+    begun, successes, in_a_row = info["remaining"], 0, 0
+    over = nothing = False
     policy.reset(seed, info=info)
     if film is not None:
         film(env.render(), "at first")
@@ -258,14 +276,19 @@ def _round(
             else observation[None]
         )
         action = policy.act(batch)[0]
+        if nothing := policy.found_nothing(0):
+            in_a_row += 1
+            over = most <= _FAILURES or in_a_row >= most
+            continue
         before: Any = None if witness is None else env.unwrapped.arrangement()
         observation, _, ended, cut, info = env.step(action)
         if witness is not None:
             witness(before, action, info)
-        over, successes = ended or cut, successes + info["is_success"]
+        successes, in_a_row = successes + info["is_success"], 0 if info["is_success"] else in_a_row + 1
+        over = ended or cut or in_a_row >= most
         if info["failure"]:
             failures[info["failure"]] = failures.get(info["failure"], 0) + 1
         if film is not None:
             outcome = "lifted an object" if info["is_success"] else f"failed: {info['failure'].replace('_', ' ')}"
             film(env.render(), f"attempt {info['attempts']}: {outcome}")
-    return begun, info["attempts"], successes, info["cleared"], info["lost"]
+    return begun, info["attempts"], successes, info["cleared"], info["lost"], nothing

@@ -28,7 +28,7 @@ from graspbox.envs.settings import (
 from graspbox.errors import ConfigError
 from graspbox.layouts import Arrangement, SceneLayout
 
-__all__ = ["Actions", "Policy", "Task"]
+__all__ = ["Actions", "Policy", "Task", "cameras_of"]
 
 #: (num_envs, k) float32.
 Actions = NDArray[np.float32]
@@ -113,7 +113,7 @@ class Task:
         names = ("obs", "scale", "mass", "split", "control", "frame_skip", "hand")
         values = {name: spec.kwargs.get(name, keywords(Settings)[name].default) for name in names}
         values["obs"] = values["obs"] if isinstance(values["obs"], str) else tuple(values["obs"])
-        values |= {"sets": spec.kwargs.get("objects", OBJECTS.default), "cameras": _cameras(spec.kwargs)}
+        values |= {"sets": spec.kwargs.get("objects", OBJECTS.default), "cameras": cameras_of(spec.kwargs)}
         clears = spec.id not in SINGLE_OBJECT_IDS
         layout = spec.kwargs.get("layout", keywords(ClearSettings if clears else GraspSettings)["layout"].default)
         values["layout"] = layout
@@ -172,8 +172,14 @@ class _Scenes:
         return cast(Arrangement, self.envs.unwrapped.arrangement())
 
 
-def _cameras(arguments: Mapping[str, Any]) -> CamerasConfig:
-    """Read the cameras of environments off their keywords."""
+def cameras_of(arguments: Mapping[str, Any]) -> CamerasConfig:
+    """Read the cameras of environments off their keywords, ``cameras`` and ``image_size``.
+
+    Raises
+    ------
+    ConfigError
+        If ``cameras`` is a mapping with a wrong entry.
+    """
     rows = keywords(Settings)
     found = arguments.get("cameras", rows["cameras"].default)
     cameras: CamerasConfig = config_of(CamerasConfig, found, "cameras") if isinstance(found, Mapping) else found
@@ -336,6 +342,15 @@ class Policy(ABC):
         """Give the stated probability that the last grasp of an environment succeeds; None where there is none."""
         del env
         return None
+
+    def found_nothing(self, env: int) -> bool:
+        """Whether its last look at an environment found no grasp, so that its action is zeros.
+
+        False before the first look, and of policies that do not tell. Rounds of clearing end there without an attempt
+        (`graspbox.evaluation.rounds`).
+        """
+        del env
+        return False
 
     def _zeros(self) -> Actions:
         return np.zeros((self.task.num_envs, *self.task.action_space.shape), dtype=np.float32)

@@ -3,6 +3,7 @@
 `TopDown` grasps at the highest point, `ScenePlanner` is privileged, and `TsdfPolicy` does what your planner says.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -43,7 +44,37 @@ _NAMED = 1e-4
 _AROUND = 0.05
 
 
-class TopDown(Policy):
+class _OneLook(Policy):
+    """Looks before each attempt, and chooses one pose or none."""
+
+    #: Whether the last look at each environment found no grasp.
+    _nothing: tuple[bool, ...]
+
+    def bind(self, task: Task) -> None:
+        """Prepare for environments, at which it has not looked yet."""
+        super().bind(task)
+        self._nothing = (False,) * task.num_envs
+
+    def act(self, observation: Any) -> Actions:
+        """Look at every environment; zeros where there is no grasp."""
+        chosen = [self._choose(env, observation) for env in range(self.task.num_envs)]
+        self._nothing = tuple(action is None for action in chosen)
+        actions = self._zeros()
+        for row, action in zip(actions, chosen, strict=True):
+            if action is not None:
+                row[:] = action
+        return actions
+
+    @abstractmethod
+    def _choose(self, env: int, observation: Any) -> NDArray[np.float32] | None:
+        """Choose the action of one environment; None if there is no grasp."""
+
+    def found_nothing(self, env: int) -> bool:
+        """Whether its last look at an environment found no grasp."""
+        return self._nothing[env]
+
+
+class TopDown(_OneLook):
     """Grasps straight down at the highest point of a depth image, across the long axis of what is around it."""
 
     name = "top_down"
@@ -61,19 +92,15 @@ class TopDown(Policy):
         if seed is not None:
             self._streams[env] = np.random.default_rng(seed)
 
-    def act(self, observation: Any) -> Actions:
-        """Look, and grasp at the highest point."""
-        actions = self._zeros()
-        for env in range(self.task.num_envs):
-            row, seed = {"depth": observation["depth"][env]}, int(self._streams[env].integers(2**62))
-            points = _above_table(self._observer.look(row, seed).leveled())
-            if len(points):
-                pose = _down_at(points, self._hand)
-                actions[env] = encode_action(pose, self._hand.preshape_limits[0], hand=self._hand)
-        return actions
+    def _choose(self, env: int, observation: Any) -> NDArray[np.float32] | None:
+        row, seed = {"depth": observation["depth"][env]}, int(self._streams[env].integers(2**62))
+        points = _above_table(self._observer.look(row, seed).leveled())
+        if not len(points):
+            return None
+        return encode_action(_down_at(points, self._hand), self._hand.preshape_limits[0], hand=self._hand)
 
 
-class ScenePlanner(Policy):
+class ScenePlanner(_OneLook):
     """Plans for every object among its neighbours, and takes the first-ranked pose of all; **privileged**.
 
     It sees the scenes, which no observation holds, in environments of this process (`Task.scenes`).
@@ -85,14 +112,10 @@ class ScenePlanner(Policy):
     def _bind(self, task: Task) -> None:
         self._hand = load_hand(task.hand)
 
-    def act(self, observation: Any) -> Actions:
-        """Plan in every environment."""
+    def _choose(self, env: int, observation: Any) -> NDArray[np.float32] | None:
         del observation
-        actions = self._zeros()
-        for env in range(self.task.num_envs):
-            if (found := self._best(self.task.scene(env, self.name))) is not None:
-                actions[env] = encode_action(*found, hand=self._hand)
-        return actions
+        found = self._best(self.task.scene(env, self.name))
+        return None if found is None else encode_action(*found, hand=self._hand)
 
     def _best(self, scene: Arrangement) -> tuple[NDArray[np.float64], float] | None:
         """Find the first-ranked pose of all objects, and its preshape."""
@@ -105,11 +128,11 @@ class ScenePlanner(Policy):
         return found
 
 
-class TsdfPolicy(Policy):
+class TsdfPolicy(_OneLook):
     """Grasps where a function plans in a truncated signed distance field of the table, as VGN does.
 
     Before each attempt it fuses depth images from VGN's cameras, and executes the grasp with the highest score that is
-    in reach and no wider than the hand opens. Where none is, its actions are zeros, which fail.
+    in reach and no wider than the hand opens. Where none is, its actions are zeros, and it has found nothing.
 
     Parameters
     ----------
@@ -162,21 +185,16 @@ class TsdfPolicy(Policy):
         if seed is not None:
             self._streams[env] = np.random.default_rng(seed)
 
-    def act(self, observation: Any) -> Actions:
-        """Look, fuse, plan, and grasp."""
-        actions = self._zeros()
-        for env in range(self.task.num_envs):
-            seeds = self._streams[env].integers(2**62, size=self._views)
-            row = {name: observation[name][env] for name in self.obs or ()}
-            looks = [one.look(row, int(seed)) for one, seed in zip(self._observers, seeds, strict=True)]
-            field = tsdf_of(
-                [1e-3 * np.asarray(one.depth, dtype=np.float64) for one in looks],
-                looks[0].intrinsics,
-                [np.asarray(one.world_from_camera) for one in looks],
-            )
-            if (action := self._best(*self._planned(field))) is not None:
-                actions[env] = action
-        return actions
+    def _choose(self, env: int, observation: Any) -> NDArray[np.float32] | None:
+        seeds = self._streams[env].integers(2**62, size=self._views)
+        row = {name: observation[name][env] for name in self.obs or ()}
+        looks = [one.look(row, int(seed)) for one, seed in zip(self._observers, seeds, strict=True)]
+        field = tsdf_of(
+            [1e-3 * np.asarray(one.depth, dtype=np.float64) for one in looks],
+            looks[0].intrinsics,
+            [np.asarray(one.world_from_camera) for one in looks],
+        )
+        return self._best(*self._planned(field))
 
     def _planned(self, field: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Plan, and check; poses (n, 4, 4) in the frame ``vgn``, of grasps that fit the hand, and scores (n,)."""

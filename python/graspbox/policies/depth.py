@@ -172,6 +172,10 @@ class DepthPolicy(Policy):
         """Give the finder's probability of success; 0 where no grasp was found, None where it has none."""
         return self.finder.confidence(self.found[env])
 
+    def found_nothing(self, env: int) -> bool:
+        """Whether its last look at an environment saw no object or found no grasp."""
+        return self.has_looked(env) and self.found[env] is None
+
 
 class DepthGrasp(DepthPolicy):
     """Grasps the object in one depth image, with published networks (`graspbox.perception.GraspFinder`).

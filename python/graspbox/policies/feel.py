@@ -141,6 +141,10 @@ class FeelThenLift(Policy):
         """Give the scorer's probability of success; 0 where no grasp was found."""
         return self.base.confidence(env)
 
+    def found_nothing(self, env: int) -> bool:
+        """Whether its last look at an environment found no grasp."""
+        return self.base.found_nothing(env)
+
     def _sense(self, env: int, row: Mapping[str, Any]) -> None:
         """Record sensor readings during a grasp; when complete, keep or release it."""
         executor, found = self.base.executor, self.found[env]

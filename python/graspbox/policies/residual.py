@@ -301,3 +301,7 @@ class ResidualGrasp(Policy):
         """Propose and correct."""
         self.proposals.propose(observation)
         return self.proposals.actions(self._correct(self.proposals.observe()))
+
+    def found_nothing(self, env: int) -> bool:
+        """Whether the base policy found no grasp to correct."""
+        return self.proposals.base.found_nothing(env)

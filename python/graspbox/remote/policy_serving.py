@@ -229,8 +229,9 @@ class _Actor:
             self._policy.reset([seed])
             self._begun = True
         actions = self._policy.act(rows)
-        confidence = self._policy.confidence(0)
-        return {"actions": actions, **({} if confidence is None else {"confidence": confidence})}
+        confidence, nothing = self._policy.confidence(0), self._policy.found_nothing(0)
+        stated = {} if confidence is None else {"confidence": confidence}
+        return {"actions": actions, **stated, **({"found_nothing": True} if nothing else {})}
 
     def _rows(self, request: dict[str, Any]) -> Any:
         """Observations of one environment as rows, checked against their space."""

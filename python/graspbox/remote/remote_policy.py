@@ -13,6 +13,7 @@ from graspbox.envs.remote_config import client_token
 from graspbox.errors import ConfigError, ConnectionLostError
 from graspbox.hands import load_hand
 from graspbox.policies import Actions, Policy, Task
+from graspbox.policies.base import cameras_of
 
 __all__ = ["RemotePolicy"]
 
@@ -23,8 +24,8 @@ _MOST_SETS, _LONGEST = 1000, 1000
 class RemotePolicy(Policy):
     """Queries a server for the actions of each environment, one connection per environment.
 
-    A graspbox server also reports the policy's hand, the object sets from which it learned, and whether it states a
-    probability of success.
+    A graspbox server also reports the policy's hand, the object sets from which it learned, whether it states a
+    probability of success, and where it finds no grasp. Its policy knows the camera of its own environment, and no bin.
 
     Parameters
     ----------
@@ -82,6 +83,7 @@ class RemotePolicy(Policy):
         self._hand = self.metadata.get("hand") if self._ours else None
         self._confident = self._ours and bool(self.metadata.get("confidence"))
         self._stated: list[float | None] = []
+        self._nothing: list[bool] = []
         self._clients = [first]
         self._pending: list[list[NDArray[np.float32]]] = []
         self._starts: list[dict[str, Any]] = []
@@ -126,18 +128,34 @@ class RemotePolicy(Policy):
             raise ConfigError(f"the server {self._url} has confidence {shown(confident)}; this is true or false")
 
     def _bind(self, task: Task) -> None:
+        if self._ours:
+            self._check_environments(task)
         if self._hand is not None and (hand := load_hand(task.hand).name) != self._hand:
             raise ConfigError(f"the policy {self.name!r} was trained for the hand {self._hand!r}, not {hand!r}")
-        self._stated = [None] * task.num_envs
+        self._stated, self._nothing = [None] * task.num_envs, [False] * task.num_envs
         while len(self._clients) < task.num_envs:
             self._clients.append(self._connect())
         self._pending = [[] for _ in range(task.num_envs)]
         self._starts = [{} for _ in range(task.num_envs)]
         self._active = np.zeros(task.num_envs, dtype=np.bool_)
 
+    def _check_environments(self, task: Task) -> None:
+        """Refuse environments other than those to which the policy is bound on its server."""
+        if self.env_id is not None and task.env_id != self.env_id:
+            raise ConfigError(
+                f"the server {self._url} takes observations of {self.env_id!r}, not of {task.env_id!r}; start it with "
+                f"'graspbox serve-policy ... --env {task.env_id}'"
+            )
+        seen = "depth" in ((self.obs,) if isinstance(self.obs, str) else self.obs or ())
+        if seen and task.cameras.cameras != cameras_of(self.settings).cameras:
+            raise ConfigError(
+                f"cameras is not that of the policy {self.name!r}, which on its server knows no other; leave out "
+                "cameras (--camera, or the condition 'camera'), or load the policy on this machine"
+            )
+
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         self._pending[env].clear()
-        self._active[env] = True
+        self._active[env], self._nothing[env] = True, False
         # Only graspbox servers have episodes.
         self._starts[env] = {"reset": True, "seed": seed} if self._ours else {}
 
@@ -152,6 +170,7 @@ class RemotePolicy(Policy):
             answer = self._clients[env].receive()
             self._pending[env] = self._chunk_of(answer)
             self._stated[env] = self._confidence_in(answer)
+            self._nothing[env] = self._nothing_in(answer)
         for env in range(self.task.num_envs):
             if self._pending[env]:
                 actions[env] = self._pending[env].pop(0)
@@ -160,6 +179,16 @@ class RemotePolicy(Policy):
     def confidence(self, env: int) -> float | None:
         """Give the probability that the server states; None if it states none."""
         return self._stated[env]
+
+    def found_nothing(self, env: int) -> bool:
+        """Whether the server found no grasp when it was last asked; False where it does not tell."""
+        return self._nothing[env]
+
+    def _nothing_in(self, answer: Mapping[str, Any]) -> bool:
+        nothing = answer.get("found_nothing", False) if self._ours else False
+        if not isinstance(nothing, bool):
+            raise ConfigError(f"the server {self._url} has found_nothing {shown(nothing)}; this is true or false")
+        return nothing
 
     def _confidence_in(self, answer: Mapping[str, Any]) -> float | None:
         if not self._confident:
