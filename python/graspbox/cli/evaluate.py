@@ -8,8 +8,9 @@ import typer
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli import common
 from graspbox.cli.exports.recording import Rerun, RerunEpisodes, check_rerun, write_replays
+from graspbox.cli.serving.clients import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
 from graspbox.envs import SINGLE_OBJECT_IDS
-from graspbox.envs.remote_config import RemoteConfig, client_token
+from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
@@ -18,8 +19,6 @@ from graspbox.evaluation.replays import ActionLog, failed, shown
 from graspbox.layouts import SceneLayout
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MASSES
-from graspbox.policies import Policy, load
-from graspbox.remote.remote_policy import RemotePolicy
 
 NumEnvs = Annotated[
     int,
@@ -59,28 +58,6 @@ Remote = Annotated[
     list[str] | None,
     typer.Option("--remote", help="Server that steps the environments: ws://HOST:PORT; repeatable."),
 ]
-ServerToken = Annotated[
-    str | None,
-    typer.Option(
-        "--token-file",
-        help="File with the token of the servers that are named; by default the variable GRASPBOX_TOKEN.",
-    ),
-]
-CaFile = Annotated[
-    str | None,
-    typer.Option("--ca-file", help="Certificates to trust besides those of the public authorities, a PEM file."),
-]
-Obs = Annotated[
-    list[str] | None,
-    typer.Option("--obs", help="Observation for a policy on a server; repeatable; by default those that it names."),
-]
-Keys = Annotated[
-    list[str] | None,
-    typer.Option("--key", metavar="OURS=THEIRS", help="Name under which that server expects an observation."),
-]
-Chunk = Annotated[
-    int, typer.Option("--chunk", min=1, max=1000, help="Actions of its answer that are executed before the next.")
-]
 
 
 def _print(result: Evaluation) -> None:
@@ -119,30 +96,6 @@ def _print(result: Evaluation) -> None:
         typer.echo(f"left out: {len(result.refused)} objects that cannot be used: {', '.join(result.refused)}")
     if result.failures:
         typer.echo("failures: " + ", ".join(f"{count} {kind}" for kind, count in result.failures.items()))
-
-
-def _is_url(policy: str) -> bool:
-    return policy.startswith(("ws://", "wss://"))
-
-
-def _policy(
-    policy: str,
-    obs: list[str] | None,
-    keys: list[str] | None,
-    chunk: int,
-    token_file: str | None,
-    ca_file: str | None,
-) -> Policy | str:
-    """Make the policy of a server; the name of any other one stays as it is."""
-    if not _is_url(policy):
-        if obs or keys or chunk != 1:
-            raise ConfigError("--obs, --key and --chunk are for a policy on a server; name one as ws://HOST:PORT")
-        return policy
-    pairs = dict(pair.partition("=")[::2] for pair in keys or ())
-    if not all(pairs.values()):
-        raise ConfigError(f"--key is {keys}; write it as OURS=THEIRS, such as depth=observation/depth")
-    token, names = client_token(token_file), tuple(obs) if obs else None
-    return RemotePolicy(policy, obs=names, keys=pairs, chunk=chunk, token=token, ca=ca_file)
 
 
 def _servers(
@@ -191,12 +144,12 @@ def evaluate(
     some objects cannot be used; other trials replace theirs.
     """
     _check_outputs(out, rerun, remote, layout)
-    _check_servers(policy, remote, token_file, ca_file)
-    chosen = _policy(policy, obs, keys, chunk, token_file, ca_file)
+    asked = PolicyServers(obs, keys, chunk, token_file, ca_file)
+    asked.check([policy], bool(remote))
+    log = ActionLog(asked.load(policy))
     servers = _servers(remote, mass, token_file, ca_file)
     # A server uses its own names for its offer.
     found = None if remote else common.find(objects, split, scale, mass)
-    log = ActionLog(load(chosen) if isinstance(chosen, str) else chosen)
     tried = (objects or ["procedural"]) if found is None else found
     with common.progress() as bar:
         task = bar.add_task(policy, total=trials)
@@ -229,12 +182,6 @@ def _keywords(hand: str | None, layout: str, objects_per_scene: int | None) -> d
     found: dict[str, Any] = {} if hand is None else {"hand": common.hand_like(hand)}
     found |= {} if layout == "single" else {"layout": layout}
     return found | ({} if objects_per_scene is None else {"objects_per_scene": objects_per_scene})
-
-
-def _check_servers(policy: str, remote: list[str] | None, token_file: str | None, ca_file: str | None) -> None:
-    """Refuse options of servers where there is none."""
-    if (token_file or ca_file) and not remote and not _is_url(policy):
-        raise ConfigError("--token-file and --ca-file are for servers; name one by --remote, or as ws://HOST:PORT")
 
 
 def _check_outputs(out: Path | None, rerun: Path | None, remote: list[str] | None, layout: str) -> None:

@@ -10,13 +10,14 @@ import typer
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox._common.progress import ProgressBar
 from graspbox.cli.common import Json, hand_like, print_json, print_table
+from graspbox.cli.serving.clients import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
 from graspbox.configs import FRONT, OVERHEAD, CamerasConfig
 from graspbox.envs.settings import HandArgument
 from graspbox.errors import ConfigError
 from graspbox.evaluation.rounds import Film, Rounds, clear_rounds
 from graspbox.layouts import Layout, layout_named
 from graspbox.object_sets import Split
-from graspbox.policies import load, names
+from graspbox.policies import Policy, names
 
 benchmark_app = typer.Typer(no_args_is_help=True, help="Protocols of the field, for any policy.")
 
@@ -28,7 +29,8 @@ _CAMERAS = {"front": FRONT, "overhead": OVERHEAD}
 Policies = Annotated[
     list[str],
     typer.Argument(
-        metavar="POLICY...", help=f"Policies: {', '.join(names())}, installed ones such as panda, or folders."
+        metavar="POLICY...",
+        help=f"Policies: {', '.join(names())}, installed ones such as panda, folders, or ws://HOST:PORT of a server.",
     ),
 ]
 Hand = Annotated[
@@ -41,7 +43,13 @@ Layouts = Annotated[
 Camera = Annotated[
     str, typer.Option(help=f"Where the camera is: {', '.join(_CAMERAS)} (looks down at 40 or 75 degrees).")
 ]
-MaxFailures = Annotated[int, typer.Option(min=1, help="Failed attempts in a row after which a round ends.")]
+MaxFailures = Annotated[
+    int,
+    typer.Option(
+        min=1,
+        help="Failed attempts in a row after which a round ends; with more than 2, looks that find no grasp count too.",
+    ),
+]
 AllObjects = Annotated[bool, typer.Option("--all-objects", help="Use also objects that the hand cannot span.")]
 Judge = Annotated[
     str | None, typer.Option(help="A second judge, which tries the same attempts in the same scenes: mujoco.")
@@ -74,22 +82,31 @@ def clutter(
     all_objects: AllObjects = False,
     judge: Judge = None,
     patch: Patch = 0.0,
+    obs: Obs = None,
+    keys: Keys = None,
+    chunk: Chunk = 1,
+    token_file: ServerToken = None,
+    ca_file: CaFile = None,
     out: Annotated[Path | None, typer.Option(help="File for all results, JSON.")] = None,
     video: Video = None,
     json: Json = False,
 ) -> None:
     """Clear scenes of several objects with policies, after the protocol of VGN.
 
-    A round ends when nothing is left, or after two failed attempts in a row. The success rate is that of attempts,
-    successful ones over all; an object is cleared if the hand holds it high and still at the end of an attempt. Wilson
-    95 % intervals. Objects from which a policy learned are left out, and those whose least width in plan view is more
-    than the hand opens: the sets of VGN fit its gripper. A video shows a picture at first, and one after every attempt.
+    A round ends when nothing is left, when the policy finds no grasp, which is no attempt, or after two failed attempts
+    in a row. The success rate is that of attempts, successful ones over all; an object is cleared if the hand holds it
+    high and still at the end of an attempt. Wilson 95 % intervals. Objects from which a policy learned are left out,
+    and those whose least width in plan view is more than the hand opens: the sets of VGN fit its gripper. A video shows
+    a picture at first, and one after every attempt. A policy may be on a server, which is started with --env
+    graspbox/Clear-v0; there it does not know where a bin stands.
 
         graspbox benchmark clutter panda scene_planner --hand panda_gripper --layout pile --rounds 40
         graspbox benchmark clutter panda_clutter --layout bin --objects-per-scene 15 --max-failures 30 --camera overhead
     """
     if out is not None:
         check_output(out)
+    servers = PolicyServers(obs, keys, chunk, token_file, ca_file)
+    servers.check(policies)
     filmed = None if video is None else _Video(video)
     layouts = [layout_named(name) for name in layout or ("packed", "pile")]
     seeds, named = seed or [0, 1, 2], None if hand is None else hand_like(hand)
@@ -105,30 +122,37 @@ def clutter(
         **_cameras(camera),
     }
     results = []
-    for policy, one in product(policies, layouts):
+    for name, one in product(policies, layouts):
+        # A server may close a connection while a second judge ends its work on another layout.
+        policy, film = servers.load(name), None if filmed is None else filmed.film(name, one)
         with (
-            ProgressBar(f"{policy}, {one}", rounds * len(seeds), not json) as bar,
+            ProgressBar(f"{name}, {one}", rounds * len(seeds), not json) as bar,
             _judge(judge, policy, named, patch) as second,
         ):
-            parts = [
-                clear_rounds(
-                    policy,
-                    layout=one,
-                    seed=_APART * each,
-                    witness=second,
-                    film=None if filmed is None or number else filmed.film(policy, one),
-                    progress=lambda done, before=number * rounds: bar.update(before + done),  # type: ignore[misc]
-                    **settings,
-                )
-                for number, each in enumerate(seeds)
-            ]
-            found = Rounds.joined(parts).to_json()
+            settings |= {"layout": one, "witness": second}
+            found = _joined(policy, seeds, film, bar, settings).to_json()
             results.append(found if second is None else {**found, "mujoco": second.to_json()})
     if out is not None:
         write_text(out, dumps(results))
     if filmed is not None:
         filmed.save()
     (print_json if json else _print)(results)
+
+
+def _joined(policy: Policy, seeds: list[int], film: Film | None, bar: ProgressBar, settings: dict[str, Any]) -> Rounds:
+    """Do the rounds of every seed; `film` sees the first one."""
+    return Rounds.joined(
+        [
+            clear_rounds(
+                policy,
+                seed=_APART * seed,
+                film=None if number else film,
+                progress=lambda done, before=number * settings["rounds"]: bar.update(before + done),  # type: ignore[misc]
+                **settings,
+            )
+            for number, seed in enumerate(seeds)
+        ]
+    )
 
 
 def _cameras(name: str) -> dict[str, Any]:
@@ -138,7 +162,7 @@ def _cameras(name: str) -> dict[str, Any]:
     return {} if name == "front" else {"cameras": CamerasConfig(cameras=(_CAMERAS[name],))}
 
 
-def _judge(name: str | None, policy: str, hand: HandArgument | None, patch: float) -> Any:
+def _judge(name: str | None, policy: Policy, hand: HandArgument | None, patch: float) -> Any:
     """Give a second judge of the attempts of a policy, or none, as a context."""
     if name is None:
         return nullcontext()
@@ -147,7 +171,7 @@ def _judge(name: str | None, policy: str, hand: HandArgument | None, patch: floa
     # Needs the extra 'dev'.
     from graspbox.validation.mujoco.heaps import HeapJudge
 
-    return HeapJudge(hand or load(policy).settings.get("hand", "reflex"), patch=1e-3 * patch)
+    return HeapJudge(hand or policy.settings.get("hand", "reflex"), patch=1e-3 * patch)
 
 
 def _split(name: str | None) -> Split | None:
@@ -190,8 +214,10 @@ def _print(results: list[dict[str, Any]]) -> None:
             f"{one[name]:.1%} ({low:.1%} to {high:.1%})"
             for name, (low, high) in (("success_rate", one["success_interval"]), ("cleared", one["cleared_interval"]))
         )
-        rows.append((one["policy"], one["hand"], one["layout"], str(one["rounds"]), success, cleared))
-    print_table("clutter", ("policy", "hand", "layout", "rounds", "success", "cleared"), rows)
+        rows.append(
+            (one["policy"], one["hand"], one["layout"], str(one["rounds"]), str(one["no_grasp"]), success, cleared)
+        )
+    print_table("clutter", ("policy", "hand", "layout", "rounds", "no grasp", "success", "cleared"), rows)
     for one in results:
         failures = ", ".join(f"{count} {kind}" for kind, count in one["failures"].items())
         typer.echo(
