@@ -144,9 +144,11 @@ class Trace(ByValue):
     time : (t,) float64
         Seconds since closing began.
     distance : (t,) float64
-        Distance between the hand frame and the reference study's object frame, metres.
+        Distance between the hand frame and the reference study's frame of the scene's object, metres.
     world_from_hand, world_from_object : (t, 4, 4) float64
-        Poses.
+        Poses of the hand, and of the scene's object (`graspbox.Scene.mesh`) even where a trial grasps another one.
+    world_from_others : (t, k, 4, 4) float64
+        Poses of the k other objects, in the order of `graspbox.Scene.others`, metres; k = 0 for a single object.
     joints : (t, c) float64
         Positions of the independent joints (`graspbox.Hand.joints`), rad or m.
     actuators, loads : (t, a) float64
@@ -157,13 +159,13 @@ class Trace(ByValue):
         Sum of the normal forces between hand and object, N.
     tactile : (t, s) float64
         Force on each tactile sensor, N, in the order of the observation ``tactile``.
-    contact_samples : (k,) int64
-        Sample of each of the k contact points of hand and object in all samples, ascending.
-    contact_shapes : (k,) int64
+    contact_samples : (n,) int64
+        Sample of each of the n contact points of the hand with any object in all samples, ascending.
+    contact_shapes : (n,) int64
         Index of the hand's shape in `graspbox.Hand.shapes`.
-    contact_points, contact_normals : (k, 3) float64
+    contact_points, contact_normals : (n, 3) float64
         Positions, metres, and unit normals into the object; world frame.
-    contact_forces : (k, 3) float64
+    contact_forces : (n, 3) float64
         Forces on the object with friction, mean over a time step, world frame, N.
     """
 
@@ -171,6 +173,7 @@ class Trace(ByValue):
     distance: NDArray[np.float64]
     world_from_hand: NDArray[np.float64]
     world_from_object: NDArray[np.float64]
+    world_from_others: NDArray[np.float64]
     joints: NDArray[np.float64]
     actuators: NDArray[np.float64]
     loads: NDArray[np.float64]
@@ -182,6 +185,11 @@ class Trace(ByValue):
     contact_points: NDArray[np.float64]
     contact_normals: NDArray[np.float64]
     contact_forces: NDArray[np.float64]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Unpickle a trace; one from before `world_from_others` was recorded has no other objects."""
+        none = np.zeros((len(state["time"]), 0, 4, 4))
+        self.__dict__.update({"world_from_others": none, **state})
 
     def contacts(self, sample: int) -> slice:
         """Return the rows of the ``contact_`` arrays that belong to a sample."""

@@ -96,6 +96,8 @@ class Scene:
         self._core = _core.Scene(object_mesh, self._hand, settings, start, cache or cache_folder())
         self._made_from = (object_mesh, self._hand, start, physics, cache)
         self._around: tuple[Surroundings, int | None] | None = None
+        self._meshes: tuple[Mesh, ...] = (object_mesh,)
+        self._walls = placed(None)[1]
 
     @classmethod
     def of(
@@ -131,8 +133,8 @@ class Scene:
         chosen = None if target is None else natural(target, "target")
         made, settings = cls.__new__(cls), to_json(physics, PhysicsConfig, "physics")
         made._hand = load_hand(hand)
-        meshes = [mesh for mesh, _ in objects]
-        made._core = _core.Scene.of_objects(meshes, poses, walls, chosen, made._hand, settings, cache_folder())
+        made._meshes, made._walls = tuple(mesh for mesh, _ in objects), walls
+        made._core = _core.Scene.of_objects(made._meshes, poses, walls, chosen, made._hand, settings, cache_folder())
         made._made_from, made._around = (made._core.mesh, made._hand, None, physics, None), (scene, chosen)
         return made
 
@@ -175,6 +177,31 @@ class Scene:
     def world_from_object(self) -> NDArray[np.float64]:
         """Resting pose of the object, (4, 4)."""
         return self._core.world_from_object
+
+    @property
+    def target(self) -> int:
+        """Index of the object among all objects of the scene, as `of` takes them; 0 for a single one."""
+        return self._core.target
+
+    @property
+    def others(self) -> tuple[Mesh, ...]:
+        """Meshes of the k objects beside it: those that `of` takes, in their order, without `target`."""
+        return tuple(mesh for index, mesh in enumerate(self._meshes) if index != self.target)
+
+    @property
+    def world_from_others(self) -> NDArray[np.float64]:
+        """Resting poses of `others`, (k, 4, 4)."""
+        return self._core.world_from_others
+
+    @property
+    def world_from_walls(self) -> NDArray[np.float64]:
+        """Poses of the walls, (w, 4, 4)."""
+        return np.array([pose for pose, _ in self._walls], dtype=np.float64).reshape(-1, 4, 4)
+
+    @property
+    def wall_half_extents(self) -> NDArray[np.float64]:
+        """Half extents of the walls, (w, 3), metres."""
+        return np.array([half for _, half in self._walls], dtype=np.float64).reshape(-1, 3)
 
     @property
     def center_of_mass(self) -> NDArray[np.float64]:
@@ -283,7 +310,7 @@ class Scene:
         mass: float = 1.0,
         config: TrialConfig = TrialConfig(legacy=True),  # noqa: B008 (frozen)
     ) -> tuple[Outcomes, Trace]:
-        """Run one trial as `simulate` does, and record a sample every 10 ms.
+        """Run one trial as `simulate` does, and record a sample every 10 ms: hand, object and `others`.
 
         Parameters
         ----------

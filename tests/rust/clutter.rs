@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use graspbox_episode::{
-    Approach, Body, Episode, FailureKind, ObjectSpec, Progress, Scene, SuccessCriterion, TrialConfig, approach,
-    run_trials,
+    Approach, Body, Episode, FailureKind, ObjectSpec, Progress, Scene, SuccessCriterion, Trial, TrialConfig, approach,
+    run_trials, trace_trial,
 };
 use graspbox_hand::assets::asset;
 use graspbox_hand::{GraspPose, Hand};
@@ -89,6 +89,48 @@ fn an_approach_pushes_neighbours_aside() {
     let roomy = hemmed_in(&bodies, 0.15, None);
     assert_eq!(roomy.check(&[grasp], 0.0, 0.1).unwrap(), [Feasibility::Feasible]);
     assert!(tried(&roomy).success);
+}
+
+/// A bug here: a trace that leaves out a neighbour, or that ends elsewhere than the world.
+#[test]
+fn a_trace_has_the_motion_of_every_object() {
+    let bodies = bodies();
+    let (grasp, reach) = from_above(&bodies);
+    let scene = hemmed_in(&bodies, reach, None);
+    let (config, rest, factors) = (TrialConfig::default(), scene.world_from_object(), [1.0, 1.0]);
+    let trace = trace_trial(&scene, &grasp, factors, config, &Progress::default(), |_| ()).unwrap().trace;
+    let begun = approach(&scene, &grasp, rest, factors, SuccessCriterion::default(), config.standoff).unwrap();
+    let Approach::Arrived(episode) = begun else { panic!("the neighbours are in the way") };
+    let mut trial = Trial::of(episode, &(rest * grasp.object_from_hand), grasp.preshape, config, (), false);
+    assert!(trial.close(&|| false).unwrap() && trial.lift(&|| false).unwrap());
+    let ends: Vec<_> = trial.episode().world().world_from_objects().collect();
+    let last = trace.last().unwrap();
+    assert_eq!((last.world_from_object, &last.world_from_others[..]), (ends[0], &ends[1..]));
+    assert!(last.world_from_object.translation.z > 0.1);
+    let pushed = |(object, now): (usize, &Isometry3<f64>)| {
+        (now.translation.vector - scene.world_from(object + 1).translation.vector).norm() > 1e-3
+    };
+    assert!(trace[0].world_from_others.iter().enumerate().any(pushed), "the approach pushes them aside");
+}
+
+/// A bug here: a trace that mixes up the objects once the hand has chosen another one than the scene's.
+#[test]
+fn a_trace_keeps_the_order_of_the_objects() {
+    let bodies = bodies();
+    let (grasp, _) = from_above(&bodies);
+    let poses = [0.0, 0.2].map(|x| Isometry3::translation(x, 0.0, 0.02));
+    let scene = Scene::of_objects(&[&bodies[0], &bodies[0]], &poses, &[], None, hand(), PhysicsConfig::default());
+    let scene = Arc::new(scene.unwrap());
+    assert_eq!(scene.target(), 1, "the last one of equal height");
+    let first =
+        GraspPose { object_from_hand: Isometry3::translation(-0.2, 0.0, 0.0) * grasp.object_from_hand, ..grasp };
+    let trial = trace_trial(&scene, &first, [1.0, 1.0], TrialConfig::default(), &Progress::default(), |_| ()).unwrap();
+    assert!(trial.outcome.success, "{:?}", trial.outcome);
+    for sample in &trial.trace {
+        let there = sample.world_from_object.translation.vector - poses[1].translation.vector;
+        assert!(there.norm() < 1e-3, "nothing touches the scene's object: {there:?}");
+    }
+    assert!(trial.trace.last().unwrap().world_from_others[0].translation.z > 0.1);
 }
 
 #[test]

@@ -12,12 +12,14 @@ pub const PERIOD: f64 = 0.01;
 pub struct Sample {
     /// Seconds since closing began.
     pub time: f64,
-    /// Distance between the origin of the hand frame and the scene's base point, metres.
+    /// Distance between the origin of the hand frame and the base point of the scene's object, metres.
     pub distance: f64,
     /// Grasp frame in the world.
     pub world_from_hand: Isometry3<f64>,
-    /// Object frame in the world.
+    /// Frame of the scene's object in the world, even if the trial is about another object.
     pub world_from_object: Isometry3<f64>,
+    /// Frames of the scene's other objects in the world, in their order.
+    pub world_from_others: Vec<Isometry3<f64>>,
     /// Positions of the hand's independent joints, rad or m.
     pub joints: Vec<f64>,
     /// Positions of its actuators, rad or m.
@@ -37,12 +39,15 @@ pub struct Sample {
 impl Sample {
     /// The present state of an episode.
     pub(crate) fn of(episode: &Episode) -> Self {
-        let world = episode.world();
+        let (world, scene) = (episode.world(), episode.scene());
+        let mut world_from_others: Vec<_> = world.world_from_objects().collect();
+        let world_from_object = world_from_others.remove(scene.target());
         Self {
             time: world.time(),
-            distance: distance(world, &episode.scene().base_point()),
+            distance: (world.hand_from(scene.target()) * scene.base_point()).coords.norm(),
             world_from_hand: world.world_from_hand(),
-            world_from_object: world.world_from_object(),
+            world_from_object,
+            world_from_others,
             joints: world.configuration(),
             actuators: world.actuators().iter().map(|actuator| actuator.position).collect(),
             loads: (0..world.actuators().len()).map(|actuator| world.load(actuator)).collect(),

@@ -153,6 +153,11 @@ pub fn matrices<'py>(
     array(py, poses.flat_map(|p| rows(&p)).collect(), &[count, 4, 4])
 }
 
+/// (n, k, 4, 4): n rows of k poses, one after the other.
+pub fn matrix_rows<'py>(py: Python<'py>, poses: &[Isometry3<f64>], shape: [usize; 2]) -> PyResult<Array<'py, f64>> {
+    array(py, poses.iter().flat_map(rows).collect(), &[shape[0], shape[1], 4, 4])
+}
+
 /// (n, N), one row per item.
 pub fn table<'py, T: Element, const N: usize>(
     py: Python<'py>,

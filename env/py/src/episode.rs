@@ -1,6 +1,8 @@
 //! `graspbox.Scene`: an object at rest on the table, and trials on it.
 
-use crate::convert::{Array, Floats, array, entries, isometries, isometry, matrices, matrix, row_major, table, vector};
+use crate::convert::{
+    Array, Floats, array, entries, isometries, isometry, matrices, matrix, matrix_rows, row_major, table, vector,
+};
 use crate::errors::CoreError;
 use crate::gil::{detached, interruptible};
 use crate::hand::Hand;
@@ -13,7 +15,7 @@ use graspbox_episode::{
 };
 use graspbox_hand::GraspPose;
 use graspbox_plan::Feasibility;
-use graspbox_sim::{HandContact, PhysicsConfig};
+use graspbox_sim::{HandContact, PhysicsConfig, Template};
 use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -109,6 +111,19 @@ impl Scene {
     #[getter]
     fn world_from_object<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
         matrix(py, self.core.world_from_object())
+    }
+
+    #[getter]
+    fn target(&self) -> usize {
+        self.core.target()
+    }
+
+    /// Resting poses of the objects beside the target, in their order.
+    #[getter]
+    fn world_from_others<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
+        let others = (0..self.core.template().object_count()).filter(|object| *object != self.core.target());
+        let poses: Vec<Isometry3<f64>> = others.map(|object| self.core.world_from(object)).collect();
+        matrices(py, poses.into_iter())
     }
 
     #[getter]
@@ -218,7 +233,7 @@ impl Scene {
             move || progress.stop(),
             move || trace_trial(&scene, &pose, factors, config, &watched, Study::new),
         )?;
-        let samples = sample_arrays(py, &trial.trace, self.core.template().hand())?;
+        let samples = sample_arrays(py, &trial.trace, self.core.template())?;
         Ok((outcome_arrays(py, &[trial])?, samples))
     }
 }
@@ -295,8 +310,8 @@ fn outcome_arrays<'py>(py: Python<'py>, trials: &[Finished<Study>]) -> PyResult<
     Ok(dict)
 }
 
-fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], hand: &graspbox_hand::Hand) -> PyResult<Bound<'py, PyDict>> {
-    let n = samples.len();
+fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], template: &Template) -> PyResult<Bound<'py, PyDict>> {
+    let (n, hand, others) = (samples.len(), template.hand(), template.object_count() - 1);
     let numbers = |get: fn(&Sample) -> f64| array(py, samples.iter().map(get).collect(), &[n]);
     let dict = PyDict::new(py);
     dict.set_item("time", numbers(|s| s.time)?)?;
@@ -304,6 +319,8 @@ fn sample_arrays<'py>(py: Python<'py>, samples: &[Sample], hand: &graspbox_hand:
     dict.set_item("hand_force", numbers(|s| s.hand_force)?)?;
     dict.set_item("world_from_hand", matrices(py, samples.iter().map(|s| s.world_from_hand))?)?;
     dict.set_item("world_from_object", matrices(py, samples.iter().map(|s| s.world_from_object))?)?;
+    let poses: Vec<Isometry3<f64>> = samples.iter().flat_map(|s| s.world_from_others.iter().copied()).collect();
+    dict.set_item("world_from_others", matrix_rows(py, &poses, [n, others])?)?;
     let rows = |name: &str, width: usize, get: fn(&Sample) -> &Vec<f64>| {
         let values = samples.iter().flat_map(|s| get(s).iter().copied()).collect();
         dict.set_item(name, array::<f64>(py, values, &[n, width])?)
