@@ -76,7 +76,7 @@ def test_readme_runs(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None
     ("name", "count"),
     [
         ("start", 2),
-        ("guides/objects", 6),
+        ("guides/objects", 7),
         ("guides/camera", 3),
         ("guides/environments", 8),
         ("guides/evaluate", 4),

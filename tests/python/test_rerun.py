@@ -232,6 +232,23 @@ def test_rerun_reads_a_trial(held: Motion, scene: graspbox.Scene, grasp: graspbo
 
 
 @needs_sdk
+def test_rerun_reads_a_trial_among_other_objects(held: Motion, tmp_path: Path) -> None:
+    meshes = [spec.load() for spec in object_sets.load("procedural:can:0-3")]
+    found = graspbox.arrange(meshes, "bin", seed=0)
+    scene = graspbox.Scene.of(found, target=0)
+    motion = of_trial(scene, np.linalg.inv(scene.world_from_object) @ [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.4],
+                                                                       [0, 0, 0, 1]], 0.0)  # fmt: skip
+    path = import_module("graspbox.rerun").log([motion, held], tmp_path / "bin.rrd")
+    recorded = entities(path)
+    for index in range(len(found) - 1):
+        assert rows_with(recorded, f"/world/others/{index}", "Mesh3D:vertex_positions") == 1
+        assert rows_with(recorded, f"/world/others/{index}", "Transform3D:translation") == len(motion.time)
+        assert rows_with(recorded, f"/world/others/{index}", "Clear:is_recursive") == 1
+        assert rows_with(recorded, f"/plots/lift_of_others/{index}", "Scalars:scalars") == len(motion.time)
+    assert rows_with(recorded, "/world/walls", "Boxes3D:half_sizes") == 1
+
+
+@needs_sdk
 @pytest.mark.parametrize("name", ["grasp", "evaluate", "record"])
 def test_commands_write_recordings(name: str, tmp_path: Path) -> None:
     path = tmp_path / "made.rrd"

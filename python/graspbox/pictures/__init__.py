@@ -6,7 +6,8 @@
 | `save_gallery`  | the same for several objects, one column per object |
 | `save_sweep`    | boxes for each pair of the planner's thresholds (figures 2.3 and 2.4 of the reference study) |
 | `save_kindness` | relative speed of hand and object in a failed and a firm grasp (its figures 3.17 and 3.18) |
-| `save_stages`   | stages of grasps: open, closed, lifting, held |
+| `save_stages`   | stages of grasps, alone or among other objects: open, closed, lifting, held |
+| `save_trial`    | the same as a video |
 | `save_arrangements` | several objects at rest: packed, in a pile, in a bin |
 | `save_grasp_image` | a depth image with the grasps that a policy found in it, and the best one in 3D |
 | `save_hand_frames` | hands with their grasp frame and the frames of formats of grasps |
@@ -63,7 +64,7 @@ from graspbox.pictures.hands import PosedHand  # noqa: E402
 from graspbox.pictures.plans import GraspExample, save_gallery, save_plan  # noqa: E402
 from graspbox.pictures.solids import Solid  # noqa: E402
 from graspbox.pictures.sweeps import AREA_GAINS, MIN_VOLUMES, save_sweep  # noqa: E402
-from graspbox.pictures.trials import Trial, firm_and_failed, save_kindness, save_stages  # noqa: E402
+from graspbox.pictures.trials import Trial, firm_and_failed, save_kindness, save_stages, save_trial  # noqa: E402
 from graspbox.pictures.videos import VIDEO_SUFFIXES, check_video, save_video  # noqa: E402
 from graspbox.pictures.view import Camera, View  # noqa: E402
 
@@ -93,5 +94,6 @@ __all__ = [
     "save_reliability",
     "save_stages",
     "save_sweep",
+    "save_trial",
     "save_video",
 ]

@@ -8,15 +8,13 @@ from matplotlib.figure import Figure
 from graspbox.errors import ConfigError
 from graspbox.layouts import Arrangement
 from graspbox.pictures.files import PathLike, check_path, pixels, write
-from graspbox.pictures.solids import OBJECTS, Floats, Solid, box_mesh, place
+from graspbox.pictures.solids import OBJECTS, Solid, place, wall_solids
 from graspbox.pictures.view import Camera, View
-from graspbox.planning import Box
 
 #: Most arrangements in one picture, and panels in a row.
 _MOST, _COLUMNS = 12, 3
 #: Viewing direction: into a bin.
 _CAMERA = Camera(azimuth=-60.0, elevation=42.0)
-_WALL = "#b9bcc2"
 
 
 def save_arrangements(path: PathLike, arrangements: Sequence[Arrangement], *, camera: Camera | None = None) -> None:
@@ -62,9 +60,4 @@ def _solids(arrangement: Arrangement) -> list[Solid]:
             arrangement.objects, arrangement.meshes, arrangement.world_from_objects, strict=True
         )
     ]
-    walls = zip(arrangement.world_from_walls, arrangement.wall_half_extents, strict=True)
-    return solids + [Solid(box_mesh(_box(pose, half), "wall"), _WALL) for pose, half in walls]
-
-
-def _box(pose: Floats, half: Floats) -> Box:
-    return Box(pose[:3, 3], pose[:3, :3], half)
+    return solids + wall_solids(arrangement.world_from_walls, arrangement.wall_half_extents)

@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 OBJECT = "#d8b78c"
 #: One colour per object in pictures of several objects.
 OBJECTS = ("#e2b77d", "#8fb3d9", "#a9c08f", "#d9a3a0", "#b9a9d4", "#c9c4b8")
+WALL = "#b9bcc2"
 SUCCESS, FAILURE, NOT_SIMULATED = "#009e73", "#d55e00", "#444444"
 #: Okabe and Ito's colours, which colour-blind readers can distinguish; the first ones contrast most with `OBJECT`.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d1f")
@@ -62,6 +63,12 @@ def box_mesh(box: Box, name: str = "box") -> Mesh:
     """Make a mesh of a box with right-handed axes."""
     faces = [triangle for a, b, c, d in _SIDES for triangle in ((a, b, c), (a, c, d))]
     return mesh_from_arrays(box.corners(), np.array(faces), name=name)
+
+
+def wall_solids(poses: Floats, half_extents: Floats) -> list[Solid]:
+    """Make a box of each wall of a bin, from poses (w, 4, 4) and half extents (w, 3)."""
+    boxes = [Box(pose[:3, 3], pose[:3, :3], half) for pose, half in zip(poses, half_extents, strict=True)]
+    return [Solid(box_mesh(box, "wall"), WALL) for box in boxes]
 
 
 def cylinder_mesh(center: ArrayLike, axis: ArrayLike, radius: float, half_length: float) -> Mesh:

@@ -1,17 +1,19 @@
-"""Pictures of trials: relative speed of hand and object over time (kindness), and stages of the grasp."""
+"""Pictures of trials: relative speed of hand and object over time (kindness), stages of the grasp, and videos."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hands import PosedHand
-from graspbox.pictures.solids import FAILURE, OBJECT, SUCCESS, Floats, Solid, place
+from graspbox.pictures.solids import FAILURE, OBJECT, OBJECTS, SUCCESS, Floats, Solid, place, wall_solids
+from graspbox.pictures.videos import check_video, save_video
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import Plan
 from graspbox.simulation import Hand, Outcomes, Scene, Trace
@@ -23,6 +25,10 @@ KINDNESS = (
 )
 #: Greatest number of rows of stages.
 _MOST_ROWS = 8
+#: Elevation of the camera, degrees: beside a hand, and above it where other objects or walls are in the way.
+_BESIDE, _ABOVE = 18.0, 35.0
+#: Seconds of a trial from one picture of a video to the next.
+_PERIOD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,6 +186,8 @@ def stages(trace: Trace, config: TrialConfig = TrialConfig()) -> list[tuple[str,
 def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera: Camera | None = None) -> None:
     """Save each trial as a row of four stages: open, closed, lifting, held (or the kind of failure).
 
+    In a scene of several objects, all of them are drawn where they are at each stage, and its walls.
+
     Parameters
     ----------
     path : str or PathLike
@@ -200,8 +208,7 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
     if not 1 <= len(trials) <= _MOST_ROWS:
         raise ConfigError(f"{len(trials)} trials; give 1 to {_MOST_ROWS}")
     for trial in trials:
-        if not len(trial.trace.time):
-            raise ConfigError(f"pose {trial.index + 1} is infeasible: nothing moved, so there are no stages to show")
+        _check_moved(trial, "there are no stages to show")
     height = 3.5 * len(trials) + 0.45
     figure = Figure(figsize=(10.5, height), dpi=115)
     panels = figure.subplots(len(trials), 4, squeeze=False)
@@ -212,15 +219,79 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
     write(figure, target, palette=False)
 
 
+def save_trial(
+    path: PathLike,
+    scene: Scene,
+    trial: Trial,
+    *,
+    camera: Camera | None = None,
+    size: tuple[int, int] = (480, 400),
+) -> None:
+    """Save a trial as a video, 10 pictures per second: the hand, and every object and wall of its scene.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        The file; its extension is one of `graspbox.pictures.VIDEO_SUFFIXES`.
+    scene : Scene
+        The objects and the hand.
+    trial : Trial
+        A trial of this scene, of a feasible pose.
+    camera : Camera, optional
+        Viewing direction; by default across the first hand's approach.
+    size : (int, int)
+        Columns and rows of the pictures, 16 to 4096.
+
+    Raises
+    ------
+    ConfigError, FileError, MissingExtraError
+        As `save_video`; also for a trial without samples, or a size out of range.
+    """
+    target = check_video(path)
+    if len(size) != 2 or not all(16 <= side <= 4096 for side in size):
+        raise ConfigError(f"size is {size!r}; give columns and rows, 16 to 4096 pixels")
+    _check_moved(trial, "there is no video to show")
+    time = trial.trace.time
+    samples = np.unique(np.searchsorted(time, np.arange(0.0, time[-1] + _PERIOD, _PERIOD)).clip(max=len(time) - 1))
+    captions = [f"{scene.name}, {time[sample]:.1f} s" for sample in samples]
+    captions[-1] += f": {trial.outcome.failure[0] or 'success'}"
+    save_video(target, [view.image for view in _views(scene, trial, samples, camera, size)], captions, seconds=_PERIOD)
+
+
+def _check_moved(trial: Trial, so: str) -> None:
+    """Refuse a trial without samples."""
+    if not len(trial.trace.time):
+        raise ConfigError(f"pose {trial.index + 1} is infeasible: nothing moved, so {so}")
+
+
+def objects_at(scene: Scene, trace: Trace, sample: int) -> list[Solid]:
+    """Return the objects of a scene where they are at a sample of a trace: its object, the others, and its walls."""
+    solids = [Solid(scene.mesh, OBJECT, trace.world_from_object[sample])]
+    for index, (mesh, pose) in enumerate(zip(scene.others, trace.world_from_others[sample], strict=True)):
+        solids.append(Solid(mesh, OBJECTS[1 + index % (len(OBJECTS) - 1)], pose))
+    return solids + wall_solids(scene.world_from_walls, scene.wall_half_extents)
+
+
+def _views(
+    scene: Scene, trial: Trial, samples: Sequence[int] | NDArray[np.int64], camera: Camera | None, size: tuple[int, int]
+) -> Iterator[View]:
+    """Draw samples of a trial one by one, all from the same place."""
+    trace = trial.trace
+    elevation = _ABOVE if scene.others or len(scene.world_from_walls) else _BESIDE
+    eye = camera or Camera.across(trace.world_from_hand[0, :3, 2], elevation=elevation)
+    hands = [trial.posed(scene.hand, int(sample)) for sample in samples]
+    drawn = [objects_at(scene, trace, int(sample)) for sample in samples]
+    corners = [place(solid.mesh.vertices, solid.world_from_mesh) for solids in drawn for solid in solids]
+    shown = np.concatenate([*(hand.corners() for hand in hands), *corners])
+    for solids, hand in zip(drawn, hands, strict=True):
+        yield View(solids, eye, shown=shown, size=size, hand=hand, table=shown)
+
+
 def _stages_row(row: Sequence[Any], scene: Scene, trial: Trial, camera: Camera | None) -> None:
     trace, chosen = trial.trace, stages(trial.trace)
-    eye = camera or Camera.across(trace.world_from_hand[0, :3, 2], elevation=18.0)
-    hands = [trial.posed(scene.hand, sample) for _, sample in chosen]
-    objects = [trace.world_from_object[sample] for _, sample in chosen]
-    shown = np.concatenate([*(h.corners() for h in hands), *(place(scene.mesh.vertices, pose) for pose in objects)])
-    for axes, (name, sample), hand, pose in zip(row, chosen, hands, objects, strict=True):
-        surface = Solid(scene.mesh, OBJECT, pose)
-        View([surface], eye, shown=shown, size=pixels(axes), hand=hand, table=shown).show(axes)
+    views = _views(scene, trial, [sample for _, sample in chosen], camera, pixels(row[0]))
+    for axes, (name, sample), view in zip(row, chosen, views, strict=True):
+        view.show(axes)
         lost = name == "held" and not trial.outcome.success[0]
         told = str(trial.outcome.failure[0]) if lost else name
         axes.set_title(f"{told}, {trace.time[sample]:.2f} s", fontsize=10)

@@ -1,4 +1,4 @@
-"""Recordings for the viewer of rerun (extra ``rerun``): hand, object, images, forces and probabilities over time.
+"""Recordings for the viewer of rerun (extra ``rerun``): hand, objects, images, forces and probabilities over time.
 
 >>> import graspbox, graspbox.rerun
 >>> scene = graspbox.Scene(graspbox.object_sets.load("procedural:can:0")[0].load())
@@ -12,6 +12,7 @@ timeline ``time``; the timeline ``episode`` counts them.
 | entity | contents |
 |---|---|
 | ``world/object`` | mesh and pose of the object |
+| ``world/others/INDEX``, ``world/walls`` | the other objects of the scene with their poses, and walls |
 | ``world/hand``, ``world/hand/LINK`` | pose of the hand; mesh and pose of each link |
 | ``world/contacts`` | forces on the object, 5 mm per N: of contacts in a trial, of tactile sensors in an episode |
 | ``world/net_force`` | sum of all contact forces on the object, from its motion |

@@ -1,4 +1,4 @@
-"""The motion of hand and object in one episode, with forces and images, as rerun logs it.
+"""The motion of hand and objects in one episode, with forces and images, as rerun logs it.
 
 A trial of a hand pose is traced (`graspbox.simulation.Scene.trace`), with the engine's contacts. An episode of an
 environment is stepped again (`graspbox.evaluation.replays.Replay`): its forces are those that the tactile sensors
@@ -88,6 +88,14 @@ class Motion:
         Images.
     mass : float
         Mass of the object, kg.
+    others : tuple of Mesh
+        The k other objects of the scene.
+    world_from_others : (t, k, 4, 4) float64
+        Their poses, metres.
+    world_from_walls : (w, 4, 4) float64
+        Poses of the walls, metres.
+    wall_half_extents : (w, 3) float64
+        Their half extents, metres.
     """
 
     name: str
@@ -105,6 +113,10 @@ class Motion:
     contact_forces: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     probability: float | None = None
     shots: tuple[Shot, ...] = field(default=())
+    others: tuple[Mesh, ...] = ()
+    world_from_others: Floats = field(default_factory=lambda: np.zeros((0, 0, 4, 4)))
+    world_from_walls: Floats = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    wall_half_extents: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
     def contact_force(self, center_of_mass: Floats) -> tuple[Floats, Floats]:
         """Return the sum of the contact forces on the object: points of action and forces, (t, 3) each, m and N.
@@ -138,7 +150,7 @@ def of_trial(
     Parameters
     ----------
     scene : Scene
-        Object and hand.
+        Objects and hand.
     object_from_hand : (4, 4) float64
         Pose of the hand's grasp frame, metres.
     preshape : float
@@ -158,20 +170,25 @@ def of_trial(
     outcomes, trace = scene.trace(object_from_hand, preshape, config=config)
     outcome = str(outcomes.failure[0]) or "success"
     title, mass, hand = name or scene.name, float(scene.mesh.mass), scene.hand
+    around: dict[str, Any] = {"others": scene.others, "world_from_others": trace.world_from_others}
+    around |= {"world_from_walls": scene.world_from_walls, "wall_half_extents": scene.wall_half_extents}
     if not len(trace.time):
         # An infeasible pose: the open hand where it would collide.
         pose = (scene.world_from_object @ object_from_hand)[None]
         still = (np.zeros(1), pose, scene.world_from_object[None], hand.open(preshape)[None])
-        return Motion(title, hand, scene.mesh, *still, {}, outcome, mass, probability=probability)
+        around["world_from_others"] = scene.world_from_others[None]
+        return Motion(title, hand, scene.mesh, *still, {}, outcome, mass, probability=probability, **around)
     scalars = {"hand_force": trace.hand_force, "distance": trace.distance}
     scalars["lift"] = trace.world_from_object[:, 2, 3] - trace.world_from_object[0, 2, 3]
+    rises = trace.world_from_others[..., 2, 3] - trace.world_from_others[0, :, 2, 3]
+    scalars |= {f"lift_of_others/{i}": rises[:, i] for i in range(len(scene.others))}
     scalars |= {f"tension/{name}": trace.tensions[:, i] for i, name in enumerate(hand.tendons)}
     scalars |= {f"load/{name}": trace.loads[:, i] for i, name in enumerate(hand.actuators)}
     if trace.tactile.size:
         scalars["tactile_sum"] = trace.tactile.sum(axis=1)
     poses = trace.time, trace.world_from_hand, trace.world_from_object, trace.joints
     contacts = trace.contact_samples, trace.contact_points, trace.contact_forces
-    return Motion(title, hand, scene.mesh, *poses, scalars, outcome, mass, *contacts, probability)
+    return Motion(title, hand, scene.mesh, *poses, scalars, outcome, mass, *contacts, probability, **around)
 
 
 def of_replay(replay: Replay, images: Sequence[str] = ("rgb", "depth")) -> Motion:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from graspbox._common.extras import imported
 from graspbox._common.files import replacing
+from graspbox._common.rotations import quaternion_from_rotation
 from graspbox._core import Hand, Mesh
 from graspbox.errors import ConfigError
 from graspbox.policies.grasp_image import ImageGrasps
@@ -25,6 +26,7 @@ _PAUSE = 0.5
 #: Length of an arrow, metres per newton.
 _PER_NEWTON = 0.005
 _OBJECT, _HAND, _PAD = (216, 183, 140), (120, 130, 145), (0, 114, 178)
+_OTHER, _WALL = (143, 179, 217), (185, 188, 194)
 _CONTACT, _NET = (213, 94, 0), (0, 158, 115)
 #: Grasps of an image that are shown as hands.
 _HANDS = 5
@@ -96,7 +98,7 @@ def _blueprint(root: str) -> Any:
     curves = {
         "forces": ("hand_force", "net_force", "tactile_sum"),
         "tendons": ("tension/**",),
-        "object": ("lift", "distance"),
+        "object": ("lift", "distance", "lift_of_others/**"),
         "probability": ("probability", "success", "secure", "choice"),
     }
     plots = [
@@ -128,6 +130,7 @@ class Recorder:
         self._rr, self._stream, self._root = sdk(), stream, root.strip("/")
         self._start, self._episode = 0.0, 0
         self._hand: Hand | None = None
+        self._others, self._walls = 0, False
         self._log("world", self._rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         table = self._rr.Boxes3D(
             centers=[[0, 0, -0.006]], half_sizes=[[0.3, 0.3, 0.006]], colors=[(226, 218, 203)], fill_mode="solid"
@@ -157,6 +160,7 @@ class Recorder:
         self._hand_meshes(motion.hand)
         self._log("world/object", _mesh(self._rr, motion.mesh))
         self._transforms("world/object", motion.time, motion.world_from_object)
+        self._surroundings(motion)
         self._transforms("world/hand", motion.time, motion.world_from_hand)
         frames = np.array([hand_links(motion.hand, joints) for joints in motion.joints])
         for row, link in enumerate(links(motion.hand)):
@@ -172,6 +176,27 @@ class Recorder:
         self._log("log", self._rr.TextLog(f"{motion.name}: {motion.outcome}"))
         self._start += float(motion.time[-1]) + _PAUSE
         self._episode += 1
+
+    def _surroundings(self, motion: Motion) -> None:
+        """Log the other objects with their motions, and the walls; those of an earlier motion disappear."""
+        for index, mesh in enumerate(motion.others):
+            self._log(f"world/others/{index}", _mesh(self._rr, mesh, _OTHER))
+            self._transforms(f"world/others/{index}", motion.time, motion.world_from_others[:, index])
+        for index in range(len(motion.others), self._others):
+            self._log(f"world/others/{index}", self._rr.Clear(recursive=True))
+        walls = len(motion.world_from_walls) > 0
+        if walls:
+            turns = quaternion_from_rotation(motion.world_from_walls[:, :3, :3])
+            boxes = self._rr.Boxes3D(
+                centers=motion.world_from_walls[:, :3, 3],
+                half_sizes=motion.wall_half_extents,
+                quaternions=np.roll(turns, -1, axis=1),  # rerun has w last
+                colors=[_WALL],
+            )
+            self._log("world/walls", boxes)
+        elif self._walls:
+            self._log("world/walls", self._rr.Clear(recursive=True))
+        self._others, self._walls = len(motion.others), walls
 
     def _hand_meshes(self, hand: Hand) -> None:
         """Log the meshes of the hand's links, once for each hand."""
@@ -268,7 +293,7 @@ def _probabilities(found: ImageGrasps) -> Mapping[str, Floats]:
     return {"success": found.success, "secure": found.secure, "choice": found.choice}
 
 
-def _mesh(rr: Any, mesh: Mesh) -> Any:
+def _mesh(rr: Any, mesh: Mesh, color: tuple[int, int, int] = _OBJECT) -> Any:
     """Convert a mesh with flat shading: each face has its own corners."""
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -278,7 +303,7 @@ def _mesh(rr: Any, mesh: Mesh) -> Any:
         vertex_positions=vertices.astype(np.float32),
         triangle_indices=np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
         vertex_normals=np.repeat(normals, 3, axis=0).astype(np.float32),
-        vertex_colors=np.tile(np.array(_OBJECT, dtype=np.uint8), (len(vertices), 1)),
+        vertex_colors=np.tile(np.array(color, dtype=np.uint8), (len(vertices), 1)),
     )
 
 

@@ -7,6 +7,7 @@
 | source | page |
 |---|---|
 | an object, a mesh file or a mesh | boxes, poses by outcome, filters, and the trace of any trial |
+| a `graspbox.Scene`, a `graspbox.Arrangement` | the same for an object among others, which trials move |
 | (mesh, plan), a plan, its JSON file | the same, with the poses of the plan |
 | the JSON file of ``graspbox grasp --out`` | counts; each object with its poses and outcomes |
 | an object set | a gallery; each object opens |
@@ -23,6 +24,7 @@
 | `page`, `pages` | `Page`, the interface, and `Options`; one module per kind |
 | `canvas` | a viser server as pages use it |
 | `drawn_hand`, `player` | hands and poses in the scene; the trace of a trial on a time slider |
+| `surroundings` | the other objects of a scene, and its walls |
 | `links`, `contacts`, `geometry` | frames of links, contacts of a trace, meshes and colours; without viser |
 """
 

@@ -17,12 +17,14 @@ from graspbox.dataset import manifest
 from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, load_hand
+from graspbox.layouts import Arrangement
 from graspbox.meshes import Mesh, as_mesh
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
 from graspbox.perception.depth_images import metric_depth, read_depth
 from graspbox.planning import Plan
 from graspbox.policies.grasp_image import ImageGrasps
+from graspbox.simulation import Scene
 from graspbox.viewer.page import Options, Page
 from graspbox.viewer.pages.datasets import DatasetPage
 from graspbox.viewer.pages.depth_images import DepthImage, DepthImagePage
@@ -64,6 +66,10 @@ def _object(source: Any, options: Options) -> PlannedObject | None:
         return source
     if isinstance(source, Mesh):
         return PlannedObject(source)
+    if isinstance(source, Arrangement):
+        source = Scene.of(source, target=source.target, hand=options.hand)
+    if isinstance(source, Scene):
+        return PlannedObject(source.mesh, scene=source)
     if isinstance(source, tuple) and len(source) == 2 and isinstance(source[1], Plan):
         return PlannedObject(as_mesh(source[0]), source[1])
     found = _set(source, options)
@@ -176,7 +182,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("table of grasps: .json of graspbox grasp --out", _grasps, GraspTablePage),
     Kind("folder of a data set", _data_set, DatasetPage),
     Kind("folder of a run", _run, RunPage),
-    Kind("object or mesh file", _object, ObjectPage),
+    Kind("object, mesh file, scene or arrangement", _object, ObjectPage),
     Kind("object set", _gallery, GalleryPage),
 )
 

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ _SENSOR, _FULL = 0.0028, 5.0
 
 
 class Player:
-    """Plays traces of trials with one hand and one object.
+    """Plays traces of trials with one hand.
 
     Parameters
     ----------
@@ -35,11 +36,13 @@ class Player:
     hand : DrawnHand
         The hand that moves.
     node : scene node
-        The object that moves.
+        The scene's object.
+    others : sequence of scene nodes
+        The scene's other objects, in the order of `graspbox.Scene.others`.
     """
 
-    def __init__(self, canvas: Canvas, hand: DrawnHand, node: Any) -> None:
-        self._canvas, self._hand, self._node = canvas, hand, node
+    def __init__(self, canvas: Canvas, hand: DrawnHand, node: Any, others: Sequence[Any] = ()) -> None:
+        self._canvas, self._hand, self._nodes = canvas, hand, (node, *others)
         self._links = HandLinks(hand.hand)
         self.trace: Trace | None = None
         self._plays, self._told = threading.Event(), 0.0
@@ -117,7 +120,9 @@ class Player:
         trace = self.trace
         with self._canvas.server.atomic():
             self._hand.pose(trace.world_from_hand[sample], trace.joints[sample])
-            self._canvas.move(self._node, trace.world_from_object[sample])
+            poses = (trace.world_from_object[sample], *trace.world_from_others[sample])
+            for node, pose in zip(self._nodes, poses, strict=True):
+                self._canvas.move(node, pose)
             self._draw_contacts(sample)
 
     def _draw_contacts(self, sample: int) -> None:

@@ -10,16 +10,14 @@ from graspbox import dataset
 from graspbox._common.arguments import config_of
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.dataset import manifest
-from graspbox.dataset.images import placed_objects
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand
-from graspbox.meshes import Surroundings
-from graspbox.planning import Box
 from graspbox.simulation import Scene
 from graspbox.viewer.drawn_hand import DrawnHand
-from graspbox.viewer.geometry import FREE, depth_picture
+from graspbox.viewer.geometry import depth_picture
 from graspbox.viewer.page import Page
 from graspbox.viewer.player import Player
+from graspbox.viewer.surroundings import DrawnSurroundings
 from graspbox.viewer.tables import html_table
 
 __all__ = ["DatasetPage"]
@@ -67,7 +65,7 @@ class DatasetPage(Page):
         self.player: Player | None = None
         self._hand: DrawnHand | None = None
         self._folders: list[Any] = []
-        self._around: list[Any] = []
+        self._around: DrawnSurroundings | None = None
         self.refresh()
         self.select(int(self.kept()[0]) if len(self.kept()) else 0)
 
@@ -116,7 +114,7 @@ class DatasetPage(Page):
         pose = np.array(values["executed_object_from_hand"]).reshape(4, 4)
         factors = {name: values[f"{name}_factor"] for name in ("friction", "mass")}
         outcomes, trace = scene.trace(pose, values["preshape"], **factors, config=trial)
-        self._show_scene(scene, hand, placed_objects(row))
+        self._show_scene(scene, hand)
         assert self.player is not None
         assert self._hand is not None
         self._hand.pose(scene.world_from_object @ pose, hand.open(values["preshape"]))
@@ -138,12 +136,12 @@ class DatasetPage(Page):
         for node, image in zip(self.images, shown, strict=False):
             node.image, node.visible = image, True
 
-    def _show_scene(self, scene: Scene, hand: Hand, placed: Surroundings) -> None:
-        """Draw object, hand and player anew, and where its neighbours and walls are at rest."""
+    def _show_scene(self, scene: Scene, hand: Hand) -> None:
+        """Draw objects, walls, hand and player anew."""
         with self.canvas.server.atomic():
-            for node in self._around:
-                node.remove()
-            self._around = self._draw_around(placed)
+            if self._around is not None:
+                self._around.remove()
+            self._around = DrawnSurroundings(self.canvas, scene)
             self.node = self.canvas.frame("/object", scene.world_from_object)
             self.canvas.mesh("/object/mesh", scene.mesh)
             if self.player is None:
@@ -154,15 +152,7 @@ class DatasetPage(Page):
             if self._hand is not None:
                 self._hand.remove()
             self._hand = DrawnHand(self.canvas, "/hand", hand)
-            self.player = Player(self.canvas, self._hand, self.node)
-
-    def _draw_around(self, placed: Surroundings) -> list[Any]:
-        others = zip(placed.meshes[1:], placed.world_from_objects[1:], strict=True)
-        drawn = [self.canvas.mesh(f"/neighbours/{i}", *other, color=FREE) for i, other in enumerate(others)]
-        walls = zip(placed.world_from_walls, placed.wall_half_extents, strict=True)
-        if corners := [Box(pose[:3, 3], half, pose[:3, :3]).corners() for pose, half in walls]:
-            drawn.append(self.canvas.boxes("/walls", np.stack(corners), [FREE] * len(corners)))
-        return drawn
+            self.player = Player(self.canvas, self._hand, self.node, self._around.others)
 
     def close(self) -> None:
         """Stop the player."""

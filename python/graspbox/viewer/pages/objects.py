@@ -1,4 +1,4 @@
-"""An object with its boxes and the planner's poses, coloured by outcome, and the trace of any trial."""
+"""An object, alone or among others, with its boxes, planned poses coloured by outcome, and the trace of any trial."""
 
 from dataclasses import dataclass
 from typing import ClassVar, get_args
@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox.errors import ConfigError
-from graspbox.hands import Hand, load_hand
+from graspbox.hands import load_hand
 from graspbox.meshes import Mesh
+from graspbox.models.scenes import PlacedObjects
 from graspbox.outcomes import FailureKind, Outcomes
 from graspbox.planning import Box, Plan, plan
 from graspbox.simulation import Scene
@@ -17,6 +18,7 @@ from graspbox.viewer.drawn_hand import DrawnHand, PoseSet
 from graspbox.viewer.geometry import COLORS, FAILURE, SUCCESS, UNTRIED, Floats
 from graspbox.viewer.page import Page
 from graspbox.viewer.player import Player
+from graspbox.viewer.surroundings import DrawnSurroundings
 
 __all__ = ["ObjectPage", "PlannedObject"]
 
@@ -44,11 +46,14 @@ class PlannedObject:
         Its poses; by default the page plans.
     outcomes : Outcomes or None
         One row per pose of the plan.
+    scene : Scene or None
+        Where the object is at rest, with its hand; by default it is alone on the table.
     """
 
     mesh: Mesh
     plan: Plan | None = None
     outcomes: Outcomes | None = None
+    scene: Scene | None = None
 
 
 class ObjectPage(Page):
@@ -59,20 +64,17 @@ class ObjectPage(Page):
     def build(self) -> None:
         """Draw the object and its planned poses; trials begin in the background."""
         content: PlannedObject = self.content
-        hand: Hand = load_hand(
-            self.options.hand if content.plan is None else content.plan.hand_name or self.options.hand
-        )
-        self._hand = hand
-        start = None if content.plan is None else content.plan.world_from_object
-        self.scene = Scene(content.mesh, hand=hand, world_from_object=start)
-        self.rest = self.scene.world_from_object
+        self.scene = scene = content.scene or self._alone()
+        self._hand = hand = scene.hand
+        self.rest = scene.world_from_object
         low, high = content.mesh.bounds
         size = float(np.linalg.norm(high - low))
         self.canvas.look(self.rest[:3, 3] + (0.0, 0.0, 0.3 * size), max(2.5 * size, 0.5))
         self.canvas.table()
         self.node = self.canvas.frame("/object", self.rest)
         self.mesh_node = self.canvas.mesh("/object/mesh", content.mesh)
-        self.plan = content.plan or plan(content.mesh, hand=hand, seed=self.options.seed, world_from_object=self.rest)
+        self.around = DrawnSurroundings(self.canvas, scene)
+        self.plan = content.plan or self._planned()
         count = len(self.plan)
         #: Failure of each pose; empty for a success, ``?`` where it was not tried.
         self.failure = np.full(count, _NONE, dtype=object)
@@ -84,12 +86,27 @@ class ObjectPage(Page):
         self._controls()
         self.hand = DrawnHand(self.canvas, "/hand", hand)
         self.hand.visible = False
-        self.player = Player(self.canvas, self.hand, self.node)
+        self.player = Player(self.canvas, self.hand, self.node, self.around.others)
         poses = self.rest @ self.plan.poses
         self.poses = PoseSet(self.canvas, "/poses", hand, poses, self.plan.preshape, self.select)
         self.refresh()
         if content.outcomes is None:
             self.canvas.background(lambda: self.simulate(self.options.poses))
+
+    def _alone(self) -> Scene:
+        """Let the object come to rest alone on the table."""
+        known: Plan | None = self.content.plan
+        hand = load_hand(self.options.hand if known is None else known.hand_name or self.options.hand)
+        start = None if known is None else known.world_from_object
+        return Scene(self.content.mesh, hand=hand, world_from_object=start)
+
+    def _planned(self) -> Plan:
+        """Plan grasps of the object where it is at rest."""
+        scene = self.scene
+        walls = scene.world_from_walls, scene.wall_half_extents
+        others = PlacedObjects(scene.others, scene.world_from_others, *walls)
+        seed, rest = self.options.seed, self.rest
+        return plan(scene.mesh, hand=scene.hand, seed=seed, world_from_object=rest, neighbours=others)
 
     def _boxes(self) -> None:
         """Draw the boxes of the plan, each in its colour."""
@@ -222,6 +239,7 @@ class ObjectPage(Page):
             pose = self.rest @ self.plan.poses[index]
             self.hand.pose(pose, self._hand.open(float(self.plan.preshape[index])))
             self.canvas.move(self.node, self.rest)
+            self.around.rest()
             self.player.load(trace)
             self.show_poses.value = False
             won = "success, secure" if outcome.secure else "success, not secure"
