@@ -288,6 +288,15 @@ def test_a_failed_export_leaves_nothing(mug: graspbox.Scene, tmp_path: Path, mon
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_scene_of_several_objects_is_refused(mug: graspbox.Scene, tmp_path: Path) -> None:
+    """Only one of them could be in the files."""
+    meshes = [graspbox.object_sets.load("procedural:box:0-1")[i].load() for i in (0, 1)]
+    scene = graspbox.Scene.of(graspbox.arrange(meshes, "bin", seed=0))
+    with pytest.raises(ConfigError, match=r"the scene has 2 objects and \d walls, an export one object"):
+        scene_export.export_scene(scene, tmp_path / "several", "mjcf", above(mug, 0.5), 0.0)
+    assert not (tmp_path / "several").exists()
+
+
 def test_wrong_arguments_are_one_sentence(mug: graspbox.Scene, tmp_path: Path) -> None:
     pose = above(mug, 0.5)
     grasp = graspbox.Grasp(pose, 0.0, True, 0.0, 0, 0)

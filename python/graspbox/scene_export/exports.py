@@ -121,6 +121,11 @@ def _pose(pose: ArrayLike | Grasp, preshape: float | None, scene: Scene) -> tupl
 
 def scene_data(scene: Scene, pose: ArrayLike | Grasp, preshape: float | None = None) -> SceneData:
     """Collect the contents of a scene with a grasp; the arguments are those of `export_scene`."""
+    if scene.others or len(scene.world_from_walls):
+        raise ConfigError(
+            f"the scene has {1 + len(scene.others)} objects and {len(scene.world_from_walls)} walls, an export one "
+            f"object on the table; export graspbox.Scene(mesh) for one of them"
+        )
     object_from_hand, value = _pose(pose, preshape, scene)
     world_from_hand = np.asarray(scene.world_from_object @ object_from_hand)
     start = Start(read_hand(*scene.hand.files), world_from_hand, value)
@@ -192,8 +197,8 @@ def export_scene(
     Raises
     ------
     ConfigError
-        For an unknown format, a pose that is not a rigid motion, a preshape out of range, a folder with files, or a
-        hand with names that an MJCF model cannot have.
+        For an unknown format, a scene of several objects, a pose that is not a rigid motion, a preshape out of range, a
+        folder with files, or a hand with names that an MJCF model cannot have.
     FileError
         If the folder cannot be written.
     MissingExtraError
