@@ -35,8 +35,8 @@ __all__ = ["Film", "Rounds", "Witness", "clear_rounds"]
 Witness = Callable[[Arrangement, NDArray[np.float32], Mapping[str, Any]], None]
 #: Called with a picture (H, W, 3) uint8 and what it shows, such as ``attempt 2: slipped``.
 Film = Callable[[NDArray[np.uint8], str], None]
-#: Looks at the middle of the table from the side on which the hand does not wait.
-_CAMERA = CameraConfig("viewer", "world", eye=(0.75, -0.45, 0.55), target=(0.0, 0.0, 0.08), fov=0.5)
+#: Looks at the middle of the table from the side on which the hand does not wait, steeply enough to see into a bin.
+_CAMERA = CameraConfig("viewer", "world", eye=(0.55, -0.35, 0.85), target=(0.0, 0.0, 0.06), fov=0.5)
 _PICTURE = PictureConfig(image_size=(270, 360), camera=_CAMERA)
 #: Failures in a row that end a round of VGN; there a look that finds no grasp ends it at once.
 _FAILURES = 2
