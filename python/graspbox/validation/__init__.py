@@ -12,7 +12,7 @@
 ``python -m graspbox.validation mujoco --trials 200 --seed 0 [--json]``
 ``python -m graspbox.validation choices policies/depth --trials 100 --seed 0 [--json]``
 ``python -m graspbox.validation forces --poses 5 --seed 0 [--json]``
-``python -m graspbox.validation engines --poses 20 --seed 0 [--json]``
+``python -m graspbox.validation engines --poses 20 --seed 0 [--layout packed] [--json]``
 ``python -m graspbox.validation speed --poses 10 --seed 0 [--json]``
 ``python -m graspbox.validation study --poses 20 --seed 0 [--json]``
 """

@@ -25,7 +25,7 @@ from graspbox import object_sets
 from graspbox.configs import PhysicsConfig
 from graspbox.errors import SimulationError
 from graspbox.hands import HandLike, load_hand
-from graspbox.layouts import Layout, draw_objects
+from graspbox.layouts import Layout
 from graspbox.validation import engines
 from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, describe, object_data
 from graspbox.validation.mujoco.heaps import items_of
@@ -39,13 +39,13 @@ WORK = {
     "procedural mix": ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1"),
 }
 
-#: Scenes of several objects to time, by name: layout, and number of objects of `HEAPED`; `SCENES` of each.
+#: Scenes of several objects to time, by name: layout, and number of objects; `SCENES` of each.
 HEAPS: dict[str, tuple[Layout, int]] = {
     "5 packed": ("packed", 5),
     "piles of 5": ("pile", 5),
     "piles of 15": ("pile", 15),
 }
-HEAPED, SCENES = "procedural:seen:0-19", 2
+SCENES = 2
 
 #: MuJoCo's settings. The fast ones use the core's time step, without the iterations that stop held objects creeping.
 MUJOCO = {
@@ -156,24 +156,17 @@ def _single(mesh: graspbox.Mesh, hand: graspbox.Hand, poses: int, seed: int) -> 
 
 def _heaps(layout: Layout, count: int, hand: graspbox.Hand, poses: int, seed: int) -> Iterator[_Case]:
     """Prepare scenes of several objects, each of which is the target once."""
-    objects, described = object_sets.load(HEAPED), describe(hand)
-    for number in range(seed, seed + SCENES):
-        meshes = [spec.load() for spec in draw_objects(objects, count, layout, number)]
-        heap = graspbox.arrange(meshes, layout, seed=number, hand=hand)
+    described = describe(hand)
+    for heap, target, plan in engines.targets((engines.HEAPED,), layout, (SCENES, count), hand, poses, seed):
         items = items_of(heap, hand)
-        for target, mesh in enumerate(heap.meshes):
-            pose, others = heap.world_from_objects[target], heap.without(target)
-            plan = graspbox.plan(mesh, hand=hand, world_from_object=pose, seed=seed, neighbours=others).best(poses)
-            if not len(plan):
-                continue
-            first = [items[target], *items[:target], *items[target + 1 :]]
-            theirs = {name: build_heap(described, first, (), numerics) for name, numerics in MUJOCO.items()}
-            ours = graspbox.Scene.of(heap, target=target, hand=hand)
-            try:
-                rapier = graspbox.Scene.of(heap, target=target, hand=hand, physics=_RAPIER)
-            except SimulationError:
-                rapier = None
-            yield _Case(ours, rapier, theirs, plan)
+        first = [items[target], *items[:target], *items[target + 1 :]]
+        theirs = {name: build_heap(described, first, (), numerics) for name, numerics in MUJOCO.items()}
+        ours = graspbox.Scene.of(heap, target=target, hand=hand)
+        try:
+            rapier = graspbox.Scene.of(heap, target=target, hand=hand, physics=_RAPIER)
+        except SimulationError:
+            rapier = None
+        yield _Case(ours, rapier, theirs, plan)
 
 
 def measure(work: str, poses: int, seed: int, hand: HandLike = "reflex") -> list[SpeedRow]:
