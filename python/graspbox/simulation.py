@@ -13,6 +13,7 @@ shakes the object. The labels are defined as follows:
 - ``legacy_success``, ``kindness``: the reference study's measures, taken 2.5 s after closing starts.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -26,6 +27,7 @@ from graspbox._core import Hand, Mesh
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, cache_folder, load_hand
+from graspbox.layouts import Layout, arrange
 from graspbox.meshes import MeshLike, Surroundings, as_mesh, placed
 from graspbox.outcomes import Outcome, Outcomes, Trace
 from graspbox.planning import Grasp, Plan
@@ -57,19 +59,26 @@ class Body:
 
 
 class Scene:
-    """An object that has come to rest on the table, with a hand to grasp it.
+    """An object that has come to rest on the table, or several, with a hand to grasp it.
 
     Preparing a scene takes milliseconds to seconds (convex parts are cached on disk); all of its trials share it.
     Scenes are immutable. Unpickling prepares a scene again, with the same resting pose.
 
     Parameters
     ----------
-    mesh : Mesh
-        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`).
+    mesh : Mesh or sequence of Mesh
+        The object; another library's mesh is converted (`graspbox.meshes.as_mesh`). 1 to 64 meshes come to rest in a
+        layout: ``Scene([cup, box])`` is ``Scene.of(graspbox.arrange([cup, box], "packed"))``, without those that fall
+        off the table.
     hand : str, Hand or pair of paths
         See `load_hand`.
     world_from_object : (4, 4) array_like, optional
         Pose from which the object settles; by default the file's +z is up, and the object is above the table's origin.
+        Not for a list.
+    layout : str, optional
+        Of a list: ``packed``, the default, ``pile`` or ``bin``.
+    seed : int
+        Of a list: seed of places and orientations.
     physics : PhysicsConfig
         Settings of the physics engine.
     cache : Path or None
@@ -77,19 +86,31 @@ class Scene:
 
     Raises
     ------
+    ConfigError
+        For a pose of a list, or a layout of a single mesh.
     SimulationError
-        If the object cannot be simulated or does not come to rest.
+        If an object cannot be simulated or does not come to rest.
     """
 
     def __init__(
         self,
-        mesh: MeshLike,
+        mesh: MeshLike | Sequence[MeshLike],
         *,
         hand: HandLike = "reflex",
         world_from_object: ArrayLike | None = None,
+        layout: Layout | None = None,
+        seed: int = 0,
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
         cache: Path | None = None,
     ) -> None:
+        if isinstance(mesh, Sequence) and not isinstance(mesh, str):
+            if world_from_object is not None:
+                raise ConfigError("world_from_object is the pose of one mesh; give Scene.of several meshes with poses")
+            heap = arrange(mesh, layout or "packed", seed=seed, hand=hand, physics=physics)
+            self.__dict__.update(Scene.of(heap, hand=hand, physics=physics).__dict__)
+            return
+        if layout is not None:
+            raise ConfigError(f"layout is {layout!r} for a single mesh; give a list of meshes")
         start = None if world_from_object is None else floats(world_from_object, "world_from_object").copy()
         object_mesh, self._hand = as_mesh(mesh), load_hand(hand)
         settings = to_json(physics, PhysicsConfig, "physics")

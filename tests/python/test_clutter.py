@@ -14,7 +14,7 @@ import pytest
 
 import graspbox
 from graspbox import object_sets, policies
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, SimulationError
 from graspbox.evaluation.rounds import Rounds, clear_rounds
 from graspbox.layouts import bin_points, draw_objects, objects_that_fit, scaled
 from graspbox.models.cluttered import is_scene, read_scene, write_scene
@@ -324,6 +324,29 @@ def test_a_trial_succeeds_with_any_object() -> None:
     assert (copy.world_from_object == highest).all()
     with pytest.raises(graspbox.errors.SimulationError):
         graspbox.Scene.of(PlacedObjects((), np.zeros((0, 4, 4))), hand=HAND)
+
+
+def test_a_list_of_meshes_is_a_scene_of_several() -> None:
+    """It is the scene of their arrangement, bit for bit, also after pickling."""
+    meshes = [object_sets.load("procedural:box:0-1")[index].load() for index in (0, 1)]
+    scene = graspbox.Scene(meshes, layout="bin", seed=3, hand=HAND)
+    same = graspbox.Scene.of(graspbox.arrange(meshes, "bin", seed=3, hand=HAND), hand=HAND)
+    for other in (same, pickle.loads(pickle.dumps(scene))):
+        assert [mesh.name for mesh in other.others] == [mesh.name for mesh in scene.others]
+        np.testing.assert_array_equal(other.world_from_object, scene.world_from_object)
+        np.testing.assert_array_equal(other.world_from_others, scene.world_from_others)
+        np.testing.assert_array_equal(other.world_from_walls, scene.world_from_walls)
+    assert len(scene.others) == 1
+    packed = graspbox.Scene(meshes, hand=HAND)
+    assert len(packed.world_from_walls) == 0
+    with pytest.raises(ConfigError, match=r"world_from_object is the pose of one mesh; give Scene\.of several"):
+        graspbox.Scene(meshes, world_from_object=np.eye(4))
+    with pytest.raises(ConfigError, match="layout is 'pile' for a single mesh; give a list of meshes"):
+        graspbox.Scene(meshes[0], layout="pile")
+    with pytest.raises(ConfigError, match="heap"):
+        graspbox.Scene(meshes, layout="heap")  # type: ignore[arg-type]
+    with pytest.raises(SimulationError):
+        graspbox.Scene([])
 
 
 def test_the_command_writes_what_it_prints(tmp_path: Path) -> None:
