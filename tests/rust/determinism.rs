@@ -4,7 +4,9 @@
 //! from a clone or snapshot.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_episode::{Finished, Progress, Sample, Scene, Study, Trial, TrialConfig, run_observed_trials};
+use graspbox_episode::{
+    Body, Finished, Layout, Progress, Sample, Scene, Study, Trial, TrialConfig, run_observed_trials,
+};
 use graspbox_hand::{ActuatorCommand, GraspPose};
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, PhysicsConfig, SimError, Template, World};
@@ -182,6 +184,47 @@ fn trials_do_not_depend_on_threads_or_company() {
         let together = in_pool(3, || poses.par_iter().map(|p| traced(&scene, p)).collect::<Vec<_>>());
         assert_eq!(alone, together, "{}: traces", scene.name());
     }
+}
+
+/// A pile of objects, each of them the target once, and once any of them may be, with the best poses for each.
+fn pile() -> Vec<(Arc<Scene>, Vec<GraspPose>)> {
+    let families = [Family::Can, Family::Box, Family::Mug, Family::Bottle];
+    let bodies: Vec<Body> = families.iter().zip(0..).map(|(family, seed)| procedural(*family, seed)).collect();
+    let (hand, physics) = (Arc::new(reflex()), PhysicsConfig::default());
+    let heap = Layout::Pile.arrange(&bodies.iter().collect::<Vec<_>>(), &hand, physics, 1).unwrap();
+    let kept: Vec<&Body> = heap.objects.iter().map(|index| &bodies[*index]).collect();
+    assert!(kept.len() > 2, "only {} objects stayed", kept.len());
+    let one = |target: Option<usize>| {
+        let (poses, walls) = (&heap.world_from_objects, &heap.walls);
+        let scene = Arc::new(Scene::of_objects(&kept, poses, walls, target, Arc::clone(&hand), physics).unwrap());
+        let poses = planned(kept[scene.target()], &scene, 3, 1);
+        (scene, poses)
+    };
+    (0..kept.len()).map(Some).chain([None]).map(one).collect()
+}
+
+#[test]
+fn trials_among_several_objects_do_not_depend_on_threads() {
+    let trials = || -> Vec<Vec<u64>> {
+        let run = |(scene, poses): (Arc<Scene>, Vec<GraspPose>)| {
+            observed(&scene, &poses, TrialConfig::default()).iter().map(outcome_bits).collect::<Vec<_>>()
+        };
+        pile().into_par_iter().flat_map_iter(run).collect()
+    };
+    let whole = in_pool(1, trials);
+    let successes = whole.iter().filter(|bits| bits[0] == 1).count();
+    assert!(
+        successes > 0 && successes < whole.len(),
+        "{successes} of {} succeed: equal labels test little",
+        whole.len()
+    );
+    for threads in [2, 5] {
+        assert_eq!(whole, in_pool(threads, trials), "{threads} threads");
+    }
+    let traces = |(scene, poses): &(Arc<Scene>, Vec<GraspPose>)| poses.first().map(|pose| traced(scene, pose));
+    let scenes = pile();
+    let alone: Vec<_> = scenes.iter().map(traces).collect();
+    assert_eq!(alone, in_pool(5, || scenes.par_iter().map(traces).collect::<Vec<_>>()), "traces");
 }
 
 /// Scenes that are built anew from the same seed lead to the same bits: planning and settling are part of the promise.

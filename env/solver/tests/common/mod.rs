@@ -79,6 +79,8 @@ pub struct Scene {
     pub world_from_base: Isometry3<f64>,
     pub gravity: Vector3<f64>,
     pub objects: Vec<Object>,
+    /// Duration of a step, seconds.
+    pub dt: f64,
 }
 
 impl Scene {
@@ -87,6 +89,10 @@ impl Scene {
     }
 
     pub fn with_walls(objects: Vec<(Object, Isometry3<f64>)>, walls: Vec<Wall>) -> Self {
+        Self::on_table(objects, walls, TABLE_FRICTION)
+    }
+
+    pub fn on_table(objects: Vec<(Object, Isometry3<f64>)>, walls: Vec<Wall>, friction: f64) -> Self {
         let base = Body {
             center: Point3::origin(),
             inertia: Matrix3::zeros(),
@@ -95,8 +101,7 @@ impl Scene {
             joint: None,
             shapes: vec![],
         };
-        let table =
-            Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls, friction: TABLE_FRICTION };
+        let table = Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls, friction };
         let (objects, poses): (Vec<Object>, Vec<Isometry3<f64>>) = objects.into_iter().unzip();
         let hand = Tree { bodies: vec![base], ..Tree::default() };
         let model = Model::new(hand, objects.clone(), table, Default::default()).unwrap();
@@ -105,14 +110,14 @@ impl Scene {
         for (state, pose) in solver.state_mut().objects.iter_mut().zip(&poses) {
             state.base_from_object = world_from_base.inv_mul(pose);
         }
-        Self { solver, world_from_base, gravity: Vector3::new(0.0, 0.0, -GRAVITY), objects }
+        Self { solver, world_from_base, gravity: Vector3::new(0.0, 0.0, -GRAVITY), objects, dt: DT }
     }
 
     pub fn step(&mut self) {
         let base_from_world = self.world_from_base.inverse();
         let frame = FrameMotion { gravity: self.gravity, omega: Vector3::zeros(), alpha: Vector3::zeros() };
         self.solver.step(&StepInput {
-            dt: DT,
+            dt: self.dt,
             base_from_world,
             base_from_world_after: base_from_world,
             frame,
@@ -123,7 +128,7 @@ impl Scene {
     }
 
     pub fn run(&mut self, seconds: f64) {
-        for _ in 0..(seconds / DT).round() as usize {
+        for _ in 0..(seconds / self.dt).round() as usize {
             self.step();
         }
     }
