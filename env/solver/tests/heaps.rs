@@ -13,8 +13,8 @@ use nalgebra::{Isometry3, Vector3};
 const HALF: f64 = 0.01;
 const CUBES: usize = 24;
 
-/// Pours cubes one by one on the middle of the table: each is let go, in any orientation, a little above those that lie there. The cubes that wait
-/// lie beside the heap.
+/// Pours cubes one by one on the middle of the table: each is let go, in any orientation, a little above those that lie
+/// there. The cubes that wait lie beside the heap.
 fn poured(friction: f64, seed: u64) -> Scene {
     let mut next = numbers(seed);
     // Factors of both sides of a contact are multiplied.
@@ -34,8 +34,9 @@ fn poured(friction: f64, seed: u64) -> Scene {
     scene
 }
 
-/// Slope of the cone with the same mean height and mean distance from its axis, degrees. A cone of height H and radius R has its centre of mass at
-/// H / 4, and its mass is on average R / 2 from the axis, so its slope is H / R = 2 z / r. A single layer has the slope 0.
+/// Slope of the cone with the same mean height and mean distance from its axis, degrees. A cone of height H and radius
+/// R has its centre of mass at H / 4, and its mass is on average R / 2 from the axis, so its slope is H / R = 2 z / r.
+/// A single layer has the slope 0.
 fn slope(scene: &Scene) -> f64 {
     let centers = scene.centers();
     let count = centers.len() as f64;
@@ -44,9 +45,10 @@ fn slope(scene: &Scene) -> f64 {
     (2.0 * (middle.z - HALF) / distance).atan().to_degrees()
 }
 
-/// Friction alone holds a slope of loose grains, so that it grows with the coefficient of friction, from nearly 0. With much friction grains roll down
-/// before they slide, and the slope grows no more: a cube tips over its edge where its support is steeper than 45 degrees. The cone is a mean of a few
-/// heaps of a few cubes, some of which lie flat on others: hence the allowance at little friction.
+/// Friction alone holds a slope of loose grains, so that it grows with the coefficient of friction, from nearly 0. With
+/// much friction grains roll down before they slide, and the slope grows no more: a cube tips over its edge where its
+/// support is steeper than 45 degrees. The cone is a mean of a few heaps of a few cubes, some of which lie flat on
+/// others: hence the allowance at little friction.
 #[test]
 fn the_slope_of_a_heap_grows_with_friction() {
     let mean = |friction: f64| {
@@ -73,9 +75,10 @@ fn the_slope_of_a_heap_grows_with_friction() {
     assert!([much, most].iter().all(|found| (20.0..45.0).contains(found)), "{much}, {most} degrees");
 }
 
-/// The smallest heap: a ball on three that touch each other. Each of the three is in balance about its contact with the table only if the force of the
-/// upper ball passes through that contact; this force is then at half the angle a between the line of the two centres and the vertical, so that the
-/// heap stands if the friction between balls is at least tan(a / 2). The centres are corners of a tetrahedron: sin a = 1 / sqrt 3, tan(a / 2) = sqrt 3 - sqrt 2.
+/// The smallest heap: a ball on three that touch each other. Each of the three is in balance about its contact with the
+/// table only if the force of the upper ball passes through that contact; this force is then at half the angle a
+/// between the line of the two centres and the vertical, so that the heap stands if the friction between balls is at
+/// least tan(a / 2). The centres are corners of a tetrahedron: sin a = 1 / sqrt 3, tan(a / 2) = sqrt 3 - sqrt 2.
 #[test]
 fn a_ball_on_three_needs_the_friction_of_statics() {
     let (radius, table) = (0.03, 1.0);
@@ -105,8 +108,8 @@ fn a_ball_on_three_needs_the_friction_of_statics() {
     }
 }
 
-/// Boxes, cubes and cans above a bin of 0.2 m by 0.2 m. No balls: a point of contact does not brake the spin about its normal, and a ball that spins keeps
-/// those that it touches awake.
+/// Boxes, cubes and cans above a bin of 0.2 m by 0.2 m. No balls: a point of contact does not brake the spin about its
+/// normal, and a ball that spins keeps those that it touches awake.
 fn forty_above_a_bin() -> Scene {
     let mut next = numbers(3);
     let objects = (0..40)
@@ -144,7 +147,8 @@ fn bits(scene: &Scene) -> Vec<u64> {
     numbers.map(f64::to_bits).collect()
 }
 
-/// A bug here: something that a saved state of many objects forgets, objects that never rest, or walls that let through.
+/// A bug here: something that a saved state of many objects forgets, objects that never rest, or walls that let
+/// through.
 #[test]
 fn forty_objects_come_to_rest_in_a_bin() {
     let mut scene = forty_above_a_bin();

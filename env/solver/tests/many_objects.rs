@@ -165,8 +165,9 @@ fn dominoes_fall_in_a_row() {
 /// Half extents and mass of the dominoes of the two truths below, metres and kg.
 const DOMINO: ([f64; 3], f64) = ([0.006, 0.02, 0.04], 0.03);
 
-/// A domino that turns about its lower edge at `rate`, 0.1 mm before it hits an upright one at the height `share` of its own. The upright one is wider: where
-/// the ends of an edge lie exactly on the border of a face, parry's manifold often has one of them alone, which turns both about the vertical.
+/// A domino that turns about its lower edge at `rate`, 0.1 mm before it hits an upright one at the height `share` of
+/// its own. The upright one is wider: where the ends of an edge lie exactly on the border of a face, parry's manifold
+/// often has one of them alone, which turns both about the vertical.
 fn tipping_domino(share: f64, rate: f64, friction: f64, on_table: f64) -> Scene {
     let ([thin, wide, tall], mass) = DOMINO;
     let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), share.acos());
@@ -185,7 +186,8 @@ fn tipping_domino(share: f64, rate: f64, friction: f64, on_table: f64) -> Scene 
     scene
 }
 
-/// Impulse of the last step on object `index`, N s: of the other object, and of all contacts and gravity. Then the normal part of the former.
+/// Impulse of the last step on object `index`, N s: of the other object, and of all contacts and gravity. Then the
+/// normal part of the former.
 fn impulses(scene: &Scene, index: usize) -> (Vector3<f64>, Vector3<f64>, f64) {
     let (mut other, mut all, mut pressed) = (Vector3::zeros(), scene.gravity * scene.objects[index].mass, 0.0);
     scene.solver.contacts(
@@ -206,15 +208,18 @@ fn impulses(scene: &Scene, index: usize) -> (Vector3<f64>, Vector3<f64>, f64) {
     (other * scene.dt, all * scene.dt, pressed * scene.dt)
 }
 
-/// A domino hits the next one at the height y, and both turn about their lower edges, the first at the rate w before the impact. The second is upright,
-/// so that the impulse J is horizontal, and the tip of the first slides down its face, which adds the friction m J. About the edges, from which the
-/// contact is g behind the first and 2 t (the thickness) before the second, J has the moments (y + m g) J and (y - 2 t m) J. Nothing rebounds: at
-/// the contact both have the same horizontal velocity, y w' for both, so that both turn at the same rate w' afterwards. With the inertia I about an edge
+/// A domino hits the next one at the height y, and both turn about their lower edges, the first at the rate w before
+/// the impact. The second is upright, so that the impulse J is horizontal, and the tip of the first slides down its
+/// face, which adds the friction m J. About the edges, with the contact g in front of the
+/// first and 2 t (the thickness) behind the second, J has the moments (y + m g) J and (y - 2 t m) J. Nothing rebounds: at the contact both
+/// have the same horizontal velocity, y w' for both, so that both turn at the same rate w' afterwards. With the inertia
+/// I about an edge
 ///
 ///   I (w - w') = (y + m g) J,   I w' = (y - 2 t m) J,
 ///   J = I w / (2 y + m (g - 2 t)),   w' = w (y - 2 t m) / (2 y + m (g - 2 t)):   a half without friction.
 ///
-/// y is two thirds of the height, the centre of percussion, where the edge of the second needs no impulse of the table and does not slip.
+/// y is two thirds of the height, the centre of percussion, where the edge of the second needs no impulse of the table
+/// and does not slip.
 #[test]
 fn a_domino_hands_on_its_angular_momentum() {
     let ([thin, _, tall], mass) = DOMINO;
@@ -278,9 +283,9 @@ fn wave(scale: f64) -> Vec<f64> {
     times
 }
 
-/// Falling under gravity, lengths and the squares of times grow alike (equal Froude numbers): the wave through dominoes twice as large, twice as far
-/// apart, pushed with the same share of sqrt(g / height), takes sqrt 2 times as long. Masses do not matter. The step and the contacts stay as they are, so
-/// the law is not in the numbers of the test.
+/// Falling under gravity, lengths and the squares of times grow alike (equal Froude numbers): the wave through dominoes
+/// twice as large, twice as far apart, pushed with the same share of sqrt(g / height), takes sqrt 2 times as long.
+/// Masses do not matter. The step and the contacts stay as they are, so the law is not in the numbers of the test.
 #[test]
 fn the_speed_of_dominoes_grows_with_the_root_of_their_size() {
     let (small, large) = (wave(1.0), wave(2.0));
