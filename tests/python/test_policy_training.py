@@ -96,6 +96,7 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert not learned_sets.without(made, learned)
     card = (trained / "policy" / "README.md").read_text()
     assert "| `procedural:bottle:2000-2003` | 6 |" in card
+    assert all(re.search(rf"\\| {name} \\| .* first choices that held", card) for name in ("head", "head-rounds"))
     assert "--quick" in card
     assert (trained / "policy" / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
     again = subprocess.run([*command(trained), "--json"], capture_output=True, text=True, check=True)

@@ -42,15 +42,8 @@ from graspbox.recipes.cards import package_licence, write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.recipes.collection import CollectConfig, check_hand, collect, load_trials
 from graspbox.recipes.depth_cards import depth_card
-from graspbox.recipes.networks import (
-    HEAD_OF_ROUNDS,
-    TrainedNetworks,
-    is_published,
-    is_shared,
-    learned_before,
-    scorer_width,
-)
-from graspbox.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings, Sizes
+from graspbox.recipes.networks import TrainedNetworks, is_published, is_shared, learned_before, scorer_width
+from graspbox.recipes.settings.depth import HEAD_OF_ROUNDS, QUICK, QUICK_OBJECTS, DepthSettings, Sizes
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
 from graspbox.training.runs import Run

@@ -13,6 +13,7 @@ from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig
 from graspbox.perception.configs import FinderConfig
 from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times, training_of
+from graspbox.recipes.settings.depth import HEAD_OF_ROUNDS
 
 __all__ = ["any_hand_card", "depth_card", "feel_card", "head_card"]
 
@@ -233,7 +234,8 @@ def _result(name: str, found: Mapping[str, Any]) -> str:
     adopted = f"that of the policy `{found['policy']}`" if "policy" in found else ""
     if "steps" not in found:
         return adopted
-    measure = {"completion": "overlap (IoU)", "head": "first choices that held"}.get(name, "AUC")
+    held = "first choices that held"
+    measure = {"completion": "overlap (IoU)", "head": held, HEAD_OF_ROUNDS: held}.get(name, "AUC")
     trained = f"{found['steps']} steps, {measure} {found['best']:.3f}"
     return f"{adopted}, trained further: {trained}" if adopted else trained
 

@@ -22,7 +22,7 @@ from graspbox.models.scorer.network import ScorerNet
 from graspbox.models.scorer.shared import SharedScorerNet
 from graspbox.perception import HandGrid
 from graspbox.perception.anchors import Anchors
-from graspbox.recipes.settings.depth import Sizes
+from graspbox.recipes.settings.depth import HEAD_OF_ROUNDS, Sizes
 from graspbox.training.trainer import load_weights, read_weights
 
 __all__ = [
@@ -37,8 +37,6 @@ __all__ = [
 
 #: Weights of a completion that began in another run, with folded norms.
 ADOPTED = "completion.safetensors"
-#: Stage in which the head learns from the rounds.
-HEAD_OF_ROUNDS = "head-rounds"
 #: Largest file of settings that is read, bytes.
 _LARGEST_SETTINGS = 1_000_000
 

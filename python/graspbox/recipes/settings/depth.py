@@ -8,7 +8,7 @@ from graspbox.errors import ConfigError
 from graspbox.layouts import SceneLayout
 from graspbox.training.options import HandOption, Options
 
-__all__ = ["QUICK", "QUICK_OBJECTS", "DepthSettings", "Hours", "Sizes"]
+__all__ = ["HEAD_OF_ROUNDS", "QUICK", "QUICK_OBJECTS", "DepthSettings", "Hours", "Sizes"]
 
 
 @dataclass(frozen=True)
@@ -125,6 +125,8 @@ QUICK_OBJECTS: dict[str, Any] = {
 }
 
 
+#: Stage in which the head learns from the rounds.
+HEAD_OF_ROUNDS = "head-rounds"
 #: Stages that depend on which scorers decide.
 _DECISION_STAGES = ("calibrate-*", "export*", "ablations*", "evaluate*", "clear*")
 
@@ -171,7 +173,7 @@ class DepthSettings(HandOption):
 
     free: ClassVar[tuple[str, ...]] = (*Options.free, "hours", "publish")
     growing: ClassVar[dict[str, tuple[str, ...]]] = {
-        "sizes.rounds": ("head-rounds*", "member-*", *_DECISION_STAGES),
+        "sizes.rounds": (f"{HEAD_OF_ROUNDS}*", "member-*", *_DECISION_STAGES),
         "sizes.snapshots": _DECISION_STAGES,
     }
 
