@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "CLEAR_OF_TABLE",
+    "PACKED_ATTEMPTS",
     "REST_TIME",
     "Client",
     "EnvPool",
@@ -62,6 +63,8 @@ __all__ = [
 ]
 
 __version__: str
+#: Attempts to place objects in a packed scene.
+PACKED_ATTEMPTS: int
 #: Once the object has risen this far, it counts as dropped if it is lost, not as slipped, m.
 CLEAR_OF_TABLE: float
 #: Time over which the speed of an object in the hand is measured, s.
@@ -560,6 +563,7 @@ class SceneArrays(ArrangementArrays):
 
 def arrange(
     meshes: Sequence[Mesh],
+    most: int | None,
     hand: Hand,
     layout: str,
     physics: str,

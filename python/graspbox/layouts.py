@@ -1,14 +1,17 @@
 """Several objects at rest on the table: packed, in a pile, in a bin.
 
-Packed scenes and piles follow those of VGN (Breyer et al., "Volumetric Grasping Network", 2020; ``ethz-asl/vgn``,
-``simulation.py``), in a workspace of 0.3 m about the middle of the table; the sizes of the box and of the packed area
-are our choice:
+Packed scenes and piles follow the two generators of VGN (Breyer et al., "Volumetric Grasping Network", 2020;
+``ethz-asl/vgn``, ``simulation.py``), in a workspace of 0.3 m about the middle of the table:
 
 | layout | how it is made | scale of the objects |
 |---|---|---|
-| ``packed`` | upright, turned about z, one by one where nothing is touched; left out after 12 attempts | 0.7 to 0.9 |
+| ``packed`` | upright, turned about z, one by one within 7 cm of the middle, where nothing is touched | 0.7 to 0.9 |
 | ``pile`` | dropped one by one, in any orientation, from 0.2 m into a box that is then removed | 0.8 to 1.0 |
-| ``bin`` | the same into a bin, which stays | 1.0 |
+| ``bin`` | the same into a bin, which stays; ours | 1.0 |
+
+Objects are drawn with replacement. A packed scene of drawn objects ends after 12 attempts, each with another object, or
+once the wanted number stands. The table of all numbers, and where they differ from VGN's, heads
+``env/episode/src/layout.rs``.
 """
 
 import json
@@ -36,6 +39,7 @@ __all__ = [
     "arrange",
     "bin_points",
     "draw_objects",
+    "draws",
     "layout_named",
     "objects_that_fit",
     "scaled",
@@ -60,7 +64,8 @@ class Arrangement:
     layout : str
         ``packed``, ``pile`` or ``bin``.
     objects : tuple of int
-        Indices of the objects that stayed, ascending; the others found no place, or fell out of the workspace.
+        Indices of the objects that stayed, ascending; the others found no place, fell out of the workspace, or were
+        drawn for attempts that the scene did not need.
     meshes : tuple of Mesh
         The objects that stayed.
     world_from_objects : (k, 4, 4) array
@@ -122,6 +127,7 @@ def arrange(
     objects: Sequence[MeshLike],
     layout: Layout = "pile",
     *,
+    most: int | None = None,
     seed: int = 0,
     inside: Sequence[float] = (0.3, 0.25, 0.12),
     hand: HandLike = "reflex",
@@ -135,6 +141,10 @@ def arrange(
         1 to 64 objects; meshes of other libraries are converted (`graspbox.meshes.as_mesh`).
     layout : str
         ``packed``, ``pile`` or ``bin``.
+    most : int, optional
+        The objects were drawn at random for a scene of so many (`graspbox.layouts.draw_objects`): they are taken in
+        order, one attempt each, until so many stand or lie. By default all of them are wanted, and each has up to 12
+        attempts to stand in a packed scene.
     seed : int
         Seed of places and orientations.
     inside : (3,) sequence of float
@@ -147,7 +157,7 @@ def arrange(
     Raises
     ------
     ConfigError
-        For another layout, or sides out of range.
+        For another layout, a wrong `most`, or sides out of range.
     SimulationError
         For no object, too many objects, or one that cannot be simulated.
     """
@@ -156,6 +166,7 @@ def arrange(
     shape: Any = {"bin": {"inside": _sides(inside)}} if layout == "bin" else layout
     found = _core.arrange(
         meshes,
+        None if most is None else natural(most, "most"),
         load_hand(hand),
         json.dumps(shape),
         to_json(physics, PhysicsConfig, "physics"),
@@ -222,18 +233,23 @@ def wall_points(
 
 
 def draw_objects(specs: Sequence[ObjectSpec], count: int, layout: Layout, seed: int) -> list[ObjectSpec]:
-    """Draw objects at random, each at a random scale in the range of the layout (`SCALES`).
+    """Draw objects at random for a scene, any of them more than once, each at a random scale (`SCALES`).
 
     Parameters
     ----------
     specs : sequence of ObjectSpec
-        Objects to choose from; one is chosen twice only if there are fewer than `count`.
+        Objects to choose from.
     count : int
-        Their number, 1 or more.
+        Number of objects that the scene is to have, 1 or more.
     layout : str
         ``packed``, ``pile`` or ``bin``.
     seed : int
         Seed of the choice.
+
+    Returns
+    -------
+    list of ObjectSpec
+        `count` objects; for ``packed`` 12, one per attempt to place one (the argument `most` of `graspbox.arrange`).
 
     Raises
     ------
@@ -244,9 +260,15 @@ def draw_objects(specs: Sequence[ObjectSpec], count: int, layout: Layout, seed: 
     if count < 1 or not specs:
         raise ConfigError(f"{count} of {len(specs)} objects cannot be drawn; give 1 or more of each")
     random = np.random.default_rng([seed, 1])
-    chosen = random.choice(len(specs), size=count, replace=count > len(specs))
-    scales = random.uniform(*SCALES[layout], size=count)
+    number = draws(layout, count)
+    chosen = random.choice(len(specs), size=number)
+    scales = random.uniform(*SCALES[layout], size=number)
     return [scaled(specs[int(index)], float(scale)) for index, scale in zip(chosen, scales, strict=True)]
+
+
+def draws(layout: Layout, count: int) -> int:
+    """Return the number of objects to draw for a scene of `count`: of a packed scene, its attempts."""
+    return _core.PACKED_ATTEMPTS if layout == "packed" else count
 
 
 def objects_that_fit(objects: ObjectSet, layout: Layout, hand: HandLike) -> ObjectSet:

@@ -12,6 +12,7 @@ import graspbox
 from graspbox import object_sets
 from graspbox.cli import typer_app
 from graspbox.errors import ConfigError, SimulationError
+from graspbox.hands import cache_folder
 from graspbox.layouts import SCALES, Layout, bin_points, draw_objects, wall_points
 
 SETS = ["procedural:can:0-1", "procedural:mug:0-1", "procedural:banana:0"]
@@ -72,19 +73,35 @@ def test_wrong_arguments_are_named(meshes: list[graspbox.Mesh]) -> None:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_objects_are_drawn_at_a_scale(layout: Layout) -> None:
-    """Each once where there are enough; a known mass grows with the volume."""
+    """With replacement, one per attempt, each at its own scale; a known mass grows with the volume."""
     specs = object_sets.load("procedural:can:0-9")
     drawn = draw_objects(specs, 5, layout, 1)
-    assert len({spec.name for spec in drawn}) == 5
+    assert len(drawn) == (12 if layout == "packed" else 5)
     low, high = SCALES[layout]
     assert all(low <= spec.scale <= high for spec in drawn)
-    assert len(draw_objects(specs[:2], 5, layout, 1)) == 5
+    assert len({spec.scale for spec in drawn}) == (1 if low == high else len(drawn))
+    names = [{spec.name for spec in draw_objects(specs, 5, layout, seed)} for seed in range(20)]
+    assert min(len(chosen) for chosen in names) < min(len(drawn), len(specs)), "no object was drawn twice in 20 scenes"
+    assert set().union(*names) == {spec.name for spec in specs}
     assert [spec.scale for spec in draw_objects(specs, 5, layout, 1)] == [spec.scale for spec in drawn]
     ball = draw_objects(object_sets.load("ycb:055_baseball"), 1, layout, 0)[0]
     whole = object_sets.load("ycb:055_baseball")[0]
     assert ball.mass is not None
     assert whole.mass is not None
     assert np.isclose(ball.mass, whole.mass * ball.scale**3)
+
+
+def test_drawn_objects_are_one_attempt_each(meshes: list[graspbox.Mesh]) -> None:
+    """A scene has at most the wanted number of objects; objects that a caller names are all wanted."""
+    small = [mesh.scaled(0.3, cache_folder()) for mesh in meshes] * 4
+    found = graspbox.arrange(small, "packed", most=3, seed=3)
+    assert len(found) == 3
+    assert max(graspbox.arrange(small, "packed", most=20, seed=3).objects) < 12
+    assert max(graspbox.arrange(small, "packed", seed=3).objects) > 12
+    assert graspbox.arrange(small, "pile", most=2, seed=3).objects == (0, 1)
+    for most in (-1, 1.5):
+        with pytest.raises(ConfigError, match="most is"):
+            graspbox.arrange(small, "packed", most=most)  # type: ignore[arg-type]
 
 
 def test_the_command_lists_and_draws_scenes(tmp_path: Path) -> None:
@@ -96,7 +113,7 @@ def test_the_command_lists_and_draws_scenes(tmp_path: Path) -> None:
     assert [scene["seed"] for scene in scenes] == [5, 6]
     for scene in scenes:
         assert scene["layout"] == "bin"
-        assert len(scene["objects"]) + len(scene["left_out"]) == 3
+        assert len(scene["objects"]) + scene["missing"] == 3
         assert len(scene["walls"]) == 4
         assert all(np.shape(thing["world_from_object"]) == (4, 4) for thing in scene["objects"])
     assert picture.stat().st_size > 10_000

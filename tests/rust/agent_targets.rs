@@ -36,7 +36,7 @@ fn the_target_is_any_object_of_the_scene() {
         pool(&objects, Control::GraspPose, Some(Layout::Packed)),
         pool(&objects, Control::Clear, Some(Layout::Packed)),
     );
-    let mut places = BTreeSet::new();
+    let (mut places, mut twice) = (BTreeSet::new(), 0);
     for seed in 0..12 {
         let batch = reset(&targets, seed);
         reset(&all, seed);
@@ -46,6 +46,8 @@ fn the_target_is_any_object_of_the_scene() {
         let poses: Vec<_> = world.world_from_objects().collect();
         assert_eq!(poses, other.episode().world().world_from_objects().collect::<Vec<_>>());
         let scene: Vec<_> = episode.objects().collect();
+        let different: BTreeSet<usize> = scene.iter().map(|object| object.index).collect();
+        twice += usize::from(different.len() < scene.len());
         let target = world.target();
         places.insert(target);
         assert_eq!(number(&batch, "object"), scene[target].index as i64);
@@ -60,6 +62,7 @@ fn the_target_is_any_object_of_the_scene() {
         assert!((0..3).all(|axis| (f64::from(state[axis]) - at[axis]).abs() < 1e-6));
     }
     assert_eq!(places, BTreeSet::from([0, 1, 2]));
+    assert!(twice > 0, "objects are drawn with replacement");
 }
 
 /// A state holds the scene and its target; environments of another layout refuse it.

@@ -3,31 +3,20 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use graspbox_episode::{
-    Approach, Body, Episode, FailureKind, ObjectSpec, Progress, Scene, SuccessCriterion, Trial, TrialConfig, approach,
-    run_trials, trace_trial,
+    Approach, Body, Episode, FailureKind, Progress, Scene, SuccessCriterion, Trial, TrialConfig, approach, run_trials,
+    trace_trial,
 };
 use graspbox_hand::assets::asset;
 use graspbox_hand::{GraspPose, Hand};
-use graspbox_mesh::convex_hull;
 use graspbox_plan::{Feasibility, PlanParams};
 use graspbox_sim::PhysicsConfig;
+use graspbox_tests::scenes::{cuboid, hull};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 fn hand() -> Arc<Hand> {
     Arc::new(asset("panda_gripper").unwrap().read().unwrap())
-}
-
-fn body(name: &str, points: &[Point3<f64>], mass: f64) -> Body {
-    let mesh = convex_hull(points).unwrap();
-    Body::prepare(&ObjectSpec { name: name.into(), mesh, mass: Some(mass), parts: None }, None).unwrap()
-}
-
-fn cuboid(name: &str, half: [f64; 3], mass: f64) -> Body {
-    let sign = |i: usize, axis: usize| if i >> axis & 1 == 1 { 1.0 } else { -1.0 };
-    let corner = |i| Point3::from(Vector3::from_fn(|axis, _| sign(i, axis) * half[axis]));
-    body(name, &(0..8).map(corner).collect::<Vec<_>>(), mass)
 }
 
 /// Radius of [`roll`], metres.
@@ -41,7 +30,7 @@ fn roll() -> Body {
             Point3::new(ROLL * angle.cos(), y, ROLL * angle.sin())
         })
     };
-    body("roll", &ring(-0.03).chain(ring(0.03)).collect::<Vec<_>>(), 0.05)
+    hull("roll", &ring(-0.03).chain(ring(0.03)).collect::<Vec<_>>(), 0.05)
 }
 
 /// A low box and four rolls.

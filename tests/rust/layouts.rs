@@ -1,13 +1,14 @@
-//! Layouts of several objects: they lie still where they were made, in the workspace, and follow from the seed.
+//! Layouts of several objects: they follow VGN's generators, lie still where they were made, in the workspace, and follow from the seed.
 
 #![allow(clippy::unwrap_used)]
 
+use graspbox_episode::layout::PACKED_ATTEMPTS;
 use graspbox_episode::{Arrangement, Body, EpisodeError, Layout};
 use graspbox_hand::Hand;
 use graspbox_objects::Family;
-use graspbox_sim::{ObjectModel, PhysicsConfig, Template};
-use graspbox_tests::scenes::procedural;
-use nalgebra::{Isometry3, Vector3};
+use graspbox_sim::{ObjectModel, PhysicsConfig, Template, Wall, World};
+use graspbox_tests::scenes::{cuboid, procedural};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -23,20 +24,64 @@ fn bodies(count: usize) -> Vec<Body> {
 }
 
 fn arrange(layout: Layout, bodies: &[Body], seed: u64) -> Arrangement {
-    layout.arrange(&bodies.iter().collect::<Vec<_>>(), &hand(), PhysicsConfig::default(), seed).unwrap()
+    layout.arrange(&refs(bodies), None, &hand(), PhysicsConfig::default(), seed).unwrap()
+}
+
+/// A scene of `most` of the bodies, each of which is one attempt.
+fn drawn(layout: Layout, bodies: &[Body], most: usize, seed: u64) -> Arrangement {
+    layout.arrange(&refs(bodies), Some(most), &hand(), PhysicsConfig::default(), seed).unwrap()
+}
+
+fn refs(bodies: &[Body]) -> Vec<&Body> {
+    bodies.iter().collect()
+}
+
+fn cubes(count: usize, side: f64) -> Vec<Body> {
+    (0..count).map(|_| cuboid("cube", [side / 2.0; 3], 0.1)).collect()
+}
+
+/// The world of `bodies` at `poses`, the hand out of the way, after `seconds`.
+fn simulated(bodies: &[Body], poses: &[Isometry3<f64>], walls: &[Wall], seconds: f64) -> World {
+    let models: Vec<ObjectModel> = bodies.iter().map(|body| body.model().clone()).collect();
+    let template = Template::of_objects(hand(), &models, walls, PhysicsConfig::default()).unwrap();
+    let away = Isometry3::translation(0.0, 0.0, 2.0);
+    let mut world = template.spawn_objects(&away, poses, 0.0).unwrap();
+    for _ in 0..(seconds / world.dt()).ceil() as usize {
+        world.step(&away, &[]).unwrap();
+    }
+    world
+}
+
+/// Greatest depth of points on the surface of one cube inside of another one, metres.
+fn greatest_overlap(poses: &[Isometry3<f64>], side: f64) -> f64 {
+    let (half, steps) = (side / 2.0, 8);
+    let ticks = || (0..=steps).map(move |i| side * f64::from(i) / f64::from(steps) - half);
+    let face = |axis: usize| {
+        ticks().flat_map(move |a| {
+            ticks().flat_map(move |b| {
+                let mut low = Point3::new(a, b, -half);
+                low.coords.swap_rows(axis, 2);
+                let mut high = Point3::new(a, b, half);
+                high.coords.swap_rows(axis, 2);
+                [low, high]
+            })
+        })
+    };
+    let surface: Vec<Point3<f64>> = (0..3).flat_map(face).collect();
+    let depth = |one: &Isometry3<f64>, other: &Isometry3<f64>| {
+        let inside = |point: &Point3<f64>| half - (other.inverse() * one * point).coords.amax();
+        surface.iter().map(inside).fold(0.0, f64::max)
+    };
+    let pairs = (0..poses.len()).flat_map(|i| (0..poses.len()).filter(move |j| *j != i).map(move |j| (i, j)));
+    pairs.map(|(i, j)| depth(&poses[i], &poses[j])).fold(0.0, f64::max)
 }
 
 /// Greatest shift of an object's centre of mass within half a second, metres.
 fn greatest_shift(found: &Arrangement, bodies: &[Body]) -> f64 {
-    let models: Vec<ObjectModel> = found.objects.iter().map(|index| bodies[*index].model().clone()).collect();
-    let template = Template::of_objects(hand(), &models, &found.walls, PhysicsConfig::default()).unwrap();
-    let away = Isometry3::translation(0.0, 0.0, 2.0);
-    let mut world = template.spawn_objects(&away, &found.world_from_objects, 0.0).unwrap();
-    while world.time() < 0.5 {
-        world.step(&away, &[]).unwrap();
-    }
+    let kept: Vec<Body> = found.objects.iter().map(|index| bodies[*index].clone()).collect();
+    let world = simulated(&kept, &found.world_from_objects, &found.walls, 0.5);
     let shift = |(index, (before, after)): (usize, (&Isometry3<f64>, Isometry3<f64>))| {
-        let center = models[index].center_of_mass();
+        let center = kept[index].model().center_of_mass();
         (before * center - after * center).norm()
     };
     found.world_from_objects.iter().zip(world.world_from_objects()).enumerate().map(shift).fold(0.0, f64::max)
@@ -54,7 +99,7 @@ fn objects_lie_in_the_workspace() {
             assert_eq!(found.walls.len(), if layout == BIN { 4 } else { 0 });
             for (index, pose) in found.objects.iter().zip(&found.world_from_objects) {
                 let center = pose * bodies[*index].model().center_of_mass();
-                let within = center.x.abs() <= 0.15 && center.y.abs() <= 0.15 && (0.0..=0.3).contains(&center.z);
+                let within = center.x.abs() <= 0.15 && center.y.abs() <= 0.15 && (0.0..=0.25).contains(&center.z);
                 assert!(within, "{layout:?} {seed}: object {index} at {center}");
             }
             let shift = greatest_shift(&found, &bodies);
@@ -80,6 +125,90 @@ fn packed_objects_stand_upright() {
     }
 }
 
+/// Drawn objects have 12 attempts together, however many are wanted; objects that a caller names have 12 each.
+#[test]
+fn a_packed_scene_has_twelve_attempts() {
+    let small = cubes(20, 0.015);
+    let found = drawn(Layout::Packed, &small, 20, 0);
+    assert!(found.objects.len() >= 6, "only {:?} stand", found.objects);
+    assert!(found.objects.iter().all(|index| *index < PACKED_ATTEMPTS), "{:?}", found.objects);
+    let all = arrange(Layout::Packed, &small, 0).objects;
+    assert_eq!(all, (0..20).collect::<Vec<_>>());
+    // Two of these do not fit beside each other: the second stands in no attempt.
+    let large = cubes(3, 0.2);
+    assert_eq!(drawn(Layout::Packed, &large, 3, 0).objects, [0]);
+    assert_eq!((Layout::Packed.draws(5), Layout::Pile.draws(5), BIN.draws(5)), (PACKED_ATTEMPTS, 5, 5));
+}
+
+/// Once the wanted number stands, no other object is tried.
+#[test]
+fn no_more_objects_than_wanted_are_placed() {
+    let small = cubes(12, 0.015);
+    for (layout, first) in [(Layout::Packed, false), (Layout::Pile, true), (BIN, true)] {
+        let found = drawn(layout, &small, 3, 1);
+        assert_eq!(found.objects.len(), 3, "{layout:?}");
+        assert!(!first || found.objects == [0, 1, 2], "{layout:?}: {:?}", found.objects);
+    }
+}
+
+/// Objects that rest are simulated for a quarter of a second; what still rolls then, for longer.
+#[test]
+fn a_scene_is_simulated_until_it_rests() {
+    let settle = |bodies: &[Body], poses: &[Isometry3<f64>]| {
+        Layout::Pile.settle(&refs(bodies), poses.to_vec(), &hand(), PhysicsConfig::default()).unwrap()
+    };
+    let poses_after = |bodies: &[Body], poses: &[Isometry3<f64>], seconds: f64| -> Vec<Isometry3<f64>> {
+        simulated(bodies, poses, &[], seconds).world_from_objects().collect()
+    };
+    let at = |x: f64, z: f64| Isometry3::translation(x, 0.0, z);
+    let cubes = cubes(2, 0.04);
+    let (rests, falls) = ([at(-0.05, 0.02), at(0.05, 0.02)], [at(-0.05, 0.02), at(0.05, 0.52)]);
+    assert_eq!(settle(&cubes, &rests).world_from_objects, poses_after(&cubes, &rests, 0.25));
+    let speed = |world: &World, object| {
+        let (linear, angular) = world.velocity_in_hand(object);
+        linear.norm().hypot(angular.norm())
+    };
+    let calm = (1..=8).map(|periods| 0.25 * f64::from(periods)).find(|seconds| {
+        let world = simulated(&cubes, &falls, &[], *seconds);
+        (0..2).all(|object| speed(&world, object) <= 0.01)
+    });
+    assert!((0.5..2.0).contains(&calm.unwrap()), "{calm:?}");
+    assert_eq!(settle(&cubes, &falls).world_from_objects, poses_after(&cubes, &falls, calm.unwrap()));
+}
+
+/// Objects outside are removed, and the others come to rest again without them.
+#[test]
+fn objects_outside_are_removed() {
+    let bodies = [
+        cuboid("block", [0.04, 0.04, 0.04], 0.5),
+        cuboid("on it", [0.02; 3], 0.05),
+        cuboid("tall", [0.02, 0.02, 0.26], 0.2),
+    ];
+    // The block's middle is 1 cm outside, that of the cube on it 1 cm inside, and the column's is above the workspace.
+    let poses = [(0.16, 0.04), (0.14, 0.1), (-0.05, 0.26)].map(|(x, z)| Isometry3::translation(x, 0.0, z));
+    let found = Layout::Packed.settle(&refs(&bodies), poses.to_vec(), &hand(), PhysicsConfig::default()).unwrap();
+    assert_eq!(found.objects, [1]);
+    let height = found.world_from_objects[0].translation.z;
+    assert!((height - 0.02).abs() < 2e-3, "the cube stays in the air, at {height} m");
+    let gone = Layout::Packed.settle(&refs(&bodies[..1]), poses[..1].to_vec(), &hand(), PhysicsConfig::default());
+    assert!(gone.unwrap().objects.is_empty());
+}
+
+/// Neither are packed objects placed into others, nor are objects dropped into a heap that is higher than the drop.
+#[test]
+fn objects_do_not_overlap() {
+    let (side, shaft) = (0.045, Layout::Bin { inside: [0.1, 0.1, 0.6] });
+    let cubes = cubes(12, side);
+    for (layout, least) in [(Layout::Packed, 3), (Layout::Pile, 8), (shaft, 12)] {
+        let found = arrange(layout, &cubes, 2);
+        assert!(found.objects.len() >= least, "{layout:?}: {} objects", found.objects.len());
+        let overlap = greatest_overlap(&found.world_from_objects, side);
+        assert!(overlap < 2e-3, "{layout:?}: {overlap} m");
+        let top = found.world_from_objects.iter().map(|pose| pose.translation.z).fold(0.0, f64::max);
+        assert!(layout != shaft || top > 0.2, "the heap is only {top} m high");
+    }
+}
+
 #[test]
 fn equal_seeds_give_equal_bits() {
     let bodies = bodies(4);
@@ -92,8 +221,7 @@ fn equal_seeds_give_equal_bits() {
 #[test]
 fn impossible_layouts_are_refused() {
     let refused = |layout: Layout, bodies: &[Body]| {
-        let found: Result<_, EpisodeError> =
-            layout.arrange(&bodies.iter().collect::<Vec<_>>(), &hand(), PhysicsConfig::default(), 0);
+        let found: Result<_, EpisodeError> = layout.arrange(&refs(bodies), None, &hand(), PhysicsConfig::default(), 0);
         found.err().unwrap().to_string()
     };
     assert!(refused(Layout::Pile, &[]).contains("there is no object"));

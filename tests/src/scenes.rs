@@ -2,9 +2,11 @@
 
 use graspbox_episode::{Body, ObjectSpec, Scene};
 use graspbox_hand::GraspPose;
+use graspbox_mesh::convex_hull;
 use graspbox_objects::{Family, generate};
 use graspbox_plan::PlanParams;
 use graspbox_sim::PhysicsConfig;
+use nalgebra::{Point3, Vector3};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,6 +15,19 @@ pub fn procedural(family: Family, seed: u64) -> Body {
     let object = generate(family, seed).unwrap();
     let spec = ObjectSpec { name: object.name, mesh: object.mesh, mass: Some(object.mass), parts: object.parts };
     Body::prepare(&spec, None).unwrap()
+}
+
+/// The convex hull of `points` as an object of `mass` kilograms.
+pub fn hull(name: &str, points: &[Point3<f64>], mass: f64) -> Body {
+    let mesh = convex_hull(points).unwrap();
+    Body::prepare(&ObjectSpec { name: name.into(), mesh, mass: Some(mass), parts: None }, None).unwrap()
+}
+
+/// A cuboid about the origin of `mass` kilograms; `half`: half its sides, metres.
+pub fn cuboid(name: &str, half: [f64; 3], mass: f64) -> Body {
+    let sign = |i: usize, axis: usize| if i >> axis & 1 == 1 { 1.0 } else { -1.0 };
+    let corner = |i| Point3::from(Vector3::from_fn(|axis, _| sign(i, axis) * half[axis]));
+    hull(name, &(0..8).map(corner).collect::<Vec<_>>(), mass)
 }
 
 /// A mesh file as an object of `mass` kilograms; its convex parts are kept in `cache`.

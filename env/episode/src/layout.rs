@@ -1,15 +1,26 @@
 //! Layouts: several objects at rest on the table, packed, in a pile or in a bin.
 //!
-//! Piles and packed scenes follow those of VGN (Breyer et al., "Volumetric Grasping Network", 2020; `ethz-asl/vgn`, `simulation.py`), in a
-//! workspace of 0.3 m about the middle of the table; the sizes of the box and of the packed area are our choice:
+//! Packed scenes and piles are those of VGN (Breyer et al., "Volumetric Grasping Network", 2020; `ethz-asl/vgn`, `simulation.py`):
 //!
-//! | layout | how it is made |
-//! |---|---|
-//! | [`Layout::Packed`] | upright, turned about z, one by one at random places where nothing is touched; after 12 attempts an object is left out |
-//! | [`Layout::Pile`] | dropped one by one, in any orientation, from 0.2 m over the middle third, into a box that is then removed |
-//! | [`Layout::Bin`] | the same into a bin, which stays |
+//! | number | packed | pile |
+//! |---|---|---|
+//! | scale of an object, uniform (the caller draws it) | 0.7 to 0.9 | 0.8 to 1.0 |
+//! | orientation | upright, turned about z | any |
+//! | place along x and y, uniform about the middle | ±0.07 m | ±0.05 m, the middle third |
+//! | height of the start | 2 mm over the table | 0.2 m over the table |
+//! | attempts | 12 in the whole scene, each with an object of its own; one that touches something fails | 1 per object |
+//! | box | none | 0.26 m wide, removed at the end |
+//! | rest after an object, at most | 2 s; then what is outside is removed, until all are inside | 1 s |
+//! | rest at the end, at most | | 2 s without the box; then as in packed scenes |
 //!
-//! Each object has a second to come to rest. Objects that end outside the workspace, or the bin, are left out.
+//! Objects rest once the norm of each one's velocities, linear (m/s) and angular (rad/s) together, is at most 0.01 at the end of a quarter of a
+//! second. An object is outside if its centre of mass leaves a cube of 0.3 m over the middle of the table, whose floor is 5 cm below the table's
+//! top. Places are those of the centre of mass too.
+//!
+//! Differences: an object that would be dropped into others is raised above them, where VGN lets them overlap. One that still moves when the
+//! next is added starts again from rest. VGN's repository has no mesh of its box: the width follows from the place of its corner, 2 cm inside
+//! the workspace, and the height is our choice. [`Layout::Bin`] is ours: a pile in a bin, which stays; objects are dropped over the middle
+//! third of its floor, and may lie at any height in it.
 
 use crate::scene::OUT_OF_THE_WAY;
 use crate::{Body, EpisodeError};
@@ -23,18 +34,27 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Side of the workspace, and its height, metres.
+/// Side of the workspace, metres.
 pub const WORKSPACE: f64 = 0.3;
+/// Depth of its floor below the table's top, metres.
+const FLOOR: f64 = 0.05;
 /// Height from which objects are dropped, metres.
 const DROP_HEIGHT: f64 = 0.2;
 /// Objects are dropped over this share of the workspace, dimensionless.
 const DROP_SHARE: f64 = 1.0 / 3.0;
-/// Seconds for which an object that was added comes to rest.
-const REST_TIME: f64 = 1.0;
-/// Attempts to place an object of a packed scene.
-const ATTEMPTS: usize = 12;
+/// Attempts to place objects in a packed scene.
+pub const PACKED_ATTEMPTS: usize = 12;
 /// Packed objects stand within this distance of the middle along x and y, metres.
 const PACKED_REACH: f64 = 0.07;
+/// Height over the table at which a packed object is placed, metres.
+const OVER: f64 = 0.002;
+/// Velocity at rest, m/s and rad/s.
+const REST_VELOCITY: f64 = 0.01;
+/// Seconds between two looks at the velocities.
+const REST_PERIOD: f64 = 0.25;
+/// Most periods after an object was dropped, and after any other change.
+const DROP_PERIODS: usize = 4;
+const REST_PERIODS: usize = 8;
 /// The box of a pile: inside, and thickness of its walls, metres.
 const PILE_BOX: [f64; 3] = [0.26, 0.26, 0.3];
 const WALL: f64 = 0.02;
@@ -68,31 +88,45 @@ pub struct Arrangement {
 impl Layout {
     /// Lets `bodies` come to rest; equal seeds give equal bits.
     ///
+    /// * `most`: the bodies were drawn at random for a scene of so many ([`Layout::draws`]); they are taken in order, one attempt each, until so
+    ///   many stand or lie. `None`: all of them are wanted, and packed ones have 12 attempts each.
+    ///
     /// # Errors
     /// [`EpisodeError::Sim`] for no object, too many, or a setting out of range; [`EpisodeError::OutOfRange`] for the sides of a bin;
     /// [`EpisodeError::NoRest`] if the simulation diverges.
     pub fn arrange(
         &self,
         bodies: &[&Body],
+        most: Option<usize>,
         hand: &Arc<Hand>,
         physics: PhysicsConfig,
         seed: u64,
     ) -> Result<Arrangement, EpisodeError> {
+        let space = self.space();
         let mut heap = Heap { bodies, hand, physics, walls: self.walls()?, objects: Vec::new(), poses: Vec::new() };
         // For no object, or too many of them.
         heap.template(&(0..bodies.len()).collect::<Vec<_>>())?;
         let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let dropped = most.unwrap_or(bodies.len()).min(bodies.len());
         match *self {
-            Self::Packed => heap.pack(&mut random)?,
+            Self::Packed => heap.pack(most, &space, &mut random)?,
             Self::Pile => {
                 heap.walls = bin(Vector3::from(PILE_BOX), WALL);
-                heap.drop_all(WORKSPACE, &mut random)?;
+                heap.drop_all(dropped, WORKSPACE, &mut random)?;
                 heap.walls.clear();
-                heap.rest()?;
+                heap.rest_inside(&space)?;
             }
-            Self::Bin { inside } => heap.drop_all(inside[0].min(inside[1]), &mut random)?,
+            Self::Bin { inside } => {
+                heap.drop_all(dropped, inside[0].min(inside[1]), &mut random)?;
+                heap.rest_inside(&space)?;
+            }
         }
-        Ok(heap.within(&self.half()))
+        Ok(heap.done())
+    }
+
+    /// Number of objects to draw for a scene of `most`: packed scenes have 12 attempts.
+    pub fn draws(&self, most: usize) -> usize {
+        if *self == Self::Packed { PACKED_ATTEMPTS } else { most }
     }
 
     /// Lets `bodies` come to rest from `poses` without a hand, as after some of them were taken away.
@@ -110,8 +144,8 @@ impl Layout {
     ) -> Result<Arrangement, EpisodeError> {
         let objects = (0..bodies.len()).collect();
         let mut heap = Heap { bodies, hand, physics, walls: self.walls()?, objects, poses };
-        heap.rest()?;
-        Ok(heap.within(&self.half()))
+        heap.rest_inside(&self.space())?;
+        Ok(heap.done())
     }
 
     /// Walls that stay: those of the bin.
@@ -124,12 +158,13 @@ impl Layout {
         Ok(bin(Vector3::from(inside), WALL))
     }
 
-    /// Half the sides of the space in which objects count as present, and its height.
-    fn half(&self) -> Vector3<f64> {
-        match *self {
-            Self::Bin { inside } => Vector3::new(inside[0] / 2.0, inside[1] / 2.0, f64::INFINITY),
-            _ => Vector3::new(WORKSPACE / 2.0, WORKSPACE / 2.0, WORKSPACE),
-        }
+    /// The space in which objects count as present, world frame, metres.
+    fn space(&self) -> [Vector3<f64>; 2] {
+        let (x, y, top) = match *self {
+            Self::Bin { inside } => (inside[0] / 2.0, inside[1] / 2.0, f64::INFINITY),
+            _ => (WORKSPACE / 2.0, WORKSPACE / 2.0, WORKSPACE - FLOOR),
+        };
+        [Vector3::new(-x, -y, -FLOOR), Vector3::new(x, y, top)]
     }
 }
 
@@ -175,34 +210,66 @@ impl Heap<'_> {
         Err(EpisodeError::NoRest { object: self.names(&self.objects), why: "the simulation diverged" })
     }
 
-    /// Lets all objects come to rest.
-    fn rest(&mut self) -> Result<(), EpisodeError> {
+    /// Simulates until all objects rest, or `periods` have passed.
+    fn rest(&mut self, periods: usize) -> Result<(), EpisodeError> {
         let mut world = self.world(&self.objects, &self.poses)?;
-        self.run(&mut world, REST_TIME)?;
+        for _ in 0..periods {
+            self.run(&mut world, REST_PERIOD)?;
+            if at_rest(&world) {
+                break;
+            }
+        }
         self.poses = world.world_from_objects().collect();
         Ok(())
     }
 
-    /// Drops every object over the middle of an area of side `side`.
-    fn drop_all(&mut self, side: f64, random: &mut ChaCha8Rng) -> Result<(), EpisodeError> {
-        for index in 0..self.bodies.len() {
-            let turn = any_rotation(random);
-            let reach = side * DROP_SHARE / 2.0;
-            let [x, y] = [random.random_range(-reach..=reach), random.random_range(-reach..=reach)];
-            self.objects.push(index);
-            self.poses.push(Isometry3::from_parts(Translation3::new(x, y, DROP_HEIGHT), turn));
-            self.lift_above_others()?;
-            self.rest()?;
+    /// Lets all objects come to rest and removes those outside of `space`, until none is.
+    fn rest_inside(&mut self, space: &[Vector3<f64>; 2]) -> Result<(), EpisodeError> {
+        while !self.objects.is_empty() {
+            self.rest(REST_PERIODS)?;
+            let inside: Vec<usize> = (0..self.objects.len()).filter(|at| self.is_inside(*at, space)).collect();
+            if inside.len() == self.objects.len() {
+                break;
+            }
+            self.objects = inside.iter().map(|at| self.objects[*at]).collect();
+            self.poses = inside.iter().map(|at| self.poses[*at]).collect();
         }
         Ok(())
     }
 
+    /// Whether the centre of mass of an object, by its place among those that were added, is inside of `space`.
+    fn is_inside(&self, at: usize, [low, high]: &[Vector3<f64>; 2]) -> bool {
+        let center = self.poses[at] * self.bodies[self.objects[at]].model().center_of_mass();
+        (0..3).all(|axis| (low[axis]..=high[axis]).contains(&center[axis]))
+    }
+
+    /// Drops the first `count` objects over the middle of an area of side `side`.
+    fn drop_all(&mut self, count: usize, side: f64, random: &mut ChaCha8Rng) -> Result<(), EpisodeError> {
+        for index in 0..count {
+            let turn = any_rotation(random);
+            let reach = side * DROP_SHARE / 2.0;
+            let [x, y] = [0; 2].map(|_| random.random_range(-reach..=reach));
+            self.objects.push(index);
+            self.poses.push(Translation3::new(x, y, DROP_HEIGHT) * self.about_center(index, turn));
+            self.lift_above_others()?;
+            self.rest(DROP_PERIODS)?;
+        }
+        Ok(())
+    }
+
+    /// A turned object whose centre of mass is at the origin.
+    fn about_center(&self, index: usize, turn: UnitQuaternion<f64>) -> Isometry3<f64> {
+        let center = self.bodies[index].model().center_of_mass();
+        Isometry3::from_parts(Translation3::from(-(turn * center.coords)), turn)
+    }
+
     /// Raises the last object until it touches no other, as where a heap is higher than the drop.
     fn lift_above_others(&mut self) -> Result<(), EpisodeError> {
-        /// Height of one attempt, metres.
+        /// Height of a rise, metres, and most rises.
         const RISE: f64 = 0.05;
+        const RISES: usize = 12;
         let last = self.objects.len() - 1;
-        for _ in 0..ATTEMPTS {
+        for _ in 0..RISES {
             if self.touches_nothing(&self.objects, &self.poses)? {
                 break;
             }
@@ -220,25 +287,21 @@ impl Heap<'_> {
         Ok(found.objects.is_empty() && !found.scenery)
     }
 
-    /// Stands every object up where it touches no other, if there is such a place.
-    fn pack(&mut self, random: &mut ChaCha8Rng) -> Result<(), EpisodeError> {
-        /// Height over the table at which contacts are tested, metres: beyond the contact with the table.
-        const OVER: f64 = 0.002;
+    /// Stands objects up where they touch no others: each has one attempt until `most` stand, or 12 attempts.
+    fn pack(
+        &mut self,
+        most: Option<usize>,
+        space: &[Vector3<f64>; 2],
+        random: &mut ChaCha8Rng,
+    ) -> Result<(), EpisodeError> {
+        let attempts = if most.is_some() { 1 } else { PACKED_ATTEMPTS };
         for index in 0..self.bodies.len() {
-            for _ in 0..ATTEMPTS {
-                let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.random_range(0.0..TAU));
-                let [x, y] = [0; 2].map(|_| random.random_range(-PACKED_REACH..=PACKED_REACH));
-                let body = &self.bodies[index];
-                let upright =
-                    Isometry3::from_parts(Translation3::identity(), turn) * graspbox_mesh::default_pose(body.mesh());
-                let bounds = body.mesh().transformed(&upright).aabb();
-                let pose = Translation3::new(x, y, OVER - bounds.min.z) * upright;
-                let (mut objects, mut poses) = (self.objects.clone(), self.poses.clone());
-                objects.push(index);
-                poses.push(pose);
-                if self.touches_nothing(&objects, &poses)? {
-                    (self.objects, self.poses) = (objects, poses);
-                    self.rest()?;
+            if most.is_some_and(|most| self.objects.len() == most || index == PACKED_ATTEMPTS) {
+                break;
+            }
+            for _ in 0..attempts {
+                if self.stand(index, random)? {
+                    self.rest_inside(space)?;
                     break;
                 }
             }
@@ -246,18 +309,34 @@ impl Heap<'_> {
         Ok(())
     }
 
-    /// The objects whose centre of mass is within `half` of the middle of the table, and above it.
-    fn within(self, half: &Vector3<f64>) -> Arrangement {
-        let mut found = Arrangement { objects: Vec::new(), world_from_objects: Vec::new(), walls: self.walls };
-        for (object, pose) in self.objects.into_iter().zip(self.poses) {
-            let center = pose * self.bodies[object].model().center_of_mass();
-            if center.x.abs() <= half.x && center.y.abs() <= half.y && (0.0..=half.z).contains(&center.z) {
-                found.objects.push(object);
-                found.world_from_objects.push(pose);
-            }
+    /// Places an object upright at random, unless it touches something there.
+    fn stand(&mut self, index: usize, random: &mut ChaCha8Rng) -> Result<bool, EpisodeError> {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.random_range(0.0..TAU));
+        let [x, y] = [0; 2].map(|_| random.random_range(-PACKED_REACH..=PACKED_REACH));
+        let body = self.bodies[index];
+        let upright = self.about_center(index, turn * graspbox_mesh::default_pose(body.mesh()).rotation);
+        let bounds = body.mesh().transformed(&upright).aabb();
+        let (mut objects, mut poses) = (self.objects.clone(), self.poses.clone());
+        objects.push(index);
+        poses.push(Translation3::new(x, y, OVER - bounds.min.z) * upright);
+        let free = self.touches_nothing(&objects, &poses)?;
+        if free {
+            (self.objects, self.poses) = (objects, poses);
         }
-        found
+        Ok(free)
     }
+
+    fn done(self) -> Arrangement {
+        Arrangement { objects: self.objects, world_from_objects: self.poses, walls: self.walls }
+    }
+}
+
+/// Whether no object moves faster than [`REST_VELOCITY`]; the hand stands still, so that its frame moves as the world's.
+fn at_rest(world: &World) -> bool {
+    (0..world.object_count()).all(|object| {
+        let (linear, angular) = world.velocity_in_hand(object);
+        linear.norm_squared() + angular.norm_squared() <= REST_VELOCITY * REST_VELOCITY
+    })
 }
 
 /// Pose of the hand while objects come to rest.

@@ -14,12 +14,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Lets the meshes come to rest in a layout. Indices of those that stayed (k,), their poses (k, 4, 4), and poses (w, 4, 4) and half extents (w, 3)
-/// of the walls; `layout` and `physics` are JSON.
+/// of the walls; `layout` and `physics` are JSON; `most` as of [`Layout::arrange`].
 #[pyfunction]
-#[pyo3(signature = (meshes, hand, layout, physics, seed, cache))]
+#[pyo3(signature = (meshes, most, hand, layout, physics, seed, cache))]
+#[expect(clippy::too_many_arguments, reason = "every setting crosses by itself")]
 pub fn arrange<'py>(
     py: Python<'py>,
     meshes: Vec<PyRef<'py, Mesh>>,
+    most: Option<usize>,
     hand: &Hand,
     layout: &str,
     physics: &str,
@@ -33,7 +35,7 @@ pub fn arrange<'py>(
     let found = detached(py, None, move || {
         let bodies = data.iter().map(|mesh| mesh.body(cache.as_deref())).collect::<Result<Vec<_>, _>>()?;
         let bodies: Vec<&Body> = bodies.iter().map(|body| &**body).collect();
-        Ok::<_, crate::errors::CoreError>(layout.arrange(&bodies, &hand, physics, seed)?)
+        Ok::<_, crate::errors::CoreError>(layout.arrange(&bodies, most, &hand, physics, seed)?)
     })?;
     let dict = PyDict::new(py);
     let objects: Vec<i64> = found.objects.iter().map(|index| *index as i64).collect();

@@ -80,6 +80,7 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         crate::log::install();
+        module.add("PACKED_ATTEMPTS", graspbox_episode::layout::PACKED_ATTEMPTS)?;
         module.add("CLEAR_OF_TABLE", graspbox_episode::judge::CLEAR_OF_TABLE)?;
         module.add("REST_TIME", graspbox_episode::judge::REST_TIME)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))

@@ -79,7 +79,7 @@ def prepare(
 def scenes(
     objects: Objects = None,
     layout: Annotated[str, typer.Option("--layout", help="packed, pile or bin.")] = "pile",
-    each: Annotated[int, typer.Option("--objects-per-scene", min=1, max=64, help="Objects of a scene.")] = 5,
+    each: Annotated[int, typer.Option("--objects-per-scene", min=1, max=64, help="Wanted objects of a scene.")] = 5,
     count: Annotated[int, typer.Option("--scenes", min=1, max=10_000, help="Number of scenes.")] = 6,
     inside: Annotated[
         tuple[float, float, float], typer.Option("--inside", help="Length, width and height of the bin, metres.")
@@ -96,6 +96,7 @@ def scenes(
     """Make scenes of several objects, packed, in piles or in bins, and draw them.
 
     Objects and their sizes are drawn at random, as in VGN: 0.7 to 0.9 of their size when packed, 0.8 to 1.0 in piles.
+    A scene has fewer objects than wanted where some leave the workspace, or find no place within 12 attempts.
     """
     found, named = find(objects, split, scale), layouts.layout_named(layout)
     if picture is not None:
@@ -104,30 +105,25 @@ def scenes(
 
         check_path(picture)
     made: list[layouts.Arrangement] = []
-    drawn: list[list[str]] = []
     with progress() as bar:
         task = bar.add_task("scenes", total=count)
-        for number in range(count):
-            specs = layouts.draw_objects(found, each, named, seed + number)
-            meshes = [spec.load() for spec in specs]
-            made.append(layouts.arrange(meshes, named, seed=seed + number, inside=inside, hand=hand_like(hand)))
-            drawn.append([spec.name for spec in specs])
-            bar.update(task, completed=number + 1)
+        for number in range(seed, seed + count):
+            meshes = [spec.load() for spec in layouts.draw_objects(found, each, named, number)]
+            made.append(layouts.arrange(meshes, named, most=each, seed=number, inside=inside, hand=hand_like(hand)))
+            bar.update(task, completed=len(made))
     if as_json:
-        print_json(
-            [_scene_row(names, scene, seed + n) for n, (names, scene) in enumerate(zip(drawn, made, strict=True))]
-        )
+        print_json([_scene_row(scene, each, seed + n) for n, scene in enumerate(made)])
     else:
         rows: list[tuple[str, ...]] = [
-            (str(seed + n), ", ".join(mesh.name for mesh in scene.meshes), str(len(names) - len(scene)))
-            for n, (names, scene) in enumerate(zip(drawn, made, strict=True))
+            (str(seed + n), ", ".join(mesh.name for mesh in scene.meshes), str(each - len(scene)))
+            for n, scene in enumerate(made)
         ]
-        print_table(f"{layout}: {count} scenes", ("seed", "objects", "left out"), rows)
+        print_table(f"{layout}: {count} scenes", ("seed", "objects", "missing"), rows)
     if picture is not None:
         save_arrangements(picture, made[:12])
 
 
-def _scene_row(names: list[str], scene: layouts.Arrangement, seed: int) -> dict[str, object]:
+def _scene_row(scene: layouts.Arrangement, wanted: int, seed: int) -> dict[str, object]:
     """Write a scene as JSON."""
     return {
         "layout": scene.layout,
@@ -136,7 +132,7 @@ def _scene_row(names: list[str], scene: layouts.Arrangement, seed: int) -> dict[
             {"name": mesh.name, "mass": mesh.mass, "world_from_object": pose.tolist()}
             for mesh, pose in zip(scene.meshes, scene.world_from_objects, strict=True)
         ],
-        "left_out": [name for index, name in enumerate(names) if index not in scene.objects],
+        "missing": wanted - len(scene),
         "walls": [
             {"world_from_wall": pose.tolist(), "half_extents": half.tolist()}
             for pose, half in zip(scene.world_from_walls, scene.wall_half_extents, strict=True)

@@ -17,7 +17,7 @@ from graspbox import object_sets
 from graspbox._core import Mesh
 from graspbox.errors import ConfigError, MeshError, SimulationError
 from graspbox.hands import HandLike, cache_folder
-from graspbox.layouts import SCALES, Arrangement, Layout, SceneLayout, arrange, wall_points
+from graspbox.layouts import SCALES, Arrangement, Layout, SceneLayout, arrange, draws, wall_points
 from graspbox.meshes import Surroundings
 from graspbox.perception.configs import CropConfig, DepthNoise
 from graspbox.perception.crops import Crops, add_depth_noise, crop, solid_occupancy
@@ -302,11 +302,12 @@ class SceneSampler:
         """
         least, most = COUNTS[layout]
         count = int(rng.integers(least, most + 1))
-        drawn = [self.rest(rng)[:2] for _ in range(count)]
-        scales = rng.uniform(*SCALES[layout], size=count).round(6).tolist()
+        number = draws(layout, count)
+        drawn = [self.rest(rng)[:2] for _ in range(number)]
+        scales = rng.uniform(*SCALES[layout], size=number).round(6).tolist()
         inside = [float(rng.uniform(*sides)) for sides in BINS]
         meshes = [mesh.scaled(scale, cache_folder()) for (_, mesh), scale in zip(drawn, scales, strict=True)]
-        found = arrange(meshes, layout, seed=int(rng.integers(2**62)), inside=inside, hand=hand)
+        found = arrange(meshes, layout, most=count, seed=int(rng.integers(2**62)), inside=inside, hand=hand)
         if not len(found):
             raise SimulationError("no object came to rest in the workspace; choose smaller objects")
         return Heap(tuple(drawn[i][0] for i in found.objects), tuple(scales[i] for i in found.objects), found)

@@ -117,7 +117,7 @@ def targets(
     layout : str
         How the objects lie.
     sizes : (int, int)
-        Number of scenes, and of objects drawn for each.
+        Number of scenes, and of objects wanted in each.
     hand : str, Hand or pair of paths
         The hand.
     poses : int
@@ -138,7 +138,7 @@ def targets(
     found, (scenes, count) = object_sets.load(tuple(objects)), sizes
     for number in range(seed, seed + scenes):
         meshes = [spec.load() for spec in draw_objects(found, count, layout, number)]
-        heap = graspbox.arrange(meshes, layout, seed=number, hand=hand)
+        heap = graspbox.arrange(meshes, layout, most=count, seed=number, hand=hand)
         for target, mesh in enumerate(heap.meshes):
             pose, others = heap.world_from_objects[target], heap.without(target)
             plan = graspbox.plan(mesh, hand=hand, world_from_object=pose, seed=seed, neighbours=others).best(poses)

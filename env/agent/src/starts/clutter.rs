@@ -1,8 +1,9 @@
 //! The start of an episode among several objects: all of them are to be cleared, or one is the target.
 //!
-//! Sampled: the number of objects, uniformly within `objects_per_scene`; the objects, uniformly and without repetition while there are enough;
-//! a scale of each, uniformly within `scale`; the seed of the layout; and the target, uniformly among the objects that lie in the scene. All of it
-//! comes from a stream of its own, whose seed is that of cameras and light, so that it changes no other sample of an initial state.
+//! Sampled: the number of objects, uniformly within `objects_per_scene`; the objects, uniformly, any of them more than once, and as many as the
+//! layout has attempts ([`Layout::draws`]); a scale of each, uniformly within `scale`; the seed of the layout; and the target, uniformly among the
+//! objects that lie in the scene. All of it comes from a stream of its own, whose seed is that of cameras and light, so that it changes no other
+//! sample of an initial state.
 
 use crate::AgentError;
 use crate::config::ClutterConfig;
@@ -101,8 +102,10 @@ impl TargetScene {
 
 /// The random numbers of a scene.
 pub struct ClutterSamples {
-    /// Index and scale of each object.
+    /// Index and scale of each object that is drawn.
     pub objects: Vec<(usize, f64)>,
+    /// Number of objects wanted.
+    pub wanted: usize,
     /// Seed of the layout.
     pub seed: u64,
     /// Uniform in [0, 1): the target among the objects that lie in the scene.
@@ -110,21 +113,14 @@ pub struct ClutterSamples {
 }
 
 impl ClutterSamples {
-    /// Samples a scene from a set of `count` objects.
-    pub fn new(config: &ClutterConfig, samples: &InitialSamples, count: usize) -> Self {
+    /// Samples a scene of `layout` from a set of `count` objects.
+    pub fn new(config: &ClutterConfig, layout: &Layout, samples: &InitialSamples, count: usize) -> Self {
         let mut stream = RandomStream::new(samples.viewpoint ^ STREAM);
         let [low, high] = config.objects_per_scene;
-        let number = low + stream.sample_index(high - low + 1);
-        let mut left: Vec<usize> = Vec::new();
-        let objects = (0..number).map(|_| {
-            if left.is_empty() {
-                left = (0..count).collect();
-            }
-            let object = left.swap_remove(stream.sample_index(left.len()));
-            (object, stream.sample_range(config.scale[0], config.scale[1]))
-        });
-        let objects = objects.collect();
-        Self { objects, seed: stream.sample_seed(), target: stream.sample_unit() }
+        let wanted = low + stream.sample_index(high - low + 1);
+        let draw = |_| (stream.sample_index(count), stream.sample_range(config.scale[0], config.scale[1]));
+        let objects = (0..layout.draws(wanted)).map(draw).collect();
+        Self { objects, wanted, seed: stream.sample_seed(), target: stream.sample_unit() }
     }
 
     /// The preparation that the scene needs of its objects.
@@ -142,7 +138,8 @@ impl ClutterSamples {
         let all = all.collect::<Result<Vec<_>, _>>()?;
         let bodies: Vec<&Body> = all.iter().map(|prepared| prepared.body()).collect();
         for attempt in 0..ATTEMPTS {
-            let found = layout.arrange(&bodies, spec.hand(), *objects.physics(), self.seed.wrapping_add(attempt))?;
+            let seed = self.seed.wrapping_add(attempt);
+            let found = layout.arrange(&bodies, Some(self.wanted), spec.hand(), *objects.physics(), seed)?;
             if found.objects.is_empty() {
                 continue;
             }

@@ -70,8 +70,8 @@ impl InitialState {
     pub fn needs(spec: &EnvSpec, stream: &RandomStream, options: &ResetOptions) -> Result<Vec<Need>, AgentError> {
         let samples = InitialSamples::new(&mut stream.clone(), spec.objects.len());
         let model = !spec.observer.specs().is_empty();
-        if spec.config.clutter.layout.is_some() {
-            return Ok(ClutterSamples::new(&spec.config.clutter, &samples, spec.objects.len()).needs(model));
+        if let Some(layout) = &spec.config.clutter.layout {
+            return Ok(ClutterSamples::new(&spec.config.clutter, layout, &samples, spec.objects.len()).needs(model));
         }
         let resting = options.resting.map_or(RestingChoice::Share(samples.resting), RestingChoice::Index);
         Ok(vec![Need { object: object_index(spec, &samples, options)?, resting: Some(resting), model }])
@@ -171,7 +171,7 @@ impl Start {
         options: &ResetOptions,
     ) -> Result<Self, AgentError> {
         check_options(options)?;
-        let sampled = ClutterSamples::new(&spec.config.clutter, samples, spec.objects.len());
+        let sampled = ClutterSamples::new(&spec.config.clutter, layout, samples, spec.objects.len());
         let (prepared, placed) = sampled.at_rest(layout, spec)?;
         if !spec.config.has_target() {
             let scene = scene_of(spec, &prepared, &placed, None)?;

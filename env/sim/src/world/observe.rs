@@ -86,8 +86,13 @@ impl World {
 
     /// Velocity of the object's centre of mass (m/s) and its angular velocity (rad/s), relative to the moving hand frame.
     pub fn object_velocity_in_hand(&self) -> (Vector3<f64>, Vector3<f64>) {
+        self.velocity_in_hand(self.target())
+    }
+
+    /// The same of another object, by its index.
+    pub fn velocity_in_hand(&self, object: usize) -> (Vector3<f64>, Vector3<f64>) {
         let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
-        let (linear, angular) = self.engine.object_velocity(self.target());
+        let (linear, angular) = self.engine.object_velocity(object);
         (hand_from_base * linear, hand_from_base * angular)
     }
 
