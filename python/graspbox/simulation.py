@@ -128,6 +128,7 @@ class Scene:
         target: int | None = None,
         hand: HandLike = "reflex",
         physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
+        cached: bool = True,
     ) -> Self:
         """Make a scene of several objects and walls, all of them at rest, such as `graspbox.arrange` returns.
 
@@ -141,6 +142,8 @@ class Scene:
             most; poses are then given in the frame of the one that reaches highest.
         hand, physics
             As for `Scene`.
+        cached : bool
+            Keep convex parts on disk, in `cache_folder`; False for shapes that never come again.
 
         Raises
         ------
@@ -155,7 +158,8 @@ class Scene:
         made, settings = cls.__new__(cls), to_json(physics, PhysicsConfig, "physics")
         made._hand = load_hand(hand)
         made._meshes, made._walls = tuple(mesh for mesh, _ in objects), walls
-        made._core = _core.Scene.of_objects(made._meshes, poses, walls, chosen, made._hand, settings, cache_folder())
+        folder = cache_folder() if cached else None
+        made._core = _core.Scene.of_objects(made._meshes, poses, walls, chosen, made._hand, settings, folder)
         made._made_from, made._around = (made._core.mesh, made._hand, None, physics, None), (scene, chosen)
         return made
 

@@ -13,7 +13,7 @@ CONFIGS: list[Any] = [
     kind
     for module in (configs, perception.configs)
     for name in module.__all__
-    if isinstance(kind := getattr(module, name), type) and kind is not perception.FinderConfig
+    if isinstance(kind := getattr(module, name), type) and name not in ("FinderConfig", "RehearsalConfig")
 ]
 
 

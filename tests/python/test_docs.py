@@ -77,7 +77,7 @@ def test_readme_runs(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None
     [
         ("start", 2),
         ("guides/objects", 7),
-        ("guides/camera", 3),
+        ("guides/camera", 4),
         ("guides/environments", 8),
         ("guides/evaluate", 4),
         ("guides/data", 3),

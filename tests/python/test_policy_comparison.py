@@ -19,9 +19,9 @@ from graspbox.evaluation.conditions import CONDITIONS, settings_of
 from graspbox.evaluation.object_classes import CLASSES, object_classes
 from graspbox.evaluation.reports import COLUMNS, Measured, class_table, condition_table, labels, policy_table
 from graspbox.perception import DepthView, PlannedFinder, PoseNoise
-from graspbox.perception._planned_finder import surface_mesh
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import OCCUPIED, solid_occupancy
+from graspbox.perception.shapes import surface_mesh
 
 CROP = CropConfig()
 CANS = "procedural:can:0-4"

@@ -7,6 +7,7 @@ folders or names, with a hash of their ``config.json``.
 import hashlib
 import os
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -141,9 +142,20 @@ def read_depth_policy(folder: str | os.PathLike[str]) -> DepthPolicyConfig:
     return load(folder, DepthPolicyConfig)
 
 
-def policy_of(folder: str | os.PathLike[str]) -> Any:
-    """Build the policy of a folder, a `graspbox.policies.Policy`; raises as `load`."""
-    return kind_of(_read(Path(folder) / CONFIG).kind).policy_class()(Path(folder))
+def policy_of(folder: str | os.PathLike[str], **options: Any) -> Any:
+    """Build the policy of a folder, a `graspbox.policies.Policy`, with options of its class; raises as `load`.
+
+    Raises
+    ------
+    ConfigError
+        Also for an option that its class does not have.
+    """
+    config = _read(Path(folder) / CONFIG)
+    made = kind_of(config.kind).policy_class()
+    for option in options:
+        if option not in signature(made).parameters:
+            raise ConfigError(f"the policy {config.name!r} of the kind {config.kind!r} does not take {option!r}")
+    return made(Path(folder), **options)
 
 
 def use_of(folder: Path, used: Path) -> Use:

@@ -30,6 +30,17 @@ Threads = Annotated[
     int | None,
     typer.Option("--threads", min=1, max=1024, help="Threads to use; all by default. Results do not depend on it."),
 ]
+Rehearse = Annotated[
+    int | None,
+    typer.Option(
+        "--rehearse",
+        min=0,
+        max=256,
+        metavar="GRASPS",
+        help="How many of the best grasps are tried in simulation on the completed shape before one is chosen, such as "
+        "8; 0: none. By default as in the policy's folder.",
+    ),
+]
 Objects = Annotated[
     list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
 ]

@@ -121,6 +121,7 @@ def evaluate(
     mass: common.Mass = None,
     include_learned: IncludeLearned = False,
     condition: Condition = "nominal",
+    rehearse: common.Rehearse = None,
     hand: Hand = None,
     layout: Lies = "single",
     objects_per_scene: PerScene = None,
@@ -146,7 +147,7 @@ def evaluate(
     _check_outputs(out, rerun, remote, layout)
     asked = PolicyServers(obs, keys, chunk, token_file, ca_file)
     asked.check([policy], bool(remote))
-    log = ActionLog(asked.load(policy))
+    log = ActionLog(asked.load(policy, rehearse))
     servers = _servers(remote, mass, token_file, ca_file)
     # A server uses its own names for its offer.
     found = None if remote else common.find(objects, split, scale, mass)

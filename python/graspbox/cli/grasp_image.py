@@ -8,7 +8,7 @@ import typer
 from numpy.typing import NDArray
 
 from graspbox._common.files import check_output, dumps, write_text
-from graspbox.cli.common import Json, Seed, console, find_hand, print_json, print_table
+from graspbox.cli.common import Json, Rehearse, Seed, console, find_hand, print_json, print_table
 from graspbox.cli.exports.recording import Rerun, check_rerun
 from graspbox.errors import ConfigError
 from graspbox.perception.depth_images import camera_over_table, read_depth, read_mask, read_points, read_pose
@@ -60,6 +60,10 @@ HandErrorOption = Annotated[
         help="Positioning error of your hand, one standard deviation along and about each axis: grasps "
         "that tolerate it come first.",
     ),
+]
+DepthScaleOption = Annotated[
+    float | None,
+    typer.Option("--depth-scale", help="Metres per unit of the file; by default 1 for floats, 0.001 for integers."),
 ]
 
 
@@ -127,10 +131,7 @@ def grasp_image_command(
         tuple[float, float, float, float],
         typer.Option("--intrinsics", metavar="FX FY CX CY", help="Focal lengths and principal point, pixels."),
     ],
-    depth_scale: Annotated[
-        float | None,
-        typer.Option("--depth-scale", help="Metres per unit of the file; by default 1 for floats, 0.001 for integers."),
-    ] = None,
+    depth_scale: DepthScaleOption = None,
     camera_pose: CameraPoseOption = None,
     camera_height: CameraHeightOption = None,
     tilt: TiltOption = None,
@@ -138,6 +139,7 @@ def grasp_image_command(
     mask: MaskOption = None,
     keep_off: KeepOffOption = None,
     hand_error: HandErrorOption = None,
+    rehearse: Rehearse = None,
     count: Annotated[int, typer.Option("--count", min=1, max=100, help="Most grasps.")] = 5,
     hand: Annotated[
         str | None, typer.Option("--hand", help="The hand, for a policy that grasps with any: a name, or URDF,TOML.")
@@ -171,6 +173,7 @@ def grasp_image_command(
         mask=None if mask is None else read_mask(mask),
         keep_off=None if keep_off is None else read_points(keep_off),
         hand_error=error,
+        rehearsed=rehearse,
         seed=seed,
     )
     if pose is None:

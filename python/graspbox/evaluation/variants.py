@@ -7,6 +7,7 @@
 | ``filtered=FOLDER``, ``unfiltered=FOLDER`` | a head with or without its collision filter |
 | ``refined=FOLDER``, ``unrefined=FOLDER`` | a policy of one depth image with two refinements, with none |
 | ``geometric=FOLDER``, ``plain=FOLDER`` | the same without its head, without head and refinement |
+| ``rehearsed=FOLDER`` | the same, with 8 grasps tried on the completed shape |
 | ``tolerant=FOLDER`` | the same, expecting hand errors of up to 10 mm and 10 degrees |
 | ``true_completion=FOLDER``, ``true_scorer=FOLDER``, ``true_both=FOLDER`` | the same with ground truth for a part |
 """
@@ -41,7 +42,9 @@ ORACLES: dict[str, tuple[Oracle, ...]] = {
 }
 #: Standard deviations of the errors of the condition ``hand_10``.
 _HAND_10 = PoseNoise(0.01 / sqrt(3), radians(10) / sqrt(3))
-_OTHERS = ("completed_planner", "filtered", "unfiltered", "nearest", "tolerant")
+_OTHERS = ("completed_planner", "filtered", "unfiltered", "nearest", "rehearsed", "tolerant")
+#: Grasps that a variant rehearses.
+_REHEARSED = 8
 
 
 def load_variant(name: str) -> policies.Policy:
@@ -62,6 +65,8 @@ def load_variant(name: str) -> policies.Policy:
         return policies.HeadGrasp(path, filtered=kind == "filtered")
     if kind == "nearest":
         return policies.NearestGrasp(replace(remember(path), learned_from=tuple(of_datasets([path]))))
+    if kind == "rehearsed":
+        return policies.load(path, rehearsed=_REHEARSED)
     if kind == "tolerant":
         return policies.DepthGrasp(path, hand_error=_HAND_10)
     if kind in SETTINGS:

@@ -147,6 +147,10 @@ class ObjectSet(Sequence[ObjectSpec]):
     def __iter__(self) -> Iterator[ObjectSpec]:
         return iter(self.objects)
 
+    def __repr__(self) -> str:
+        shown = ", ".join(spec.name for spec in self.objects[:3])
+        return f"ObjectSet({self.name!r}, {len(self)} objects: {shown}{', ...' if len(self) > 3 else ''})"
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the objects, in order."""

@@ -20,6 +20,7 @@ A decision goes one way: a `DepthView` is leveled, its object is cropped (`Crops
 | `crops` | noise of a depth camera; the crop around the object, and its voxels |
 | `finder` | `Finder`, `FoundGrasp`, and `GraspFinder`, which scores proposals; `HeadFinder` and `PlannedFinder` rank otherwise |
 | `reachability` | which grasps of an object the open hand reaches, beside other objects and obstacles |
+| `shapes` | a mesh of a completed volume, and grasps tried on it in simulation |
 | `hand_grids` | candidate grasps of an occupied volume, and the voxels around the hand at each |
 | `anchors` | a grid of steep grasps, and poses between them |
 | `cameras`, `perturbations`, `outputs` | poses of cameras; errors of hand poses; outputs of networks, checked |
@@ -34,7 +35,14 @@ The networks are in `graspbox.models`; nothing here needs torch.
 
 from graspbox.perception._head_finder import HeadFinder
 from graspbox.perception._planned_finder import PlannedFinder
-from graspbox.perception.configs import CropConfig, DepthNoise, FinderConfig, HandGridConfig, ProposalConfig
+from graspbox.perception.configs import (
+    CropConfig,
+    DepthNoise,
+    FinderConfig,
+    HandGridConfig,
+    ProposalConfig,
+    RehearsalConfig,
+)
 from graspbox.perception.crops import CHANNELS, Crops, add_depth_noise, crop, solid_occupancy
 from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder
@@ -61,6 +69,7 @@ __all__ = [
     "PoseNoise",
     "ProposalConfig",
     "Proposals",
+    "RehearsalConfig",
     "add_depth_noise",
     "crop",
     "settings_of",

@@ -1,11 +1,20 @@
-"""Settings of perception, as frozen dataclasses; all but `FinderConfig` mirror structs of the core."""
+"""Settings of perception, as frozen dataclasses; all but those of finder and rehearsal mirror structs of the core."""
 
 from dataclasses import dataclass, field, replace
 
 from graspbox._common.arguments import check_range
+from graspbox.errors import ConfigError
 from graspbox.perception.perturbations import PoseNoise
 
-__all__ = ["EVERYTHING", "CropConfig", "DepthNoise", "FinderConfig", "HandGridConfig", "ProposalConfig"]
+__all__ = [
+    "EVERYTHING",
+    "CropConfig",
+    "DepthNoise",
+    "FinderConfig",
+    "HandGridConfig",
+    "ProposalConfig",
+    "RehearsalConfig",
+]
 
 
 #: Ranges of the numbers of `FinderConfig`; more than these take minutes for one decision.
@@ -20,6 +29,20 @@ _RANGES = (
     ("rotation", 0.0, 1.0),
     ("finalists", 1, 256),
     ("neighbours", 0, 256),
+)
+
+
+#: Ranges of the numbers of `RehearsalConfig`.
+_REHEARSAL_RANGES = (
+    ("grasps", 1, 256),
+    ("trials", 1, 64),
+    ("position", 0.0, 0.05),
+    ("rotation", 0.0, 0.5),
+    ("offset", -100.0, 100.0),
+    ("slope", 0.0, 100.0),
+    ("gain", 0.0, 100.0),
+    ("density", 10.0, 20_000.0),
+    ("heavy", 0.0, 10.0),
 )
 
 
@@ -190,6 +213,52 @@ class ProposalConfig:
 
 
 @dataclass(frozen=True)
+class RehearsalConfig:
+    """How grasps are tried in simulation on the completed shape (`graspbox.perception.shapes.Rehearsal`).
+
+    Attributes
+    ----------
+    grasps : int
+        How many of the best grasps are tried.
+    thresholds : tuple of int
+        Least values of a voxel that a shape fills, 1 to 255: a completion does not know the object exactly, and each of
+        these makes a shape.
+    trials : int
+        Trials of each grasp with each shape: one at the pose itself, the others with errors of the hand's pose.
+    position, rotation : float
+        Standard deviations of these errors along and about each axis of the hand, metres and radians.
+    offset, slope, gain : float
+        A grasp of score s of whose trials a share h succeeds then scores sigmoid(offset + slope logit(s) + gain h).
+    density : float
+        Mass over the completed volume, kg/m3.
+    heavy : float
+        Each trial is repeated with this mass, kg, if that is heavier: a thing of metal looks like one of wood.
+
+    Raises
+    ------
+    ConfigError
+        For a number out of range.
+    """
+
+    grasps: int = 8
+    thresholds: tuple[int, ...] = (96,)
+    trials: int = 2
+    position: float = 0.003
+    rotation: float = 0.05
+    offset: float = -0.9
+    slope: float = 0.55
+    gain: float = 2.1
+    density: float = 500.0
+    heavy: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name, least, most in _REHEARSAL_RANGES:
+            check_range(self, name, least, most)
+        if not 1 <= len(self.thresholds) <= 16 or not all(1 <= value <= 255 for value in self.thresholds):
+            raise ConfigError(f"thresholds is {self.thresholds}; give 1 to 16 numbers of 1 to 255")
+
+
+@dataclass(frozen=True)
 class FinderConfig:
     """How a grasp is found.
 
@@ -218,6 +287,9 @@ class FinderConfig:
         How many of the best grasps are compared by that mean.
     neighbours : int
         Errors that the mean is of, besides none. A grasp that the open hand does not reach then counts as 0.
+    rehearsal : RehearsalConfig, optional
+        Try the best grasps in simulation on the completed shape; by default none. Where `hand_error` is given, the
+        trials have these errors.
     """
 
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
@@ -232,6 +304,7 @@ class FinderConfig:
     hand_error: PoseNoise | None = None
     finalists: int = 16
     neighbours: int = 32
+    rehearsal: RehearsalConfig | None = None
 
     def __post_init__(self) -> None:
         for name, least, most in _RANGES:
@@ -241,3 +314,15 @@ class FinderConfig:
     def tolerating(self, error: PoseNoise) -> "FinderConfig":
         """Give these settings for a hand with such errors; its grasps are refined at least twice."""
         return replace(self, hand_error=error, refinements=max(self.refinements, 2))
+
+    def rehearsing(self, grasps: int) -> "FinderConfig":
+        """Give these settings with trials of the best `grasps` on the completed shape; 0 for none.
+
+        Raises
+        ------
+        ConfigError
+            For a number out of range.
+        """
+        if grasps == 0:
+            return replace(self, rehearsal=None)
+        return replace(self, rehearsal=replace(self.rehearsal or RehearsalConfig(), grasps=grasps))

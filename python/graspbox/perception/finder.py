@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.perception.anchors import Candidates
-from graspbox.perception.configs import CropConfig, FinderConfig
+from graspbox.perception.configs import CropConfig, FinderConfig, RehearsalConfig
 from graspbox.perception.crops import OCCUPIED, Crops
 from graspbox.perception.depth_views import DepthView
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.outputs import check_finite
 from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.perception.reachability import Reachability, belonging
+from graspbox.perception.shapes import Rehearsal, rehearsed_score
 
 __all__ = [
     "LOOKED_AT",
@@ -83,16 +84,21 @@ class Ranked(NamedTuple):
         See `graspbox.Hand.preshape_limits`.
     scores : (m,) float64
         Greater is better.
+    rehearsed : (m,) float64, optional
+        Share of the trials on the completed shape that succeed (`Rehearsal.shares`), NaN for grasps without trials;
+        None without a rehearsal.
     """
 
     volume: NDArray[np.uint8]
     poses: NDArray[np.float64]
     preshapes: NDArray[np.float64]
     scores: NDArray[np.float64]
+    rehearsed: NDArray[np.float64] | None = None
 
-    def kept(self, rows: NDArray[np.int64]) -> Self:
+    def kept(self, rows: NDArray[np.int64]) -> "Ranked":
         """Keep some of the grasps, by index."""
-        return self._replace(poses=self.poses[rows], preshapes=self.preshapes[rows], scores=self.scores[rows])
+        rehearsed = None if self.rehearsed is None else self.rehearsed[rows]
+        return Ranked(self.volume, self.poses[rows], self.preshapes[rows], self.scores[rows], rehearsed)
 
     def best(self, count: int) -> NDArray[np.int64]:
         """Give the indices of the best grasps, the best first."""
@@ -119,7 +125,9 @@ class FoundGrasp:
         All grasps that were scored: ``crop_from_hand`` (m, 4, 4), (m,), (m,); refined ones last. With an error of the
         hand, those alone that were compared by their mean.
     seconds : dict of str to float
-        Time that each step took: ``crop``, ``complete``, ``propose``, ``score``, ``refine``, ``average``.
+        Time that each step took: ``crop``, ``complete``, ``propose``, ``score``, ``refine``, ``average``, ``rehearse``.
+    rehearsed : (m,) float64, optional
+        Shares of their trials on the completed shape that succeed: see `Ranked`.
     """
 
     chosen: int
@@ -131,6 +139,7 @@ class FoundGrasp:
     preshapes: NDArray[np.float64]
     scores: NDArray[np.float64]
     seconds: dict[str, float]
+    rehearsed: NDArray[np.float64] | None = None
 
     @property
     def world_from_hand(self) -> NDArray[np.float64]:
@@ -287,7 +296,8 @@ class Finder(ABC):
         if ranked is None or not len(ranked.scores):
             return None
         best = int(np.argmax(ranked.scores))
-        return FoundGrasp(best, self.crop, crops.world_from_crop[0], crops.object[0], *ranked, clock.seconds)
+        frame, seen, rehearsed = crops.world_from_crop[0], crops.object[0], ranked.rehearsed
+        return FoundGrasp(best, self.crop, frame, seen, *ranked[:4], clock.seconds, rehearsed)
 
     def confidence(self, found: FoundGrasp | None) -> float | None:
         """Give the probability that a grasp succeeds; None where the finder states none."""
@@ -360,6 +370,12 @@ class GraspFinder(Finder):
         found.config = self.config.tolerating(error)
         return found
 
+    def rehearsing(self, grasps: int) -> Self:
+        """Give a finder that tries its best grasps in simulation: see `FinderConfig.rehearsing`."""
+        found = copy(self)
+        found.config = self.config.rehearsing(grasps)
+        return found
+
     def avoiding(self, *failed: FoundGrasp) -> Self:
         """Give a finder in which grasps lose score the nearer they are to ones that failed."""
         found = copy(self)
@@ -393,6 +409,9 @@ class GraspFinder(Finder):
             compared = _ranked(tolerant, volume, finalists.poses, finalists.preshapes)
             ranked = self._refined(compared, reach, tolerant, rng)
             clock.lap("average")
+        if self.config.rehearsal is not None:
+            ranked = self._rehearsed(ranked, self.config.rehearsal)
+            clock.lap("rehearse")
         return ranked
 
     def confidence(self, found: FoundGrasp | None) -> float | None:
@@ -410,6 +429,8 @@ class GraspFinder(Finder):
         rows = [found.chosen]
         success = self.score.judge(found.volume, found.poses[rows], found.preshapes[rows]).success
         check_finite(success, "scorer")
+        if found.rehearsed is not None and self.config.rehearsal is not None:
+            success = rehearsed_score(success, found.rehearsed[rows], self.config.rehearsal)
         return float(success[0])
 
     def _avoiding(self, score: Score, world_from_crop: NDArray[np.float64]) -> Score:
@@ -452,8 +473,23 @@ class GraspFinder(Finder):
             if not kept.any():
                 continue
             added = _ranked(score, ranked.volume, poses[kept], preshapes[kept])
-            ranked = Ranked(ranked.volume, *(np.concatenate(pair) for pair in zip(ranked[1:], added[1:], strict=True)))
+            joined = (np.concatenate(pair) for pair in zip(ranked[1:4], added[1:4], strict=True))
+            ranked = Ranked(ranked.volume, *joined)
         return ranked
+
+    def _rehearsed(self, ranked: Ranked, config: RehearsalConfig) -> Ranked:
+        """Try the best grasps on the completed shape, and score them anew."""
+        error, grid = self.config.hand_error, self.grid
+        occupancy = ranked.volume[0]
+        rehearsal = Rehearsal.of(occupancy, self.crop, grid.hand, config, error=error, num_threads=grid.num_threads)
+        if rehearsal is None:
+            return ranked
+        best = ranked.best(config.grasps)
+        shares = np.full(len(ranked.scores), np.nan)
+        shares[best] = rehearsal.shares(ranked.poses[best], ranked.preshapes[best])
+        # Grasps without a trial count as if none of theirs succeeded: they stay behind those before them.
+        scores = rehearsed_score(ranked.scores, np.nan_to_num(shares), config)
+        return ranked._replace(scores=scores, rehearsed=shares)
 
 
 def _ranked(

@@ -141,7 +141,7 @@ def available() -> tuple[str, ...]:
     return (*_BASELINES, *(name for name in installed.names() if name not in _BASELINES))
 
 
-def load(name: str | os.PathLike[str]) -> Policy:
+def load(name: str | os.PathLike[str], *, rehearsed: int | None = None) -> Policy:
     """Make a policy by its name.
 
     Parameters
@@ -150,12 +150,15 @@ def load(name: str | os.PathLike[str]) -> Policy:
         One of `available`, the folder of a published policy, or ``hf://owner/name``, with ``@revision`` for a branch, a
         tag or a commit, of one on the Hugging Face hub: the table of the module describes each. A folder hides an
         installed policy of the same name.
+    rehearsed : int, optional
+        For a policy of one depth image and grasps in it: how many of its best grasps are first tried in simulation on
+        the completed shape (`DepthGrasp`).
 
     Raises
     ------
     ConfigError
         If there is no policy of that name, or its folder is incomplete: a field of ``config.json`` is missing or wrong,
-        or a file is missing or changed.
+        or a file is missing or changed. Also if it rehearses no grasps.
     ConnectionLostError
         If the hub cannot be reached.
     MissingExtraError
@@ -163,9 +166,11 @@ def load(name: str | os.PathLike[str]) -> Policy:
         of a published one.
     """
     if isinstance(name, str) and (baseline := _FORMER.get(name, name)) in _BASELINES:
+        if rehearsed is not None:
+            raise ConfigError(f"the policy {name!r} rehearses no grasps; take one of a depth image, with networks")
         return _BASELINES[baseline]()
     folder = folder_of(name, _BASELINES)
     if not folder.is_dir():
         choices = ", ".join(available())
         raise ConfigError(f"there is no policy {str(name)!r}; choose from {choices}, or name a folder with config.json")
-    return cast(Policy, policy_of(folder))
+    return cast(Policy, policy_of(folder, **({} if rehearsed is None else {"rehearsed": rehearsed})))

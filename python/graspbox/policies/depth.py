@@ -193,6 +193,10 @@ class DepthGrasp(DepthPolicy):
     hand_error : PoseNoise, optional
         Expected error of the hand's pose: grasps that tolerate it are chosen. A decision then takes several times as
         long.
+    rehearsed : int, optional
+        How many of the best grasps are first tried in simulation on the completed shape
+        (`graspbox.perception.configs.RehearsalConfig`), 0 for none; by default as in the folder. A decision then takes
+        several times as long. For single objects.
     backend : {"onnx", "torch"}
         Runs the networks: onnxruntime (extra ``onnx``), or torch.
     num_threads : int, optional
@@ -214,6 +218,7 @@ class DepthGrasp(DepthPolicy):
         noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
         config: FinderConfig | None = None,
         hand_error: PoseNoise | None = None,
+        rehearsed: int | None = None,
         backend: Backend = "onnx",
         num_threads: int | None = None,
     ) -> None:
@@ -222,10 +227,20 @@ class DepthGrasp(DepthPolicy):
         settings = config or published.finder
         if hand_error is not None:
             settings = settings.tolerating(hand_error)
+        if rehearsed is not None:
+            settings = settings.rehearsing(rehearsed)
         load = partial(load_finder, Path(folder), published, config=settings, backend=backend, num_threads=num_threads)
         super().__init__(partial(Observer, noise=noise), MadeOnce(load))
         self.name, self.learned_from = published.name, published.learned_from
         self.settings = {**self.settings, "hand": hand_of(folder, published)}
+
+    def _bind(self, task: Task) -> None:
+        super()._bind(task)
+        if self.finder.config.rehearsal is not None and (self._clears or task.layout != "single"):
+            raise ConfigError(
+                f"the policy {self.name!r} rehearses grasps of a single object, and {task.env_id!r} has the layout "
+                f"{task.layout!r}; let it rehearse none (rehearsed=0, --rehearse 0)"
+            )
 
 
 def load_finder(

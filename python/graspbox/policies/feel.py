@@ -95,13 +95,14 @@ class FeelThenLift(Policy):
         *,
         threshold: float | None = None,
         noise: DepthNoise = DepthNoise(),  # noqa: B008 (frozen)
+        rehearsed: int | None = None,
         backend: Backend = "onnx",
         num_threads: int | None = None,
     ) -> None:
         folder = Path(folder)
         self._feel, self._stability = load(folder, FeelPolicyConfig), load_stability(folder)
         chooser = used_folder(folder, self._feel, "depth")
-        self.base = DepthGrasp(chooser, noise=noise, backend=backend, num_threads=num_threads)
+        self.base = DepthGrasp(chooser, noise=noise, rehearsed=rehearsed, backend=backend, num_threads=num_threads)
         self.name, self.learned_from = self._feel.name, (*self.base.learned_from, *self._feel.learned_from)
         self.threshold = self._feel.threshold if threshold is None else float(threshold)
         # A hand without tactile sensors has joints and loads alone.

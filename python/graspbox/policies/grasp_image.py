@@ -33,6 +33,7 @@ from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder import Clock, GraspFinder, Ranked, TrainedScore
 from graspbox.perception.outputs import check_finite
 from graspbox.perception.perturbations import PoseNoise
+from graspbox.perception.shapes import rehearsed_score
 from graspbox.policies.depth import load_finder
 
 __all__ = ["ImageGrasper", "ImageGrasps", "grasp_image"]
@@ -160,6 +161,7 @@ class ImageGrasper:
         mask: NDArray[np.bool_] | None = None,
         keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
+        rehearsed: int | None = None,
         seed: int = 0,
     ) -> ImageGrasps:
         """Find grasps of the object that a depth image shows; arguments and errors as `grasp_image`."""
@@ -178,6 +180,7 @@ class ImageGrasper:
         crops = view.crops(self.config.crop, within=within)
         _check_object(crops, small)
         finder = self._finder if hand_error is None else self._finder.tolerating(hand_error)
+        finder = finder if rehearsed is None else finder.rehearsing(rehearsed)
         if keep_off is not None:
             if table_from_camera is None:
                 raise ConfigError(
@@ -218,6 +221,7 @@ def grasp_image(
     mask: NDArray[np.bool_] | None = None,
     keep_off: ArrayLike | None = None,
     hand_error: PoseNoise | None = None,
+    rehearsed: int | None = None,
     backend: Backend = "onnx",
     seed: int = 0,
 ) -> ImageGrasps:
@@ -251,6 +255,9 @@ def grasp_image(
     hand_error : PoseNoise, optional
         Expected error of your hand's pose: grasps are then ranked by their mean score under such errors. The
         probabilities remain those of a hand without error.
+    rehearsed : int, optional
+        How many of the best grasps are first tried in simulation on the completed shape, for a single object
+        (`graspbox.perception.configs.RehearsalConfig`); by default as in the policy's folder.
     backend : {"onnx", "torch"}
         Runs the networks.
     seed : int
@@ -274,6 +281,7 @@ def grasp_image(
         mask=mask,
         keep_off=keep_off,
         hand_error=hand_error,
+        rehearsed=rehearsed,
         seed=seed,
     )
 
@@ -288,10 +296,13 @@ def _ranked(
     judged = finder.score.judge(ranked.volume, ranked.poses, ranked.preshapes)
     for values in (judged.choice, judged.success, judged.secure):
         check_finite(values, "scorer")
-    if finder.config.hand_error is None:
+    success = judged.success
+    if ranked.rehearsed is not None and finder.config.rehearsal is not None:
+        success = rehearsed_score(success, np.nan_to_num(ranked.rehearsed), finder.config.rehearsal)
+    elif finder.config.hand_error is None:
         ranked = ranked._replace(scores=judged.choice)
     order = ranked.best(count)
-    return ranked.kept(order), judged.success[order], judged.secure[order]
+    return ranked.kept(order), success[order], judged.secure[order]
 
 
 def _check_object(crops: Crops, depth: NDArray[np.float64]) -> None:

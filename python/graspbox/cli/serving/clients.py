@@ -68,10 +68,18 @@ class PolicyServers:
         if not all(self._pairs().values()):
             raise ConfigError(f"--key is {self.keys}; write it as OURS=THEIRS, such as depth=observation/depth")
 
-    def load(self, policy: str) -> Policy:
-        """Make the policy of a name or a folder (`graspbox.policies.load`), or connect to that of a server."""
+    def load(self, policy: str, rehearsed: int | None = None) -> Policy:
+        """Make the policy of a name or a folder (`graspbox.policies.load`), or connect to that of a server.
+
+        Raises
+        ------
+        ConfigError
+            Also for a policy of a server that is to rehearse grasps.
+        """
         if not is_url(policy):
-            return load(policy)
+            return load(policy, rehearsed=rehearsed)
+        if rehearsed is not None:
+            raise ConfigError("--rehearse is for policies of this machine; the server's rehearses as its folder says")
         token, names = client_token(self.token_file), tuple(self.obs) if self.obs else None
         return RemotePolicy(policy, obs=names, keys=self._pairs(), chunk=self.chunk, token=token, ca=self.ca_file)
 

@@ -1,0 +1,152 @@
+"""Grasps tried in simulation on the shape that a completion makes of a depth image, before the robot moves.
+
+A scorer judges a grasp by the voxels around the hand. A rehearsal runs the trial itself: the completed volume becomes a
+mesh, which stands where it is seen, and the hand closes, lifts and holds, from the pose itself and from some around it.
+Nothing is known that the camera and the description of the hand do not tell: the mass follows from the completed
+volume, the friction is the usual one.
+"""
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox._core import Hand
+from graspbox.errors import MeshError, SimulationError
+from graspbox.layouts import Arrangement
+from graspbox.meshes import mesh_from_arrays
+from graspbox.perception.configs import CropConfig, RehearsalConfig
+from graspbox.perception.perturbations import PoseNoise, perturbed
+from graspbox.perception.shapes.surface import surface_of
+from graspbox.simulation import Scene
+
+__all__ = ["Rehearsal", "rehearsed_score"]
+
+_LOG = logging.getLogger(__name__)
+
+#: Least and greatest mass of a completed shape, kg.
+_LIGHTEST, _HEAVIEST = 0.03, 1.0
+#: Scores count as at least this, and as at most one less this.
+_CERTAIN = 1e-3
+#: What a secure hold adds to a success, relative to it.
+_SECURE = 0.3
+
+
+class Rehearsal:
+    """Completed shapes at rest, on which grasps are tried.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        Shapes whose frames are that of the crop.
+    config : RehearsalConfig
+        How grasps are tried.
+    error : PoseNoise, optional
+        Expected error of the hand, instead of the errors of the settings.
+    num_threads : int, optional
+        Threads of the trials; by default one per core. The result does not depend on it.
+    """
+
+    def __init__(
+        self,
+        scenes: Sequence[Scene],
+        config: RehearsalConfig,
+        error: PoseNoise | None = None,
+        num_threads: int | None = None,
+    ) -> None:
+        self.scenes, self._heavy, self._num_threads = tuple(scenes), config.heavy, num_threads
+        noise = error or PoseNoise(config.position, config.rotation)
+        still, rng = np.tile(np.eye(4), (config.trials - 1, 1, 1)), np.random.default_rng(0)
+        # All grasps have the same errors with a shape: chance must not decide between them.
+        self._errors = [
+            np.concatenate([np.eye(4)[None], perturbed(still, rng, noise.position, noise.rotation)]) for _ in scenes
+        ]
+
+    @classmethod
+    def of(
+        cls,
+        occupancy: NDArray[np.uint8],
+        crop: CropConfig,
+        hand: Hand,
+        config: RehearsalConfig,
+        *,
+        error: PoseNoise | None = None,
+        num_threads: int | None = None,
+    ) -> "Rehearsal | None":
+        """Make the shapes of a completed volume.
+
+        Parameters
+        ----------
+        occupancy : (N, N, N) uint8
+            Completed voxels of a crop whose table is at z = 0, 0 to 255 for 0 to 1.
+        crop : CropConfig
+            The crop.
+        hand : Hand
+            The hand.
+        config, error, num_threads
+            As of `Rehearsal`.
+
+        Returns
+        -------
+        Rehearsal or None
+            None where the volume has no shape that can be simulated: it is empty, or too thin.
+        """
+        volume = occupancy.sum(dtype=np.int64) / 255 * crop.voxel_size**3
+        mass = float(np.clip(config.density * volume, _LIGHTEST, _HEAVIEST))
+        found = (_at_rest(occupancy, crop, hand, threshold, mass) for threshold in config.thresholds)
+        scenes = [scene for scene in found if scene is not None]
+        return cls(scenes, config, error, num_threads) if scenes else None
+
+    def shares(self, poses: NDArray[np.float64], preshapes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Try grasps.
+
+        Parameters
+        ----------
+        poses : (m, 4, 4) float64
+            ``crop_from_hand``, metres.
+        preshapes : (m,) float64
+            See `graspbox.Hand.preshape_limits`.
+
+        Returns
+        -------
+        (m,) float64
+            Share of the trials that succeed, where secure holds count more: 0 for none, 1 if all are secure.
+        """
+        shares = np.zeros(len(poses))
+        for scene, errors in zip(self.scenes, self._errors, strict=True):
+            factors = sorted({1.0, max(1.0, self._heavy / scene.mesh.mass)})
+            # For each grasp, a trial of each mass and error.
+            around = np.repeat(poses[:, None] @ errors, len(factors), axis=1).reshape(-1, 4, 4)
+            mass = np.tile(factors, len(poses) * len(errors))
+            each = np.repeat(preshapes, len(factors) * len(errors))
+            outcomes = scene.simulate(around, each, mass=mass, num_threads=self._num_threads)
+            held = (outcomes.success + _SECURE * outcomes.secure) / (1.0 + _SECURE)
+            shares += held.reshape(len(poses), -1).mean(axis=1)
+        return np.asarray(shares / len(self.scenes))
+
+
+def rehearsed_score(
+    scores: NDArray[np.float64], shares: NDArray[np.float64], config: RehearsalConfig
+) -> NDArray[np.float64]:
+    """Join scores or probabilities (m,) with the shares (m,) of their trials that succeed: see `RehearsalConfig`."""
+    sure = np.clip(scores, _CERTAIN, 1.0 - _CERTAIN)
+    logits = config.offset + config.slope * np.log(sure / (1.0 - sure)) + config.gain * shares
+    return np.asarray(1.0 / (1.0 + np.exp(-logits)))
+
+
+def _at_rest(occupancy: NDArray[np.uint8], crop: CropConfig, hand: Hand, threshold: int, mass: float) -> Scene | None:
+    """Stand the shape that a threshold makes of a volume on the table; None if it cannot be simulated."""
+    surface = surface_of(occupancy, crop, threshold=threshold)
+    if surface is None:
+        return None
+    vertices, faces = surface
+    # The surface of the lowest voxels may be below the table, or above it.
+    vertices[:, 2] = np.maximum(vertices[:, 2] - max(vertices[:, 2].min(), 0.0), 0.0)
+    try:
+        mesh = mesh_from_arrays(vertices, faces, mass=mass, name="completed", clean=None)
+        alone = Arrangement("packed", (0,), (mesh,), np.eye(4)[None], np.zeros((0, 4, 4)), np.zeros((0, 3)))
+        return Scene.of(alone, hand=hand, cached=False)
+    except (MeshError, SimulationError) as error:
+        _LOG.info("no grasp is rehearsed with the shape of threshold %d: %s", threshold, error)
+        return None
