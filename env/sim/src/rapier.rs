@@ -240,7 +240,7 @@ impl Engine for Rapier {
         if !same {
             return Err(bad("it belongs to another hand or object"));
         }
-        physics.narrow_phase.set_query_dispatcher(Dispatcher);
+        physics.narrow_phase.set_query_dispatcher(Dispatcher::default());
         (self.physics, self.tensions) = (physics, tensions);
         Ok(())
     }

@@ -2,9 +2,9 @@
 //!
 //! | module | purpose |
 //! |---|---|
-//! | `faces` | contact points of faces with more than four corners, which parry cuts short |
+//! | `faces` | contact points of whole faces: those with more than four corners, which parry cuts short, or all |
 //!
-//! Where no such face touches, the points equal parry's bit for bit.
+//! Where no face is clipped here, the points equal parry's bit for bit.
 //!
 //! Most of the time of a contact search goes into support points: the corner of a convex part that is farthest along a direction. Parry tests
 //! one corner at a time through dynamic dispatch; here the types are static, and four corners are tested at once.
@@ -29,7 +29,12 @@ const LANES: usize = 4;
 const SAME_POINT: Real = 0.1;
 
 /// Parry's dispatcher, with a faster path for convex parts against boxes and cylinders, and with whole faces.
-pub struct Dispatcher;
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Dispatcher {
+    /// Clip the faces that touch in any case; by default only those that parry cuts short. Where a corner of one face lies exactly on the
+    /// border of the other, as between boxes of equal width, parry often leaves it out.
+    pub every_face: bool,
+}
 
 /// A convex part with a faster support point.
 struct Corners<'a>(&'a ConvexPolyhedron);
@@ -131,7 +136,7 @@ where
         contacts_of_parry(pos12, (g1, normals1), (g2, normals2), prediction, manifold)?;
         let moved = |(old, new): (&TrackedContact<C>, &TrackedContact<C>)| old.local_p1 != new.local_p1;
         let is_new = before.len() != manifold.points.len() || before.iter().zip(&manifold.points).any(moved);
-        if is_new && faces::complete(pos12, g1, g2, manifold) {
+        if is_new && faces::complete(pos12, g1, g2, manifold, self.every_face) {
             manifold.match_contacts_using_positions(&before, SAME_POINT);
         }
         Ok(())
@@ -311,7 +316,8 @@ mod tests {
                     let (g1, g2) = if flip { (other, object) } else { (object, other) };
                     let ours = follow(pose, |at, manifolds, workspace| {
                         if other.as_cylinder().is_none() {
-                            return Dispatcher.contact_manifolds(at, &**g1, &**g2, 0.2, manifolds, workspace);
+                            return Dispatcher::default()
+                                .contact_manifolds(at, &**g1, &**g2, 0.2, manifolds, workspace);
                         }
                         manifolds.resize_with(1, ContactManifold::new);
                         contacts_of_parry(at, (&**g1, None), (&**g2, None), 0.2, &mut manifolds[0])

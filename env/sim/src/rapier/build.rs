@@ -137,7 +137,7 @@ pub(crate) fn build(
 ) -> Result<(PhysicsWorld, Handles), SimError> {
     let mut world = PhysicsWorld {
         integration_parameters: integration_parameters(config),
-        narrow_phase: NarrowPhase::with_query_dispatcher(Dispatcher),
+        narrow_phase: NarrowPhase::with_query_dispatcher(Dispatcher::default()),
         ..PhysicsWorld::default()
     };
     let scenery = insert_scenery(&mut world, walls, config);

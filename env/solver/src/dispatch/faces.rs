@@ -188,17 +188,18 @@ fn convex(mut corners: Vec<Vector>) -> Vec<Vector> {
     around
 }
 
-/// Replaces the points of a manifold by those of whole faces and returns true, if parry has dropped corners of one. The deepest point of the two
-/// shapes, the last one that parry adds, stays.
+/// Replaces the points of a manifold by those of whole faces and returns true, if parry has dropped corners of one, or in any case. The deepest
+/// point of the two shapes, the last one that parry adds, stays.
 pub(super) fn complete<M, C: Default + Copy>(
     pos12: &Pose,
     g1: &dyn Shape,
     g2: &dyn Shape,
     manifold: &mut ContactManifold<M, C>,
+    in_any_case: bool,
 ) -> bool {
     let (normal1, normal2) = (manifold.local_n1, manifold.local_n2);
     let Some(deepest) = manifold.points.last().copied() else { return false };
-    if !is_cut_short(g1, normal1) && !is_cut_short(g2, normal2) {
+    if !in_any_case && !is_cut_short(g1, normal1) && !is_cut_short(g2, normal2) {
         return false;
     }
     let axes = Axes::new(normal1);
@@ -262,7 +263,9 @@ mod tests {
 
     fn contacts(one: &SharedShape, two: &SharedShape, pose: &Pose) -> ContactManifold<(), ()> {
         let mut manifold = ContactManifold::new();
-        Dispatcher.contact_manifold_convex_convex(pose, &**one, &**two, None, None, 0.1, &mut manifold).unwrap();
+        Dispatcher::default()
+            .contact_manifold_convex_convex(pose, &**one, &**two, None, None, 0.1, &mut manifold)
+            .unwrap();
         manifold
     }
 

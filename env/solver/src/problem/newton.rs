@@ -173,7 +173,8 @@ impl Newton {
 
     /// Solves the convex problem several times, each time with friction bounds from the last solution, and tries to end each time with Newton's
     /// method; objects without the hand need no such end. Returns false if that does not converge. The velocities are then those of the last
-    /// solution, or those of the first guess, where the residual has the size `begun`, if it is smaller there.
+    /// solution, or those of the first guess, where the residual has the size `begun`, if it is smaller there. Objects without the hand keep the
+    /// last solution in any case; it counts as converged if the residual would change no speed by more than [`NEAR`].
     ///
     /// Where the bounds swing from one solution to the next, the residual falls slowly or not at all; then they move halfway.
     fn solve_in_rounds(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, begun: f64) -> bool {
@@ -186,8 +187,9 @@ impl Newton {
             problem.keep_bounds();
             let now = problem.evaluate(model, kinematics, Bounds::Follow);
             if without_hand {
-                if solved && (round >= ROUNDS_WITHOUT_HAND || problem.residual_speed() <= NEAR) {
-                    return true;
+                let near = problem.residual_speed() <= NEAR;
+                if solved && (near || round >= ROUNDS_WITHOUT_HAND) {
+                    return near;
                 }
             } else if self.newton(model, kinematics, problem, now, CONVEX_STEPS_OF_ROUND) {
                 return true;

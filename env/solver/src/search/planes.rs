@@ -6,6 +6,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::manifold::chosen;
 use super::{Candidate, Opposite, Searcher, Situation, world_center};
+use crate::dispatch::Dispatcher;
 use crate::model::{BodyIndex, BodyKind, Corners, Model};
 use crate::scenery::{Plane, Surface, Wall};
 use crate::units;
@@ -144,7 +145,7 @@ impl Searcher {
         let reach = units::length(self.pairs[pair].margin);
         let one = |this: &mut Self, shape: &dyn Shape, body_from_shape: &Isometry3<f64>, friction, own| {
             let place = units::pose(&(box_from_body * body_from_shape).inverse());
-            if !this.contact(&place, shape, &solid, parry3d::math::Vector::ZERO, reach) {
+            if !this.contact(Dispatcher::default(), &place, shape, &solid, parry3d::math::Vector::ZERO, reach) {
                 return;
             }
             let (kept, count) = chosen(&this.manifold, reach);

@@ -57,7 +57,7 @@ impl Searcher {
     ) {
         let part_from_shape = part.inverse * *object_from_shape;
         let direction = self.directions[of_pair];
-        if !self.contact(&part_from_shape, &*part.shape, &*shape.shape, direction, reach) {
+        if !self.contact(Dispatcher::default(), &part_from_shape, &*part.shape, &*shape.shape, direction, reach) {
             return;
         }
         let manifold = &self.manifold;
@@ -123,7 +123,8 @@ impl Searcher {
         reach: f32,
     ) {
         let first_from_second = first.inverse * (*a_from_b * second.pose);
-        if !self.contact(&first_from_second, &*first.shape, &*second.shape, Vector::ZERO, reach) {
+        let whole = Dispatcher { every_face: true };
+        if !self.contact(whole, &first_from_second, &*first.shape, &*second.shape, Vector::ZERO, reach) {
             return;
         }
         let manifold = &self.manifold;
@@ -159,7 +160,15 @@ impl Searcher {
                 let place = one.body_from_shape.inv_mul(a_from_b) * two.body_from_shape;
                 let apart = place.translation.vector.norm() - one.radius - two.radius;
                 clearance = clearance.min(apart.max(margin));
-                if apart > margin || !self.contact(&units::pose(&place), &*one.shape, &*two.shape, Vector::ZERO, reach)
+                if apart > margin
+                    || !self.contact(
+                        Dispatcher::default(),
+                        &units::pose(&place),
+                        &*one.shape,
+                        &*two.shape,
+                        Vector::ZERO,
+                        reach,
+                    )
                 {
                     continue;
                 }
@@ -184,6 +193,7 @@ impl Searcher {
     /// Computes the manifold of two convex shapes. Returns false if parry does not support the pair.
     pub(super) fn contact(
         &mut self,
+        dispatcher: Dispatcher,
         first_from_second: &Pose,
         first: &dyn Shape,
         second: &dyn Shape,
@@ -193,7 +203,7 @@ impl Searcher {
         let manifold = &mut self.manifold;
         manifold.clear();
         manifold.local_n1 = direction;
-        Dispatcher.contact_manifold_convex_convex(first_from_second, first, second, None, None, reach, manifold).is_ok()
+        dispatcher.contact_manifold_convex_convex(first_from_second, first, second, None, None, reach, manifold).is_ok()
     }
 }
 
