@@ -36,7 +36,7 @@ from graspbox.views import ViewPlan, views
 TARGET = 2
 #: An image, and the pixels of the object to grasp.
 Image = tuple[DepthView, NDArray[np.bool_] | None]
-STEPS = ("crop", "complete", "propose", "score", "refine", "average")
+STEPS = ("crop", "complete", "propose", "score", "refine", "average", "rehearse")
 
 
 def finder_of(folder: Path, backend: Backend, num_threads: int | None, error: PoseNoise | None) -> GraspFinder:
@@ -88,6 +88,7 @@ def measure() -> None:
     parser.add_argument("--threads", type=int, help="threads; by default one per core")
     parser.add_argument("--backends", nargs="+", default=["onnx", "torch"])
     parser.add_argument("--hand-error", nargs=2, type=float, help="standard deviations, millimetres and degrees")
+    parser.add_argument("--rehearse", type=int, metavar="GRASPS", help="grasps that are tried on the completed shape")
     args = parser.parse_args()
     error = PoseNoise.in_millimetres(*args.hand_error) if args.hand_error else None
     if "torch" in args.backends and args.threads:
@@ -95,6 +96,8 @@ def measure() -> None:
 
         torch.set_num_threads(args.threads)
     finders = {backend: finder_of(args.policy, backend, args.threads, error) for backend in args.backends}
+    if args.rehearse is not None:
+        finders = {backend: finder.rehearsing(args.rehearse) for backend, finder in finders.items()}
     wall: dict[str, dict[str, list[float]]] = {backend: defaultdict(list) for backend in finders}
     processor: dict[str, list[float]] = defaultdict(list)
     same = 0

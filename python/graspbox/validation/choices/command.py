@@ -41,6 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--objects", nargs="+", default=list(_OBJECTS), metavar="SET", help="object sets")
     parser.add_argument("--trials", type=int, default=200, help="trials of each policy on each object set (200)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the trials (0)")
+    parser.add_argument("--rehearse", type=int, default=None, help="grasps that the policies rehearse")
     parser.add_argument("--threads", type=int, default=None, help="threads for both engines; all by default")
     step = Numerics().timestep
     parser.add_argument("--timestep", type=float, default=step, help=f"MuJoCo's time step, s ({step})")
@@ -91,6 +92,7 @@ def main(arguments: list[str] | None = None) -> int:
                     object_sets.load(name, split=split or evaluated_split(name)),
                     args.trials,
                     args.seed,
+                    rehearsed=args.rehearse,
                     threads=args.threads,
                     numerics=numerics,
                     patch=args.patch * 1e-3,

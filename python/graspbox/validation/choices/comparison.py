@@ -82,6 +82,7 @@ def compare_choices(
     trials: int = 200,
     seed: int = 0,
     *,
+    rehearsed: int | None = None,
     threads: int | None = None,
     numerics: Numerics | None = None,
     patch: float = 0.0,
@@ -91,7 +92,7 @@ def compare_choices(
 
     Parameters
     ----------
-    policy : str
+    policy, rehearsed
         As for `graspbox.policies.load`.
     objects, trials, seed
         As for `graspbox.evaluation.evaluate`; at least one trial.
@@ -113,7 +114,7 @@ def compare_choices(
     numerics = numerics or Numerics()
     check_settings(trials, numerics)
     check_patch(patch)
-    found = chosen(policy, object_sets.load(objects), trials, seed)
+    found = chosen(policy, object_sets.load(objects), trials, seed, rehearsed=rehearsed)
     hand = load_hand((found.result.settings or {}).get("hand", "reflex"))
     described = describe(hand)
     report = ChoicesReport(found.result.policy, hand.name, trials, found.result.succeeded)

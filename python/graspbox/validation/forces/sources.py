@@ -114,6 +114,8 @@ def chosen(
     trials: int,
     seed: int,
     progress: Callable[[int], None] = lambda _: None,
+    *,
+    rehearsed: int | None = None,
 ) -> Choices:
     """Evaluate a policy, and read the grasp of every trial off its actions.
 
@@ -122,7 +124,7 @@ def chosen(
 
     Parameters
     ----------
-    policy : str
+    policy, rehearsed
         As for `graspbox.policies.load`.
     objects, trials, seed
         As for `graspbox.evaluation.evaluate`.
@@ -134,7 +136,7 @@ def chosen(
     ConfigError, ObjectSetError
         As `graspbox.evaluation.evaluate`.
     """
-    log = ActionLog(policies.load(policy))
+    log = ActionLog(policies.load(policy, rehearsed=rehearsed))
     sets = object_sets.load(objects)
     result = evaluate(log, objects=sets, trials=trials, seed=seed, progress=progress)
     specs = {spec.name: spec for spec in sets}
