@@ -12,6 +12,7 @@ import tiny_policy
 from graspbox import errors, evaluation, policies
 from graspbox.artifacts.configs import FeelPolicyConfig
 from graspbox.artifacts.folders import load, used_folder
+from graspbox.perception import HandGrid, HandGridConfig
 from graspbox.policies import FeelThenLift
 from interrupting import train_despite_kills
 
@@ -118,3 +119,21 @@ def test_a_network_learns_what_tells_grasps_apart(tmp_path: Path) -> None:
     assert auc(logits_of([net], readings[900:]), held[900:]) > 0.95
     with pytest.raises(errors.ConfigError, match="no grasps to learn from"):
         train_stability(tmp_path / "none", readings[:0], held[:0], (readings, held), config)
+
+
+def test_a_hand_without_tactile_sensors_learns_from_its_joints(tmp_path: Path) -> None:
+    """The hand is that of the policy: all stages run, and the check acts with it."""
+    for module in ("torch", "tyro", "onnx", "onnxruntime", "onnxscript", "safetensors", "matplotlib"):
+        pytest.importorskip(module, reason="the training needs the extras 'cli' and 'train'")
+    base, out = tmp_path / "policy", tmp_path / "run"
+    # Its scorer takes the cells of a ReFlex.
+    tiny_policy.make(base, hand="panda_gripper", grid=HandGridConfig(shape=HandGrid().shape))
+    done = subprocess.run(command(base, out), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    policy = policies.load(out / "policy")
+    assert isinstance(policy, FeelThenLift)
+    assert policy.settings["hand"] == "panda_gripper"
+    assert "tactile" not in policy.obs
+    found = evaluation.evaluate(policy, objects="procedural:can:0-1", trials=2, seed=0, num_envs=2)
+    assert len(found.trials) == 2
+    assert all(trial.confidence is not None for trial in found.trials)

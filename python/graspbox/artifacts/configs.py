@@ -414,6 +414,7 @@ class NetworkPolicyConfig(PolicyConfig):
     """
 
     kind: ClassVar[str] = "network"
+    carries_hand: ClassVar[bool] = True
 
     environment: Environment
     inputs: tuple[NetworkInput, ...]
@@ -451,9 +452,8 @@ class NetworkPolicyConfig(PolicyConfig):
         # The observation `goal` comes from a policy; `Grasp-v0` shows `proprio` in any case.
         obs = tuple(name for name in self.environment.names if name != GOAL_NAME) or ("proprio",)
         try:
-            env = gymnasium.make_vec(
-                self.environment.id, num_envs=1, objects=_ANY_OBJECT, obs=obs, num_threads=1, **self.settings
-            )
+            keywords = {**self.environment.settings, "hand": hand, "obs": obs, "objects": _ANY_OBJECT}
+            env = gymnasium.make_vec(self.environment.id, num_envs=1, num_threads=1, **keywords)
         except GraspboxError as error:
             raise ConfigError(f"environment, with the hand {self.hand!r}: {error}") from None
         size = env.single_action_space.shape

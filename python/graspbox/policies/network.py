@@ -9,7 +9,7 @@ import numpy as np
 
 from graspbox._common.made_once import MadeOnce
 from graspbox.artifacts.configs import ACTING, NetworkInput, NetworkPolicyConfig
-from graspbox.artifacts.folders import load, policy_of, used_folder
+from graspbox.artifacts.folders import hand_of, load, policy_of, used_folder
 from graspbox.artifacts.runtimes import Network, onnx_network, output
 from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError
@@ -48,7 +48,7 @@ class NetworkPolicy(Policy):
         self.config = load(folder, NetworkPolicyConfig)
         environment, roles = self.config.environment, self.config.roles
         self.name, self.obs, self.env_id = self.config.name, environment.obs, environment.id
-        self.settings = self.config.settings
+        self.settings = {**self.config.settings, "hand": hand_of(folder, self.config)}
         base: Policy | None = policy_of(used_folder(folder, self.config, "goal")) if roles else None
         self.learned_from = (*self.config.learned_from, *(base.learned_from if base else ()))
         self._file = Path(folder) / "policy.onnx"
@@ -67,7 +67,7 @@ class NetworkPolicy(Policy):
     def _bind(self, task: Task) -> None:
         if task.env_id != self.env_id:
             raise ConfigError(f"the policy {self.name!r} acts in {self.env_id!r}, not in {task.env_id!r}")
-        hand, known = load_hand(task.hand).name, self.settings["hand"]
+        hand, known = load_hand(task.hand).name, self.config.hand
         if hand != known:
             raise ConfigError(f"the policy {self.name!r} was trained for the hand {known!r}, not {hand!r}")
         for name in ACTING:

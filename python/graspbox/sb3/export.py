@@ -27,13 +27,14 @@ from graspbox._common.arguments import plain, shown
 from graspbox.artifacts.configs import ACTING, SETTINGS, Environment, NetworkInput, NetworkPolicyConfig, Use
 from graspbox.artifacts.downloads import folder_of
 from graspbox.artifacts.exports import Traced, export
-from graspbox.artifacts.folders import CONFIG, load, use_of, used_folder
+from graspbox.artifacts.folders import CONFIG, hand_of, load, use_of, used_folder
 from graspbox.artifacts.installed import is_bare
 from graspbox.artifacts.onnx_files import PARITY
 from graspbox.artifacts.runtimes import Network, onnx_network
 from graspbox.artifacts.weight_files import load_weights, restore_weights
 from graspbox.envs.settings import GraspPoseVectorSettings, GraspVectorSettings, keywords
 from graspbox.errors import ConfigError
+from graspbox.hands import load_hand
 from graspbox.policies import Task
 from graspbox.policies import names as baselines
 from graspbox.sb3.action_graphs import ActionGraph, Scales
@@ -99,12 +100,13 @@ def export_policy(
     ------
     ConfigError
         If the network is too large to be published or has operations that ONNX does not support, if the ONNX file does
-        not reproduce the model's actions, or if the hand is a pair of files instead of a name.
+        not reproduce the model's actions.
+    HandError
+        If the hand cannot be read.
     """
     rows = keywords(GraspVectorSettings)
     hand, observed = (env.get(keyword, rows[keyword].default) for keyword in ("hand", "obs"))
-    if not isinstance(hand, str):
-        raise ConfigError(f"env.hand is {hand!r}; a policy of a hand that has a name can be published")
+    loaded = load_hand(hand)
     obs = observed if isinstance(observed, str) else tuple(observed)
     acts_in = Environment(env_id, obs, plain(published_settings(env_id, env), "env"))
     uses, looked = _goal_of(Path(folder), env.get("goal_from"))
@@ -121,7 +123,7 @@ def export_policy(
         envs.close()
     config = NetworkPolicyConfig(
         name=name,
-        hand=hand,
+        hand=loaded.name,
         environment=acts_in,
         learned_from=tuple(learned_from),
         uses=uses,
@@ -137,7 +139,7 @@ def export_policy(
     example = [torch.from_numpy(_named(seen[0], names)[one]) for one in names]
     network = Traced(graph, example, compare=compare)
     try:
-        return export(folder, config, {_NETWORK: network}, {_WEIGHTS: graph}, licence)
+        return export(folder, config, {_NETWORK: network}, {_WEIGHTS: graph}, licence, loaded)
     except (OSError, ConfigError):
         raise
     except Exception as error:  # the exporter's errors share no base class
@@ -219,7 +221,7 @@ def load_graph(folder: Path) -> ActionGraph:
     config = load(folder, NetworkPolicyConfig)
     acts_in = config.environment
     looked = {f"{role}_from": used_folder(folder, config, role) for role in config.roles}
-    settings = {**config.settings, **looked, "obs": acts_in.obs}
+    settings = {**config.settings, **looked, "hand": hand_of(folder, config), "obs": acts_in.obs}
     envs = _environments(acts_in.id, 1, settings, "procedural:can:0")
     spaces = envs.single_observation_space, envs.single_action_space
     envs.close()
