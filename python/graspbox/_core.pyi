@@ -87,6 +87,8 @@ class PlanArrays(TypedDict):
     box: NDArray[np.int64]
     face: NDArray[np.int64]
     score: NDArray[np.float64]
+    touch: NDArray[np.float64]
+    press: NDArray[np.float64]
     feasible: NDArray[np.bool_]
     features: NotRequired[NDArray[np.float64]]
 

@@ -251,7 +251,7 @@ def test_details_print_what_out_writes(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     found: Any = json.loads(result.stdout)
     assert found == json.loads(out.read_text())
-    keys = {"object_from_hand", "preshape", "feasible", "score", "box", "face"}
+    keys = {"object_from_hand", "preshape", "feasible", "score", "box", "face", "touch", "press"}
     keys |= {"success", "secure", "failure", "lift", "kindness_rate", "legacy_success", "kindness", "time"}
     keys |= {"unconverged_steps", "survives_shake", "shake_shift"}
     assert all(set(grasp) == keys for grasp in found["objects"][0]["grasps"])

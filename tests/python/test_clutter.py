@@ -14,6 +14,7 @@ import pytest
 
 import graspbox
 from graspbox import object_sets, policies
+from graspbox.envs.coding import encode_action
 from graspbox.errors import ConfigError, SimulationError
 from graspbox.evaluation.rounds import Rounds, clear_rounds
 from graspbox.layouts import bin_points, draw_objects, objects_that_fit, scaled
@@ -180,6 +181,35 @@ def test_objects_that_were_learned_from_are_left_out() -> None:
     assert found.to_json()["objects_left_out"] == found.left_out
     with pytest.raises(ConfigError, match="learned from all objects"):
         clear_rounds(policy, objects=OBJECTS[0], **settings)
+
+
+@pytest.mark.parametrize("seed", [3, 15])
+def test_a_scene_planner_pushes_neighbours_that_give_way(seed: int) -> None:
+    """Its first choice in these piles touches a neighbour: it is ranked by its press, and succeeds."""
+    env = gymnasium.make("graspbox/Clear-v0", objects=OBJECTS, layout="pile", hand=HAND)
+    policy = policies.load("scene_planner")
+    policy.bind(policies.Task.of(env))
+    env.reset(seed=seed)
+    scene: graspbox.Arrangement = env.unwrapped.arrangement()  # type: ignore[attr-defined]
+    action = policy.act(None)[0]
+
+    def chosen(max_press: float) -> tuple[graspbox.Grasp, Any]:
+        placed = enumerate(zip(scene.meshes, scene.world_from_objects, strict=True))
+        settings: dict[str, Any] = {"hand": HAND, "max_press": max_press}
+        plans = [
+            (graspbox.plan(mesh, world_from_object=rest, neighbours=scene.without(index), **settings)[0], rest)
+            for index, (mesh, rest) in placed
+        ]
+        return max(plans, key=lambda found: found[0].score if found[0].feasible else -np.inf)
+
+    grasp, rest = chosen(0.005)
+    assert grasp.touch > 0.01
+    assert grasp.press < 1e-4
+    np.testing.assert_array_equal(action, encode_action(rest @ grasp.pose, grasp.preshape, hand=HAND))
+    refused, _ = chosen(0.0)
+    assert (refused.touch, refused.press) == (0.0, 0.0)
+    assert refused.score < grasp.score
+    assert env.step(action)[-1]["is_success"]
 
 
 def test_a_scene_planner_needs_a_scene() -> None:

@@ -318,7 +318,7 @@ def test_trials_that_show_nothing_are_refused(
 
 
 def _rows(plan: graspbox.Plan, rows: list[int]) -> graspbox.Plan:
-    names = ("poses", "preshape", "feasible", "score", "box", "face")
+    names = ("poses", "preshape", "feasible", "score", "box", "face", "touch", "press")
     return replace(plan, **{name: getattr(plan, name)[rows] for name in names})
 
 

@@ -20,7 +20,7 @@ import graspbox
 from graspbox import errors, object_sets, planning
 from graspbox.planning.plan_files import mesh_hash
 
-COLUMNS = ("poses", "preshape", "feasible", "score", "box", "face")
+COLUMNS = ("poses", "preshape", "feasible", "score", "box", "face", "touch", "press")
 
 
 @pytest.fixture(scope="module")
@@ -182,9 +182,34 @@ def test_a_wrong_plan_file_is_named(
     assert "plan.json" in str(caught.value)
 
 
+def test_older_files_have_plans_that_touch_nothing(plan: graspbox.Plan, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    pushing = replace(plan[:2], touch=np.array([0.01, 0.0]), press=np.array([0.004, 0.0]))
+    pushing.save(path)
+    assert graspbox.Plan.load(path) == pushing
+    document = json.loads(path.read_text())
+    for row in document["grasps"]:
+        del row["touch"], row["press"]
+    path.write_text(json.dumps(document))
+    assert graspbox.Plan.load(path) == plan[:2]
+    document["grasps"][1]["press"] = 0.0
+    path.write_text(json.dumps(document))
+    with pytest.raises(errors.PlanError, match=r"grasps\[0\] lacks 'press'"):
+        graspbox.Plan.load(path)
+
+
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("preshape", "x"), ("preshape", None), ("feasible", 1), ("box", 1.5), ("box", 99), ("face", 6), ("score", 1e999)],
+    [
+        ("preshape", "x"),
+        ("preshape", None),
+        ("press", None),
+        ("feasible", 1),
+        ("box", 1.5),
+        ("box", 99),
+        ("face", 6),
+        ("score", 1e999),
+    ],
 )
 def test_wrong_grasps_are_named(plan: graspbox.Plan, tmp_path: Path, key: str, value: object) -> None:
     path = tmp_path / "plan.json"
@@ -338,3 +363,9 @@ def test_typed_settings_are_the_fields_of_the_configs() -> None:
     ):
         hints = get_type_hints(kind)
         assert {name: hint for name, hint in hints.items() if name not in own} == get_type_hints(named)
+
+
+@pytest.mark.parametrize(("setting", "value"), [("max_press", 0.06), ("press_penalty", -1.0)])
+def test_limits_of_a_touch_are_checked(can: graspbox.Mesh, setting: str, value: float) -> None:
+    with pytest.raises(errors.ConfigError, match=f"`{setting}` is {value:g}"):
+        graspbox.plan(can, config=graspbox.PlanConfig(**{setting: value}))  # type: ignore[arg-type]

@@ -330,11 +330,16 @@ fn neighbours(
     target: usize,
 ) -> Result<Arc<[Neighbour]>, PlanError> {
     let others = bodies.iter().zip(world_from_objects).enumerate().filter(|(index, _)| *index != target);
-    let others = others
-        .map(|(_, (body, pose))| Ok(Neighbour { obstacle: Arc::clone(body.obstacle()), world_from_obstacle: *pose }));
+    let others = others.map(|(_, (body, pose))| {
+        Ok(Neighbour {
+            obstacle: Arc::clone(body.obstacle()),
+            world_from_obstacle: *pose,
+            mass: Some(body.mass_properties().mass),
+        })
+    });
     let walls = walls.iter().map(|wall| {
         let obstacle = Arc::new(Obstacle::cuboid(&wall.half)?);
-        Ok(Neighbour { obstacle, world_from_obstacle: wall.world_from_wall })
+        Ok(Neighbour { obstacle, world_from_obstacle: wall.world_from_wall, mass: None })
     });
     others.chain(walls).collect()
 }

@@ -9,6 +9,9 @@
 //! with a second check; whole plans, with a cheaper ranking, take 8 % less CPU time.
 
 mod box_surface;
+mod touch;
+
+pub use touch::Touch;
 
 use crate::PlanError;
 use crate::open_hand::{OpenHand, convex, pose, vector};
@@ -36,6 +39,8 @@ pub enum Feasibility {
     HitsObjectOnApproach,
     /// It collides with a neighbour at the pose or on the approach, and with nothing else.
     HitsNeighbour,
+    /// It collides with neighbours alone, and pushes them aside: see [`CollisionScene::touch`] and `PlanParams::max_press`.
+    PushesNeighbour,
 }
 
 /// The geometry of an object, prepared for collision queries; object frame. One per object, shared by all of its resting poses.
@@ -119,13 +124,15 @@ impl std::fmt::Debug for Obstacle {
     }
 }
 
-/// Another object or a wall, which the hand must not touch.
+/// Another object or a wall.
 #[derive(Clone, Debug)]
 pub struct Neighbour {
     /// Its geometry.
     pub obstacle: Arc<Obstacle>,
     /// Its pose.
     pub world_from_obstacle: Isometry3<f64>,
+    /// Mass of a free object, kilograms; `None` for what is fixed, such as a wall.
+    pub mass: Option<f64>,
 }
 
 /// An object at rest on the table, for collision queries; object frame.

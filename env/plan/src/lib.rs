@@ -3,7 +3,7 @@
 //! | module | purpose |
 //! |---|---|
 //! | [`boxes`] | minimum-volume box decomposition of a surface |
-//! | [`collision`] | the filter: open hand against object and table, at the pose and on the approach |
+//! | [`collision`] | the filter: open hand against object, table and neighbours, at the pose and on the approach; what it pushes aside |
 //! | [`planner`] | [`plan`]: all steps, in order |
 //! | `poses`, `preshape` | candidate poses from boxes, and suitable preshapes for a face |
 //! | `chain` | closing of a chain of the hand until it is blocked |
@@ -50,7 +50,7 @@ pub use boxes::{
     BoxNode, BoxTree, BoxTreeFault, DecomposeParams, Fit, OrientedBox, Split, SplitCost, best_split, check_box_tree,
     decompose, decompose_points, fit_box,
 };
-pub use collision::{CollisionScene, Feasibility, Neighbour, Obstacle};
+pub use collision::{CollisionScene, Feasibility, Neighbour, Obstacle, Touch};
 pub use error::PlanError;
 pub use open_hand::OpenHand;
 pub use planner::{Candidate, Plan, PlanObject, PlanParams, box_grasps, check_grasps, plan};

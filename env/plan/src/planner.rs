@@ -2,7 +2,7 @@
 
 use crate::PlanError;
 use crate::boxes::{BoxTree, DecomposeParams, OrientedBox, decompose};
-use crate::collision::{CollisionScene, Feasibility, Neighbour, Obstacle};
+use crate::collision::{CollisionScene, Feasibility, Neighbour, Obstacle, Touch};
 use crate::open_hand::OpenHand;
 use crate::pairs::{Surroundings, propose_across};
 use crate::poses::{PoseParams, Proposal, propose};
@@ -41,6 +41,10 @@ pub struct PlanParams {
     pub clearance: f64,
     /// Length of the straight approach along the hand's z, metres.
     pub standoff: f64,
+    /// Greatest [`Touch::press`] of a neighbour by a feasible pose, metres; 0 refuses every touch.
+    pub max_press: f64,
+    /// Score lost for each metre of press, 1/m.
+    pub press_penalty: f64,
     /// Seed of the random variations.
     pub seed: u64,
 }
@@ -52,6 +56,8 @@ impl Default for PlanParams {
             poses: PoseParams::default(),
             clearance: 0.001,
             standoff: 0.10,
+            max_press: 0.0,
+            press_penalty: 2000.0,
             seed: 0,
         }
     }
@@ -72,14 +78,16 @@ pub struct Candidate {
     pub score: f64,
     /// Result of the collision filter.
     pub feasibility: Feasibility,
+    /// How far the open hand pushes neighbours; 0 for poses that are not feasible.
+    pub touch: Touch,
     /// Prediction of the closed hand; `None` for poses that are not feasible.
     pub prediction: Option<Prediction>,
 }
 
 impl Candidate {
-    /// True if the open hand collides with nothing at the pose and on the approach.
+    /// True if the open hand, at the pose and on the approach, collides with nothing but neighbours that it may push aside.
     pub fn feasible(&self) -> bool {
-        self.feasibility == Feasibility::Feasible
+        is_feasible(self.feasibility)
     }
 }
 
@@ -112,6 +120,8 @@ impl Plan {
 pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result<Plan, PlanError> {
     in_range("clearance", params.clearance, 0.0..=0.05, "m")?;
     in_range("standoff", params.standoff, 0.0..=1.0, "m")?;
+    in_range("max_press", params.max_press, 0.0..=0.05, "m")?;
+    in_range("press_penalty", params.press_penalty, 0.0..=1e6, "1/m")?;
     params.poses.validate()?;
     let tree = decompose(object.mesh, &params.decompose)?;
     let scene =
@@ -122,19 +132,21 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     let thin = Surroundings { samples: &samples, boxes: &boxes, up: scene.up() };
     proposals.extend(propose_across(&thin, hand, &params.poses, params.seed, proposals.len())?);
     let grasps: Vec<GraspPose> = proposals.iter().map(|proposal| proposal.grasp).collect();
-    let found = check_grasps(&scene, hand, &grasps, params.clearance, params.standoff)?;
-    let candidate = |(proposal, feasibility): (&Proposal, &Feasibility)| Candidate {
+    let found = filter(&scene, hand, &grasps, params)?;
+    let candidate = |(proposal, (feasibility, touch)): (&Proposal, &(Feasibility, Touch))| Candidate {
         grasp: proposal.grasp,
         box_index: proposal.box_index,
         face: proposal.face,
         score: 0.0,
         prediction: None,
         feasibility: *feasibility,
+        touch: *touch,
     };
     let (free, others): (Vec<_>, Vec<_>) =
-        proposals.iter().zip(&found).partition(|(_, feasibility)| **feasibility == Feasibility::Feasible);
+        proposals.iter().zip(&found).partition(|(_, (feasibility, _))| is_feasible(*feasibility));
     let feasible: Vec<Proposal> = free.iter().map(|(proposal, _)| **proposal).collect();
-    let ranked = rank::rank(&samples, object.center_of_mass, hand, &scene, &feasible)?;
+    let penalties: Vec<f64> = free.iter().map(|(_, (_, touch))| params.press_penalty * touch.press).collect();
+    let ranked = rank::rank(&samples, object.center_of_mass, hand, &scene, &feasible, &penalties)?;
     let scored = ranked.into_iter().map(|row| Candidate {
         score: row.score,
         prediction: Some(row.prediction),
@@ -144,7 +156,32 @@ pub fn plan(object: &PlanObject<'_>, hand: &Hand, params: &PlanParams) -> Result
     Ok(Plan { tree, candidates, feasible: feasible.len(), world_from_object: object.world_from_object })
 }
 
-/// Passes any grasps through the planner's collision filter.
+fn is_feasible(feasibility: Feasibility) -> bool {
+    matches!(feasibility, Feasibility::Feasible | Feasibility::PushesNeighbour)
+}
+
+/// The collision filter, which lets poses pass that push neighbours aside by no more than `params.max_press`.
+fn filter(
+    scene: &CollisionScene,
+    hand: &Hand,
+    grasps: &[GraspPose],
+    params: &PlanParams,
+) -> Result<Vec<(Feasibility, Touch)>, PlanError> {
+    let hands = OpenHands::new(hand, grasps, params.clearance, params.standoff)?;
+    let check = |grasp: &GraspPose| {
+        let feasibility = hands.check(scene, grasp);
+        if feasibility != Feasibility::HitsNeighbour || params.max_press == 0.0 {
+            return (feasibility, Touch::default());
+        }
+        match scene.touch(hands.of(grasp), &grasp.object_from_hand) {
+            Some(touch) if touch.press <= params.max_press => (Feasibility::PushesNeighbour, touch),
+            _ => (feasibility, Touch::default()),
+        }
+    };
+    Ok(grasps.par_iter().map(check).collect())
+}
+
+/// Passes any grasps through the planner's collision filter, which refuses every touch.
 ///
 /// * `clearance`, `standoff`: as in [`PlanParams`], metres.
 ///
@@ -203,8 +240,13 @@ impl OpenHands {
         Ok(Self(hands))
     }
 
-    fn check(&self, scene: &CollisionScene, grasp: &GraspPose) -> Feasibility {
+    /// The hand with the preshape of a grasp.
+    fn of(&self, grasp: &GraspPose) -> &OpenHand {
         let found = self.0.iter().position(|(known, _)| *known == grasp.preshape).unwrap_or(0);
-        scene.check(&self.0[found].1, &grasp.object_from_hand)
+        &self.0[found].1
+    }
+
+    fn check(&self, scene: &CollisionScene, grasp: &GraspPose) -> Feasibility {
+        scene.check(self.of(grasp), &grasp.object_from_hand)
     }
 }

@@ -41,6 +41,8 @@ pub(crate) fn samples(mesh: &TriMesh) -> Vec<SurfaceSample> {
 
 /// Scores feasible proposals and sorts them, best first; equal scores keep their order.
 ///
+/// * `penalties`: score that each proposal loses.
+///
 /// # Errors
 /// [`PlanError::UnsupportedHand`] for a preshape beyond the hand's limits, [`PlanError::UnknownTerm`] for a weight of an unknown term.
 pub(crate) fn rank(
@@ -49,6 +51,7 @@ pub(crate) fn rank(
     hand: &Hand,
     scene: &CollisionScene,
     proposals: &[Proposal],
+    penalties: &[f64],
 ) -> Result<Vec<Ranked>, PlanError> {
     check_terms(hand)?;
     let target = Target { samples, center_of_mass, scene };
@@ -64,7 +67,7 @@ pub(crate) fn rank(
     }
     let describe = |(index, proposal): (usize, &Proposal)| {
         let prediction = predict(&target, &hands[chosen[index]], &proposal.grasp.object_from_hand);
-        Ranked { index, score: score(hand, &prediction, proposal.grasp.preshape), prediction }
+        Ranked { index, score: score(hand, &prediction, proposal.grasp.preshape) - penalties[index], prediction }
     };
     let mut ranked: Vec<Ranked> = proposals.par_iter().enumerate().map(describe).collect();
     sort_with_variety(&mut ranked, proposals);

@@ -126,6 +126,7 @@ fn neighbours_are_in_the_way_and_stay_where_they_are() {
     let wall = |x: f64, z: f64| Neighbour {
         obstacle: Arc::new(Obstacle::cuboid(&Vector3::new(0.005, 0.2, 0.01)).unwrap()),
         world_from_obstacle: Isometry3::translation(x, 0.0, z),
+        mass: None,
     };
     let among = |walls: Vec<Neighbour>| {
         let world_from_object = Isometry3::translation(0.0, 0.0, 0.0);

@@ -60,11 +60,12 @@ impl Around {
 
     fn neighbours(&self, cache: Option<&Path>) -> Result<Arc<[Neighbour]>, CoreError> {
         let objects = self.objects.iter().map(|(mesh, pose)| {
-            let obstacle = Arc::clone(mesh.body(cache)?.obstacle());
-            Ok(Neighbour { obstacle, world_from_obstacle: *pose })
+            let body = mesh.body(cache)?;
+            let obstacle = Arc::clone(body.obstacle());
+            Ok(Neighbour { obstacle, world_from_obstacle: *pose, mass: Some(body.mass_properties().mass) })
         });
         let walls = self.walls.iter().map(|(pose, half)| {
-            Ok(Neighbour { obstacle: Arc::new(Obstacle::cuboid(half)?), world_from_obstacle: *pose })
+            Ok(Neighbour { obstacle: Arc::new(Obstacle::cuboid(half)?), world_from_obstacle: *pose, mass: None })
         });
         objects.chain(walls).collect()
     }
@@ -143,6 +144,8 @@ fn plan_arrays<'py>(py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>
     dict.set_item("box", array(py, all.iter().map(|c| c.box_index as i64).collect(), n)?)?;
     dict.set_item("face", array(py, all.iter().map(|c| c.face as i64).collect(), n)?)?;
     dict.set_item("score", array(py, all.iter().map(|c| c.score).collect(), n)?)?;
+    dict.set_item("touch", array(py, all.iter().map(|c| c.touch.depth).collect(), n)?)?;
+    dict.set_item("press", array(py, all.iter().map(|c| c.touch.press).collect(), n)?)?;
     dict.set_item("feasible", array(py, all.iter().map(|c| c.feasible()).collect::<Vec<bool>>(), n)?)?;
     Ok(dict)
 }

@@ -163,6 +163,12 @@ class PlanConfig:
         Clearance that the open hand needs on every side, metres.
     standoff : float
         Length of the straight approach along the hand's z, metres.
+    max_press : float
+        Greatest ``press`` (`graspbox.Plan`) of a feasible grasp on its neighbours, metres, 0 to 0.05. By default 0:
+        every touch is refused, as by `graspbox.Scene.simulate` with a target; ``scene_planner`` and ``planner`` take
+        0.005.
+    press_penalty : float
+        Score that a grasp loses for each metre of its press, 1/m, 0 to 1e6.
     seed : int
         Seed of the random variations.
     """
@@ -171,6 +177,8 @@ class PlanConfig:
     poses: PoseConfig = field(default_factory=PoseConfig)
     clearance: float = 0.001
     standoff: float = 0.10
+    max_press: float = 0.0
+    press_penalty: float = 2000.0
     seed: int = 0
 
 

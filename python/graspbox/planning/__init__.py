@@ -51,6 +51,8 @@ class PlanSettings(TypedDict, total=False):
     poses: PoseConfig
     clearance: float
     standoff: float
+    max_press: float
+    press_penalty: float
 
 
 def decompose(
@@ -106,11 +108,13 @@ class Grasp(ByValue):
     preshape : float
         Radians.
     feasible : bool
-        Whether the open hand is free of collisions at the pose and on the approach.
+        Whether the open hand, at the pose and on the approach, collides with nothing but neighbours that it may push.
     score : float
         Higher is better; comparable only within one plan.
     box, face : int
         Box and face that the pose comes from.
+    touch, press : float
+        How far the open hand pushes neighbours on its approach, and presses them onto what carries them, metres.
     """
 
     pose: NDArray[np.float64]
@@ -119,6 +123,8 @@ class Grasp(ByValue):
     score: float
     box: int
     face: int
+    touch: float = 0.0
+    press: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,20 +141,27 @@ class Plan(ByValue):
     preshape : (n,) float64
         Radians.
     feasible : (n,) bool
-        Whether the open hand collides with neither object nor table, at the pose and on the approach.
+        Whether the open hand, at the pose and on the approach, collides with nothing but neighbours that it may push
+        aside (`PlanConfig.max_press`): those of at most 6 kg, where the approach does not begin in them.
     score : (n,) float64
         Higher is better; comparable only within this plan. It is computed from geometry alone.
     box, face : (n,) int64
         Leaf of the tree that a pose comes from (the number of leaves denotes the box around the whole object), and its
         face: ``2 axis`` on the positive side of the box's axis, ``2 axis + 1`` on the negative.
+    touch : (n,) float64
+        Deepest penetration of a neighbour by the open hand on its approach, metres; 0 where it touches none, and for
+        poses that are not feasible.
+    press : (n,) float64
+        How far the open hand pushes a neighbour down, metres, where its support resists: penetration times the cosine
+        between down and the normal of the first contact, the greatest of all contacts; 0 for a push sideways or up.
     tree : BoxTree
         The boxes.
     world_from_object : (4, 4) float64
         Resting pose of the object; the table is the plane z = 0.
     features : (n, k) float64 or None
         With ``features=True``: terms of the ranking, one column per name of `rank_weights`; NaN for poses that are not
-        feasible. The score is their sum weighted by `rank_weights`, minus a small penalty per better-ranked pose of the
-        same box, face and preshape.
+        feasible. The score is their sum weighted by `rank_weights`, minus `PlanConfig.press_penalty` times ``press``,
+        minus a small penalty per better-ranked pose of the same box, face and preshape.
     name, mesh_sha256, hand_name : str
         The object's name, the hash of its mesh (`graspbox.planning.plan_files.mesh_hash`), and the hand's name.
     """
@@ -159,6 +172,8 @@ class Plan(ByValue):
     score: NDArray[np.float64]
     box: NDArray[np.int64]
     face: NDArray[np.int64]
+    touch: NDArray[np.float64]
+    press: NDArray[np.float64]
     tree: BoxTree
     world_from_object: NDArray[np.float64]
     features: NDArray[np.float64] | None = None
@@ -182,8 +197,7 @@ class Plan(ByValue):
     def __getitem__(self, index: int | slice | NDArray[Any] | list[int]) -> "Grasp | Self":
         if isinstance(index, int | np.integer):
             row = [getattr(self, name)[index] for name in _ROWS]
-            pose, preshape, feasible, score, box, face = row
-            return Grasp(pose.copy(), float(preshape), bool(feasible), float(score), int(box), int(face))
+            return Grasp(row[0].copy(), *(value.item() for value in row[1:]))
         kept = np.arange(len(self))[index]
         names = _ROWS if self.features is None else (*_ROWS, "features")
         return replace(self, **{name: getattr(self, name)[kept] for name in names})
@@ -281,7 +295,8 @@ def plan(
     features : bool
         Whether to return the terms of the ranking for each pose.
     neighbours : Surroundings, optional
-        Other objects and walls, which the open hand must not touch: what `graspbox.Arrangement.without` returns.
+        Other objects and walls, which the open hand must not touch, or may push aside (`PlanConfig.max_press`): what
+        `graspbox.Arrangement.without` returns.
     **settings
         Fields of `PlanConfig` by name, instead of those of `config`.
 

@@ -11,7 +11,8 @@ Version 1 of the format, with lengths in metres, angles in radians, and matrices
 | ``hand`` | name of the hand, to whose grasp frame the poses refer |
 | ``world_from_object`` | 4x4: resting pose of the object; the table is the plane z = 0 |
 | ``boxes`` | tree nodes, parents first: ``center``, ``axes`` (columns), ``half_extents``, ``children``, ``depth`` |
-| ``grasps`` | best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box``, ``face`` |
+| ``grasps`` | best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box``, ``face``, |
+| | ``touch``, ``press``: older files lack both, and have plans that touch nothing |
 | ``features`` | optional: terms of the ranking, one row per grasp; null for grasps that are not feasible |
 """
 
@@ -41,7 +42,11 @@ _GRASPS: dict[str, tuple[str, type, tuple[int, ...]]] = {
     "score": ("score", np.float64, ()),
     "box": ("box", np.int64, ()),
     "face": ("face", np.int64, ()),
+    "touch": ("touch", np.float64, ()),
+    "press": ("press", np.float64, ()),
 }
+#: Columns that older files lack; their plans refuse every touch, so the values are 0.
+_LATER = frozenset({"touch", "press"})
 _BOXES: dict[str, tuple[str, type, tuple[int, ...]]] = {
     "center": ("center", np.float64, (3,)),
     "axes": ("axes", np.float64, (3, 3)),
@@ -158,8 +163,11 @@ def _columns(document: dict[str, Any], key: str, keys: dict[str, tuple[str, type
     rows = document.get(key)
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise PlanError(f"{key} is missing or is not a list of objects")
-    columns = {}
+    columns: Arrays = {}
     for name, (inside, kind, shape) in keys.items():
+        if name in _LATER and not any(inside in row for row in rows):
+            columns[name] = np.zeros((len(rows), *shape), dtype=kind)
+            continue
         if lacking := [i for i, row in enumerate(rows) if inside not in row]:
             raise PlanError(f"{key}[{lacking[0]}] lacks {inside!r}")
         columns[name] = _array([row[inside] for row in rows], f"{key}: {inside}", kind, (len(rows), *shape))

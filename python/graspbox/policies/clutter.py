@@ -24,6 +24,7 @@ from graspbox.perception.configs import CropConfig, DepthNoise
 from graspbox.perception.depth_views import DepthView
 from graspbox.policies._observer import Observer
 from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.planner import MAX_PRESS
 from graspbox.simulation import load_hand
 
 __all__ = ["ScenePlanner", "TopDown", "TsdfPlan", "TsdfPolicy"]
@@ -103,6 +104,8 @@ class TopDown(_OneLook):
 class ScenePlanner(_OneLook):
     """Plans for every object among its neighbours, and takes the first-ranked pose of all; **privileged**.
 
+    A pose may push neighbours aside where they give way (`graspbox.PlanConfig.max_press`).
+
     It sees the scenes, which no observation holds, in environments of this process (`Task.scenes`).
     """
 
@@ -122,7 +125,9 @@ class ScenePlanner(_OneLook):
         best, found = -np.inf, None
         for index, (mesh, pose) in enumerate(zip(scene.meshes, scene.world_from_objects, strict=True)):
             around = scene.without(index)
-            plan = planning.plan(mesh, hand=self._hand, world_from_object=pose, neighbours=around).best(1)
+            plan = planning.plan(
+                mesh, hand=self._hand, world_from_object=pose, neighbours=around, max_press=MAX_PRESS
+            ).best(1)
             if len(plan) and plan.score[0] > best:
                 best, found = float(plan.score[0]), (pose @ plan.poses[0], float(plan.preshape[0]))
         return found

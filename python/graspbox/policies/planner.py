@@ -16,7 +16,10 @@ from graspbox.layouts import Arrangement
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.simulation import load_hand
 
-__all__ = ["Expert", "KnownObjects", "Planner", "Subject"]
+__all__ = ["MAX_PRESS", "Expert", "KnownObjects", "Planner", "Subject"]
+
+#: `PlanConfig.max_press` where attempts push neighbours aside, metres: of grasps that press deeper hardly any succeeds.
+MAX_PRESS = 0.005
 
 #: Among how many of the planner's best poses the expert chooses.
 _CHOICES = 40
@@ -134,7 +137,9 @@ class Planner(Policy):
         """Write the first-ranked pose as an action of ``GraspPose-v0``; None if there is none."""
         pose = object_pose(state, hand=self._hand)
         mesh, around = subject
-        plan = planning.plan(mesh, hand=self._hand, world_from_object=pose, neighbours=around).best(1)
+        plan = planning.plan(
+            mesh, hand=self._hand, world_from_object=pose, neighbours=around, max_press=MAX_PRESS
+        ).best(1)
         if not len(plan):
             return None
         return encode_action(pose @ plan.poses[0], plan.preshape[0], hand=self._hand)

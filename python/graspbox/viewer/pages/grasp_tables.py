@@ -80,6 +80,8 @@ class GraspTablePage(Page):
                 key: np.array([grasp[key] for grasp in grasps]) for key in ("preshape", "feasible", "score", "face")
             }
             box = np.minimum([int(grasp["box"]) for grasp in grasps], len(tree))
+            # Older tables lack these columns; the objects of a table have no neighbours.
+            columns |= {key: np.array([grasp.get(key, 0.0) for grasp in grasps]) for key in ("touch", "press")}
             poses = np.array([grasp["object_from_hand"] for grasp in grasps], dtype=np.float64)
             rest = np.array(row["world_from_object"], dtype=np.float64)
             outcomes = {key: [grasp[key] for grasp in grasps] for key in Outcomes.__dataclass_fields__}
