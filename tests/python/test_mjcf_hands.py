@@ -181,7 +181,8 @@ def test_hands_of_another_project_are_converted(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path, [name for name in archive.namelist() if "/assets/grippers/" in name])
     grippers = tmp_path / "robosuite/models/assets/grippers"
-    expected = {"inspire_right_hand": 12, "fourier_right_hand": 11}
+    # The other fingers of the Robotiq follow by equality constraints: its file of the 2F-85 is not valid MJCF by itself.
+    expected = {"inspire_right_hand": 12, "fourier_right_hand": 11, "robotiq_gripper_140": 2, "panda_gripper": 2}
     for name, joints in expected.items():
         folder = tmp_path / name
         folder.mkdir()
@@ -189,3 +190,5 @@ def test_hands_of_another_project_are_converted(tmp_path: Path) -> None:
         assert len(hand.joints) == joints
         report = check_hand(hand, trials=False)
         assert not report.has_errors, report.table()
+    with pytest.raises(HandError, match="repeated name 'robotiq_arg2f_base_link' in mesh"):
+        urdf_of_mjcf(grippers / "robotiq_gripper_85.xml")
