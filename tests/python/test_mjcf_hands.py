@@ -181,7 +181,7 @@ def test_hands_of_another_project_are_converted(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path, [name for name in archive.namelist() if "/assets/grippers/" in name])
     grippers = tmp_path / "robosuite/models/assets/grippers"
-    # The other fingers of the Robotiq follow by equality constraints: its file of the 2F-85 is not valid MJCF by itself.
+    # Links of the Robotiq follow by equality constraints; the file of its 2F-85 is not valid MJCF by itself.
     expected = {"inspire_right_hand": 12, "fourier_right_hand": 11, "robotiq_gripper_140": 2, "panda_gripper": 2}
     for name, joints in expected.items():
         folder = tmp_path / name
