@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -425,3 +426,20 @@ def test_a_policy_knows_where_the_bin_stands() -> None:
                 met += int(not free[0])
             touching.append(met)
     assert touching[0] < touching[1], touching
+
+
+def test_touches_are_measured() -> None:
+    """The grasps of the table by press are all that touch; without any object there is an error."""
+    script = Path(__file__).parents[2] / "scripts" / "measure_touches.py"
+    arguments = [sys.executable, str(script), "--layout", "packed", "--seed", "4"]
+    run = partial(subprocess.run, capture_output=True, text=True, timeout=300)
+    found = run([*arguments, "--scenes", "2", "--objects", *OBJECTS])
+    assert found.returncode == 0, found.stderr
+    head, *lines = found.stdout.splitlines()
+    assert 0 < int(head.split()[0]) <= 20
+    assert lines[0] == "press, of all that touch"
+    end = lines.index("touch, of those that push sideways")
+    assert 0 < sum(int(line.split(": ")[1].split()[0]) for line in lines[1:end]) <= 60
+    none = run([*arguments, "--scenes", "0"])
+    assert (none.returncode, none.stdout) == (2, "")
+    assert "no scene has a grasp" in none.stderr
