@@ -18,6 +18,7 @@ from graspbox import object_sets, policies
 from graspbox.envs.coding import encode_action
 from graspbox.errors import ConfigError, SimulationError
 from graspbox.evaluation.rounds import Rounds, clear_rounds
+from graspbox.hands import load_hand
 from graspbox.layouts import bin_points, draw_objects, objects_that_fit, scaled
 from graspbox.models.cluttered import is_scene, read_scene, write_scene
 from graspbox.models.scene_trials import render_scene, source_of
@@ -25,6 +26,7 @@ from graspbox.models.scene_views import SceneViews
 from graspbox.models.scenes import COUNTS, PlacedObjects, SceneConfig, SceneSampler
 from graspbox.perception.configs import CropConfig, DepthNoise
 from graspbox.perception.finder import GraspFinder
+from graspbox.policies.clutter import _down_at
 
 OBJECTS = ("procedural:box:0-3", "procedural:can:0-3")
 HAND = "panda_gripper"
@@ -144,6 +146,17 @@ def test_failures_in_a_row_end_with_a_success() -> None:
     assert found.to_json() == all_seen.to_json()
     assert found.no_grasp.sum() == 0
     assert clear_rounds(Blinking(), **settings).attempts.tolist() == [0]
+
+
+def test_straight_down_at_one_of_several_tops_of_equal_height() -> None:
+    """Not between them, where nothing is."""
+    square = np.stack(np.meshgrid(np.linspace(-0.01, 0.01, 9), np.linspace(-0.02, 0.02, 9)), axis=-1).reshape(-1, 2)
+    middles = np.array([[-0.1, 0.0], [0.1, 0.02]])
+    points = np.concatenate([np.append(square + middle, np.full((len(square), 1), 0.08), axis=1) for middle in middles])
+    hand = load_hand(HAND)
+    pose = _down_at(points, hand)
+    closes = (pose @ np.append(hand.closing_center(hand.preshape_limits[0]), 1.0))[:2]
+    assert np.linalg.norm(middles - closes, axis=1).min() < 1e-6
 
 
 @pytest.mark.parametrize("name", ["top_down", "partial_view_planner", "best_proposal"])

@@ -261,7 +261,10 @@ def _down_at(points: NDArray[np.float64], hand: Hand) -> NDArray[np.float64]:
     """Choose the pose of a hand that closes below the highest point, facing down."""
     # A single stray pixel is no top.
     height = float(np.quantile(points[:, 2], 1 - min(1.0, 5 / len(points))))
-    top = points[points[:, 2] >= height - 0.005].mean(axis=0)
+    highest = points[points[:, 2] >= height - 0.005]
+    # Objects of equal height have their tops apart; the mean of all would lie between them.
+    nearest = highest[np.argmin(np.linalg.norm(highest[:, :2] - highest[:, :2].mean(axis=0), axis=1))]
+    top = highest[np.linalg.norm(highest[:, :2] - nearest[:2], axis=1) < _AROUND].mean(axis=0)
     around = points[(np.linalg.norm(points[:, :2] - top[:2], axis=1) < _AROUND) & (points[:, 2] > height - 0.03)]
     _, _, axes = np.linalg.svd(around[:, :2] - around[:, :2].mean(axis=0), full_matrices=False)
     across = np.append(axes[-1], 0.0)
