@@ -197,7 +197,7 @@ def test_objects_that_were_learned_from_are_left_out() -> None:
         clear_rounds(policy, objects=OBJECTS[0], **settings)
 
 
-@pytest.mark.parametrize("seed", [3, 15])
+@pytest.mark.parametrize("seed", [10, 30])
 def test_a_scene_planner_pushes_neighbours_that_give_way(seed: int) -> None:
     """Its first choice in these piles touches a neighbour: it is ranked by its press, and succeeds."""
     env = gymnasium.make("graspbox/Clear-v0", objects=OBJECTS, layout="pile", hand=HAND)
@@ -455,4 +455,4 @@ def test_touches_are_measured() -> None:
     assert 0 < sum(int(line.split(": ")[1].split()[0]) for line in lines[1:end]) <= 60
     none = run([*arguments, "--scenes", "0"])
     assert (none.returncode, none.stdout) == (2, "")
-    assert "no scene has a grasp" in none.stderr
+    assert "no grasp has a score above 6" in none.stderr
