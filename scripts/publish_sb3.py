@@ -93,7 +93,8 @@ def publish(settings: Settings, command: str) -> list[Score]:
         told = {"progress": lambda done: bar.update(task, completed=done), "num_envs": settings.num_envs}
         scores = measure(str(settings.out), settings.objects, settings.trials, settings.seed, **told)
     rows = [score.row() for score in scores]
-    write_card(settings.out, config, network_card(config, made, rows, seed=settings.seed, command=command))
+    card = network_card(settings.out, config, made, rows, seed=settings.seed, command=command)
+    write_card(settings.out, config, card)
     return scores
 
 

@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from graspbox import errors, policies
+from graspbox import errors, evaluation, policies
 from graspbox.artifacts.configs import NetworkPolicyConfig
 from graspbox.artifacts.folders import load
 from graspbox.artifacts.runtimes import onnx_network
@@ -111,14 +111,19 @@ def test_a_published_policy_acts_as_its_model(
     envs.close()
 
 
+def own_hand(own: Path, copied: str) -> list[str]:
+    """Write the files of a shipped hand as those of the hand `mine`; their paths."""
+    own.mkdir()
+    urdf, toml = load_hand(copied).files
+    (own / "a.urdf").write_text(urdf)
+    (own / "a.toml").write_text(toml.replace(f'name = "{copied}"', 'name = "mine"'))
+    return [str(own / "a.urdf"), str(own / "a.toml")]
+
+
 def test_a_policy_of_a_hand_of_ones_own_takes_its_files_along(tmp_path: Path) -> None:
     """It acts in another place once the original files are gone."""
     own = tmp_path / "own"
-    own.mkdir()
-    urdf, toml = load_hand("panda_gripper").files
-    (own / "a.urdf").write_text(urdf)
-    (own / "a.toml").write_text(toml.replace('name = "panda_gripper"', 'name = "mine"'))
-    env: dict[str, Any] = {"obs": "state", "objects": OBJECTS, "hand": [str(own / "a.urdf"), str(own / "a.toml")]}
+    env: dict[str, Any] = {"obs": "state", "objects": OBJECTS, "hand": own_hand(own, "panda_gripper")}
     exported(tmp_path / "made", trained("ppo", DECISION, env), "ppo", DECISION, env)
     shutil.rmtree(own)
     folder = (tmp_path / "made").rename(tmp_path / "moved")
@@ -274,6 +279,34 @@ def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path:
     assert "env.obs=[depth, proprio, tactile]" in words
     assert (tmp_path / "policies/tuned/LICENSE").is_file()
     assert not list((tmp_path / "policies/tuned").glob("*.pkl"))
+
+
+def test_a_clone_of_a_hand_of_ones_own_is_recorded_and_published(tmp_path: Path) -> None:
+    """A hand with fingers and without tactile sensors, by its files, which are gone when its policy acts."""
+    from typer.testing import CliRunner
+
+    from graspbox.cli import typer_app
+
+    files = own_hand(tmp_path / "own", "inspire")
+    words = ["record", "expert", "--out", str(tmp_path / "shown"), "--hand", ",".join(files), "--obs", "proprio"]
+    words += ["--objects", "procedural:can:0-9", "--split", "train", "--episodes", "10", "--keep", "success"]
+    words += ["--set", "frame_skip=4", "--set", "max_episode_steps=50"]
+    CliRunner().invoke(typer_app, words, catch_exceptions=False)
+    changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.policy_kwargs={net_arch: [16]}")
+    given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, "obs": ("proprio",), "keep": "success"}
+    clone(tmp_path / "shown", tmp_path / "clone", **given)
+    found = published(tmp_path / "clone", tmp_path / "policies/cloned")
+    assert "observes `proprio`." in " ".join(found["card"].split())
+    assert "for the hand `mine`" in " ".join(found["card"].split())
+    (recorded,) = (line for line in found["card"].splitlines() if line.startswith("graspbox record"))
+    words = shlex.split(recorded)
+    assert words[words.index("--hand") + 1] == "out/a.urdf,out/a.toml"
+    shutil.rmtree(tmp_path / "own")
+    shutil.rmtree(tmp_path / "clone")
+    folder = (tmp_path / "policies/cloned").rename(tmp_path / "moved")
+    result = evaluation.evaluate(str(folder), objects="procedural:bottle:2000-2003", trials=2)
+    assert len(result.trials) == 2
+    assert policies.load(folder).settings["hand"] == (str(folder / "hand.urdf"), str(folder / "hand.toml"))
 
 
 def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp_path: Path) -> None:

@@ -49,6 +49,10 @@ HandName = Annotated[
     str,
     typer.Option("--hand", help="A hand by its name, or its two files with a comma between: hand.urdf,hand.toml."),
 ]
+HandOfPolicy = Annotated[
+    str | None,
+    typer.Option("--hand", help="The hand, by its name or as hand.urdf,hand.toml; by default that of the policy."),
+]
 Scale = Annotated[float, typer.Option("--scale", help="Metres per unit of the mesh files.")]
 Mass = Annotated[float | None, typer.Option("--mass", help="Kilograms of the object, where there is just one.")]
 

@@ -40,10 +40,6 @@ IncludeLearned = Annotated[
     bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
 ]
 Condition = Annotated[str, typer.Option("--condition", help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
-Hand = Annotated[
-    str | None,
-    typer.Option("--hand", help="The hand, by its name or as hand.urdf,hand.toml; by default that of the policy."),
-]
 Lies = Annotated[
     str,
     typer.Option(
@@ -122,7 +118,7 @@ def evaluate(
     include_learned: IncludeLearned = False,
     condition: Condition = "nominal",
     rehearse: common.Rehearse = None,
-    hand: Hand = None,
+    hand: common.HandOfPolicy = None,
     layout: Lies = "single",
     objects_per_scene: PerScene = None,
     seed: common.Seed = 0,

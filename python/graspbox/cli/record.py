@@ -69,6 +69,7 @@ def record(
     out: Annotated[Path, typer.Option("--out", help="Folder; an existing recording is continued.")],
     env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = "graspbox/Grasp-v0",
     objects: common.Objects = None,
+    hand: common.HandOfPolicy = None,
     episodes: Annotated[int, typer.Option("--episodes", min=1, help="Episodes to keep.")] = 500,
     obs: Annotated[
         list[str] | None, typer.Option("--obs", help="Observation to record, 'state' by default; may be repeated.")
@@ -100,6 +101,7 @@ def record(
     # Options that were left out are no settings of the environment.
     overrides: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
     overrides |= {"mass": mass} if mass is not None else {}
+    overrides |= {"hand": common.hand_like(hand)} if hand is not None else {}
     with common.progress() as bar:
         task = bar.add_task(policy, total=episodes)
         made = demonstrations.record(

@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from graspbox import evaluation, object_sets
 from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import GOAL_NAME, NetworkPolicyConfig
+from graspbox.artifacts.folders import hand_of
 from graspbox.envs.spaces import tables
 from graspbox.hands import load_hand
 from graspbox.policies import Policy
@@ -94,12 +96,20 @@ def _measured(seed: int) -> str:
 
 
 def network_card(
-    config: NetworkPolicyConfig, made: Sequence[Any], scores: Sequence[ScoreRow], *, seed: int, command: str
+    folder: Path,
+    config: NetworkPolicyConfig,
+    made: Sequence[Any],
+    scores: Sequence[ScoreRow],
+    *,
+    seed: int,
+    command: str,
 ) -> Card:
     """Describe a policy of Stable-Baselines3.
 
     Parameters
     ----------
+    folder : Path
+        Its folder.
     config : NetworkPolicyConfig
         Its description.
     made : sequence of graspbox.sb3.histories.Made
@@ -112,7 +122,7 @@ def network_card(
         The command that published it.
     """
     names = config.environment.names
-    privileged = {*tables(load_hand(config.hand))["privileged"], "segmentation", "amodal"}
+    privileged = {*tables(load_hand(hand_of(folder, config)))["privileged"], "segmentation", "amodal"}
     true = [name for name in names if name.split("_")[0] in privileged]
     summary = (
         f"{_origin([one.kind for one in made], config.algorithm)}: one network from observations to actions. It acts "

@@ -162,6 +162,8 @@ def _recorded(clone: Mapping[str, Any]) -> Made:
     words += ["--seed", str(recording["seed"]), "--keep", recording["keep"], "--noise", str(recording["noise"])]
     words += [*(["--split", split] if split else []), *_repeated("--objects", objects)]
     words += _repeated("--obs", recording["observations"])
+    if (hand := kept.pop("hand", None)) is not None:
+        words += ["--hand", hand if isinstance(hand, str) else ",".join(shown(Path(file)) for file in hand)]
     kept.setdefault("max_episode_steps", spec["max_episode_steps"])
     words += [word for name, value in kept.items() for word in ("--set", f"{name}={_json(value)}")]
     told = f"demonstrations of `{recording['policy']}`, kept: {recording['keep']}, noise {recording['noise']}"
