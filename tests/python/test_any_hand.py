@@ -257,6 +257,7 @@ def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) 
     assert again.succeeded == results["evaluate-robotiq_2f_85"][objects]["succeeded"]
     card = (folder / "README.md").read_text()
     assert "hand `robotiq_2f_85`, of which nothing was learned" in card
+    assert "| objects | trials | success | secure | ECE |" in card
     assert "with 3 hands: `panda_gripper`, 1 random parallel jaws and 1 random hands with fingers" in " ".join(
         card.split()
     )
@@ -291,6 +292,12 @@ def test_a_card_without_named_hands_and_without_objects_that_fit(published: Path
     card = any_hand_card(published, config, command="train", settings=settings, scenes=scenes, stages=stages)
     assert "with 1 hands: 1 random parallel jaws" in " ".join(card.training.split())
     assert [dict(row.more) for row in card.scores] == [{}]
+    found["calibration_error"] = 0.1234
+    found["fitting"] = {"trials": 2, "succeeded": 1, "secure": 0}
+    card = any_hand_card(published, config, command="train", settings=settings, scenes=scenes, stages=stages)
+    (row,) = card.scores
+    assert list(row.more) == ["ECE", "objects that fit: success"]
+    assert row.more["ECE"] == "0.123"
 
 
 def test_grasps_in_an_image_are_those_of_the_hand(published: Path, tmp_path: Path) -> None:

@@ -179,7 +179,9 @@ def any_hand_card(
             counts = (row["trials"], row["succeeded"], row["secure"])
             variant = f"hand `{name}`" + ("" if found["trained"] else ", of which nothing was learned")
             fitting = row["fitting"]["succeeded"], row["fitting"]["trials"]
-            more = {"objects that fit: success": rate(*fitting)} if fitting[1] else {}
+            # Runs of earlier versions have no calibration error.
+            more = {"ECE": f"{error:.3f}"} if (error := row.get("calibration_error")) is not None else {}
+            more |= {"objects that fit: success": rate(*fitting)} if fitting[1] else {}
             scores.append(ScoreRow(called, _DECISION, *counts, variant=variant, more=more))
     first, calibrated = stages["trials"]["train"], stages["calibrate"]
     rounds = [found["train"]["trials"] for name, found in stages.items() if name.startswith("collect")]
@@ -189,10 +191,10 @@ def any_hand_card(
     learned += (
         f"fingers; then {sum(rounds)} trials of grasps that the policy chose. Objects: {listed(settings.objects)}."
     )
-    details = "An object fits if its least width in plan view, as it rests, is at most that of the hand. The policy "
-    details += (
-        f"takes the grasp with the greatest (success + w secure) / (1 + w), where w = {calibrated['secure_weight']}."
-    )
+    details = "ECE is the expected calibration error of the predicted probability of success, calibrated once for all "
+    details += "hands. An object fits if its least width in plan view, as it rests, is at most that of the hand. "
+    weight = calibrated["secure_weight"]
+    details += f"The policy takes the grasp with the greatest (success + w secure) / (1 + w), where w = {weight}."
     return Card(
         summary=f"{_SUMMARY} It grasps with any hand, also one of which nothing was learned: its scorer reads the "
         "description of the hand. Where no hand is named it takes the one below.",
