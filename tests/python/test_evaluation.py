@@ -341,7 +341,7 @@ def test_ctrl_c_ends_the_command() -> None:
         "    def act(self, observation):\n"
         "        ready()\n"
         "        return super().act(observation)\n"
-        "policies.load = lambda name: Watched()\n"
+        "policies.load = lambda name, **options: Watched()\n"
         f"words = 'evaluate planner --env {LOOP} --objects procedural:can:0-4 --trials 1000000 --json'\n"
         "sys.argv = ['graspbox', *words.split()]\n"
         "from graspbox.__main__ import main; main()\n"

@@ -35,7 +35,21 @@ def test_both_engines_give_most_grasps_the_same_label() -> None:
     assert kappa(ours, rapier) >= 0.6
 
 
-LAYOUT = ("engines", "--layout", "packed", "--hand", "panda_gripper", "--poses", "1", "--scenes", "1", "--count", "3")
+LAYOUT = (
+    "engines",
+    "--layout",
+    "packed",
+    "--hand",
+    "panda_gripper",
+    "--poses",
+    "1",
+    "--scenes",
+    "1",
+    "--count",
+    "3",
+    "--seed",
+    "1",
+)
 
 
 def test_scenes_of_several_objects_are_compared_at_half_the_time_step(
