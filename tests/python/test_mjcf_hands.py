@@ -53,6 +53,69 @@ GRIPPER = """
 """
 
 
+#: Finger of a parallel jaw: a crank with an actuator, a rocker of the same length, and a tip that both carry.
+FOUR_BAR = """
+<mujoco model="linkage">
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="palm">
+      <geom type="box" size="0.03 0.03 0.01" mass="0.5"/>
+      <body name="crank" pos="0.02 0 0.01">
+        <joint name="crank" axis="0 1 0" range="0 0.8"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.05" size="0.003" mass="0.02"/>
+        <body name="tip" pos="0 0 0.05">
+          <joint name="tip" axis="0 1 0" range="-1 1"/>
+          <geom name="pad" type="box" size="0.003 0.01 0.02" pos="0 0 0.02" mass="0.02"/>
+        </body>
+      </body>
+      <body name="rocker" pos="0 0 0.01">
+        <joint name="rocker" axis="0 1 0" range="-1 1"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.05" size="0.003" mass="0.02"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality><connect name="pin" body1="rocker" body2="tip" anchor="0 0 0.05"/></equality>
+  <actuator><position joint="crank" kp="10"/></actuator>
+</mujoco>
+"""
+#: The same with a joint more, so that the tip can turn about the end of the rocker when an object stops the crank.
+FIVE_BAR = """
+<mujoco model="linkage">
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="palm">
+      <geom type="box" size="0.03 0.03 0.01" mass="0.5"/>
+      <body name="crank" pos="0.02 0 0.01">
+        <joint name="crank" axis="0 1 0" range="0 0.8"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.04" size="0.003" mass="0.02"/>
+        <body name="bend" pos="0 0 0.04">
+          <joint name="bend" axis="0 1 0" range="-1.5 0"/>
+          <geom type="capsule" fromto="0 0 0 0 0 0.01" size="0.003" mass="0.01"/>
+        </body>
+      </body>
+      <body name="rocker" pos="0 0 0.01">
+        <joint name="rocker" axis="0 1 0" range="-1 1" stiffness="0.05" springref="2"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.05" size="0.003" mass="0.02"/>
+        <body name="tip" pos="0 0 0.05">
+          <joint name="tip" axis="0 1 0" range="-1 1"/>
+          <geom name="pad" type="box" size="0.003 0.01 0.02" pos="0.02 0 0.02" mass="0.02"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <equality><connect name="pin" body1="bend" body2="tip" anchor="0 0 0.01"/></equality>
+  <actuator><position joint="crank" kp="10"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def linkage(tmp_path: Path) -> Path:
+    path = tmp_path / "linkage.xml"
+    path.write_text(FOUR_BAR)
+    return path
+
+
 @pytest.fixture
 def gripper(tmp_path: Path) -> Path:
     path = tmp_path / "gripper.xml"
@@ -141,6 +204,92 @@ def test_followers_of_followers_and_tendons_follow_the_leader(gripper: Path) -> 
     assert '<mimic joint="left_slide" multiplier="5" offset="0.01" />' in found
 
 
+def test_a_loop_that_locks_is_refused(linkage: Path) -> None:
+    """A rocker of 5 mm cannot follow a crank of 50 mm."""
+    text = FOUR_BAR.replace('<body name="rocker" pos="0 0 0.01">', '<body name="rocker" pos="0 0 0.055">')
+    linkage.write_text(text.replace('anchor="0 0 0.05"', 'anchor="0 0 0.005"'))
+    with pytest.raises(HandError, match="the joints of its closed loops do not come to rest; see in MuJoCo's viewer"):
+        urdf_of_mjcf(linkage)
+
+
+def test_the_joints_of_a_parallelogram_follow_its_crank(linkage: Path, tmp_path: Path) -> None:
+    """The rocker turns with the crank, and the tip turns back, so that it keeps its direction."""
+    fitted = urdf_of_mjcf(linkage)
+    assert set(fitted.loops) == {"tip", "rocker"}
+    for name, ratio in (("rocker", 1.0), ("tip", -1.0)):
+        found = fitted.loops[name]
+        assert found.leader == "crank"
+        assert (found.ratio, found.offset) == pytest.approx((ratio, 0.0), abs=1e-4)
+        assert found.most < 1e-4
+        assert found.gap < 1e-5
+    hand = converted(linkage, tmp_path)
+    assert hand.joints == ["crank"]
+    # Shapes: palm, three of the crank, the pad.
+    poses = np.array([hand.shapes(np.array([angle]))[0][4] for angle in (0.0, 0.4, 0.8)])
+    np.testing.assert_allclose(poses[:, :3, :3], poses[:1, :3, :3].repeat(3, 0), atol=1e-4)
+
+
+def test_the_command_says_how_well_mimic_joints_follow_a_loop(linkage: Path, tmp_path: Path) -> None:
+    out = tmp_path / "hand"
+    done = run("hand", "convert", str(linkage), "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    line = "tip: follows crank with ratio -1.000 in place of a closed loop, which opens by at most 0.0 mm"
+    assert line in done.stdout.splitlines()
+    done = run("hand", "convert", str(linkage), "--out", str(out), "--force", "--json")
+    found = json.loads(done.stdout)["loops"]["rocker"]
+    assert found["leader"] == "crank"
+    assert found["ratio"] == pytest.approx(1.0, abs=1e-4)
+    assert set(found) == {"leader", "ratio", "offset", "most", "gap"}
+
+
+def test_lines_fit_other_linkages_as_well_as_they_say(linkage: Path) -> None:
+    """A rocker of 47 mm: the positions at which MuJoCo's own equality holds are as far from the line as is said."""
+    text = FOUR_BAR.replace(
+        'pos="0 0 0.01">\n        <joint name="rocker"', 'pos="0 0 0.013">\n        <joint name="rocker"'
+    )
+    linkage.write_text(text.replace('anchor="0 0 0.05"', 'anchor="0 0 0.047"'))
+    loops = urdf_of_mjcf(linkage).loops
+    # The four bars in closed form: crank 50 mm, coupler 20 mm, rocker 47 mm, pivots (20, 0) and (0, 3) mm.
+    angles = np.linspace(0.0, 0.8, 41)
+    ends = np.stack([20.0 + 50.0 * np.sin(angles), 50.0 * np.cos(angles) - 3.0])
+    distance, direction = np.hypot(*ends), np.arctan2(ends[0], ends[1])
+    rocker = direction - np.arccos((47.0**2 + distance**2 - 20.0**2) / (2 * 47.0 * distance))
+    ratio, offset = np.polyfit(angles, rocker, 1)
+    assert (loops["rocker"].ratio, loops["rocker"].offset) == pytest.approx((ratio, offset), abs=1e-4)
+    most = np.abs(ratio * angles + offset - rocker).max()
+    assert loops["rocker"].most == pytest.approx(most, abs=1e-4)
+    assert most > 5e-3
+    assert loops["rocker"].gap == loops["tip"].gap == pytest.approx(3.1e-4, abs=1e-5)
+
+
+def test_springs_and_stops_fix_what_a_loop_leaves_free(linkage: Path) -> None:
+    """A spring presses the bend into its stop, so that the five bars move as four."""
+    linkage.write_text(FIVE_BAR)
+    found = urdf_of_mjcf(linkage).loops
+    ratios = {"rocker": 1.0, "tip": -1.0, "bend": 0.0}
+    assert found.keys() == ratios.keys()
+    for name, ratio in ratios.items():
+        assert (found[name].ratio, found[name].offset) == pytest.approx((ratio, 0.0), abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('<actuator><position joint="crank" kp="10"/></actuator>', ""), "'pin' closes a loop without an actuator"),
+        (('<position joint="crank" kp="10"/>', '<position joint="crank" kp="9"/><motor joint="rocker"/>'),
+         "'pin' closes a loop that crank, rocker drive; let an actuator drive one of its joints: crank, tip, rocker"),
+        ((' range="0 0.8"', ""), "joint 'crank' drives a closed loop and has no range"),
+        (('range="0 0.8"', 'range="-3 3"'), "'pin' closes a loop that mimic joints leave open by up to"),
+        (("<connect name", '<weld body1="rocker" body2="tip"/><connect name'), "fixes two bodies, or holds one joint"),
+    ],
+)  # fmt: skip
+def test_loops_that_no_mimic_joints_follow_are_refused(linkage: Path, change: tuple[str, str], message: str) -> None:
+    assert change[0] in FOUR_BAR
+    linkage.write_text(FOUR_BAR.replace(change[0], change[1], 1))
+    with pytest.raises(HandError, match=message):
+        urdf_of_mjcf(linkage)
+
+
 def run(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "graspbox", *words], capture_output=True, text=True, check=False)
 
@@ -152,6 +301,7 @@ def test_the_command_writes_both_files(gripper: Path, tmp_path: Path) -> None:
     found = json.loads(done.stdout)
     assert found["hand"] == "gripper"
     assert found["meshes"]["left_pad"]["shapes"] == ["box"]
+    assert found["loops"] == {}
     assert load_hand((out / "hand.urdf", out / "hand.toml")).name == "gripper"
     again = run("hand", "convert", str(gripper), "--out", str(out))
     assert (again.returncode, "--force" in again.stderr) == (2, True)
@@ -181,7 +331,7 @@ def test_hands_of_another_project_are_converted(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path, [name for name in archive.namelist() if "/assets/grippers/" in name])
     grippers = tmp_path / "robosuite/models/assets/grippers"
-    # Links of the Robotiq follow by equality constraints; the file of its 2F-85 is not valid MJCF by itself.
+    # The tendons of the Robotiq 2F-140 couple the joints of its four-bar fingers; each finger has an actuator.
     expected = {"inspire_right_hand": 12, "fourier_right_hand": 11, "robotiq_gripper_140": 2, "panda_gripper": 2}
     for name, joints in expected.items():
         folder = tmp_path / name

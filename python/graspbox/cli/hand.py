@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -14,7 +15,7 @@ from graspbox.cli.common import Json, Seed, console, find_hand, print_json
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
 from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand, guess_hand
 from graspbox.hand_tools.checking import unit_findings
-from graspbox.hands import Hand, MeshFit, fitted_urdf, load_hand, urdf_of_mjcf
+from graspbox.hands import FittedUrdf, Hand, MeshFit, fitted_urdf, load_hand, urdf_of_mjcf
 
 __all__ = ["hand_app"]
 
@@ -136,11 +137,11 @@ def new(
     _check_new(out, force)
     try:
         with console.status("guessing"):
-            fits, guessed = fitted_urdf(urdf).fits, guess_hand(urdf, name)
+            fitted, guessed = fitted_urdf(urdf), guess_hand(urdf, name)
     except (HandError, FileError) as error:
         _refuse(error, unit_findings(urdf))
     write_text(out, guessed.text)
-    _print_guessed(guessed, fits, [out], as_json)
+    _print_guessed(guessed, fitted, [out], as_json)
 
 
 @hand_app.command("convert")
@@ -168,7 +169,7 @@ def convert(
     except (HandError, FileError) as error:
         _refuse(error)
     write_text(toml, guessed.text)
-    _print_guessed(guessed, converted.fits, [urdf, toml], as_json)
+    _print_guessed(guessed, converted, [urdf, toml], as_json)
 
 
 def _check_new(path: Path, force: bool) -> None:
@@ -178,14 +179,21 @@ def _check_new(path: Path, force: bool) -> None:
     check_output(path)
 
 
-def _print_guessed(guessed: GuessedHand, fits: Mapping[str, MeshFit], files: Sequence[Path], as_json: bool) -> None:
-    """Name the new files, the fits of meshes, and the guesses to review."""
+def _print_guessed(guessed: GuessedHand, urdf: FittedUrdf, files: Sequence[Path], as_json: bool) -> None:
+    """Name the new files, the fits of meshes and loops, and the guesses to review."""
     if as_json:
-        meshes = {name: _fit_table(fit) for name, fit in fits.items()}
-        print_json({"hand": guessed.name, "out": str(files[-1]), "review": list(guessed.review), "meshes": meshes})
+        meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
+        loops = {name: asdict(fit) for name, fit in urdf.loops.items()}
+        review = list(guessed.review)
+        print_json({"hand": guessed.name, "out": str(files[-1]), "review": review, "meshes": meshes, "loops": loops})
         return
     console.print(f"wrote {' and '.join(map(str, files))}")
-    _print_fits(fits)
+    _print_fits(urdf.fits)
+    for name, fit in urdf.loops.items():
+        typer.echo(
+            f"{name}: follows {fit.leader} with ratio {fit.ratio:.3f} in place of a closed loop, which opens by at "
+            f"most {1e3 * fit.gap:.1f} mm"
+        )
     typer.echo("Review these guesses:")
     for item in guessed.review:
         typer.echo(f"- {item}")

@@ -16,12 +16,14 @@ from graspbox.hands.geometry import asymmetries_of, corners_of, reach_of, symmet
 from graspbox.hands.loading import HandLike, load_hand
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
 from graspbox.hands.mjcf import urdf_of_mjcf
+from graspbox.hands.mjcf_loops import LoopFit
 from graspbox.hands.urdf_meshes import FittedUrdf, fitted_urdf
 
 __all__ = [
     "FittedUrdf",
     "Hand",
     "HandLike",
+    "LoopFit",
     "MeshFit",
     "Primitive",
     "asymmetries_of",

@@ -1,8 +1,8 @@
 """MJCF hands as URDFs: MuJoCo's own compiler reads the model, and every body with a joint becomes a link.
 
 Bodies without a joint are part of their parent. Equalities between two joints, and tendons of two joints whose length
-an equality holds, become mimic joints. What a tree of such links cannot say is refused, by name. Needs ``mujoco``, from
-the extra ``mjcf``.
+an equality holds, become mimic joints, and so do the joints of closed loops (`graspbox.hands.mjcf_loops`). What a tree
+of such links cannot say is refused, by name. Needs ``mujoco``, from the extra ``mjcf``.
 """
 
 import os
@@ -18,6 +18,7 @@ from graspbox._common.extras import imported
 from graspbox._common.rotations import euler_from_rotation
 from graspbox.errors import GraspboxError, HandError
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
+from graspbox.hands.mjcf_loops import Coupling, LoopFit, couple_loops
 from graspbox.hands.urdf_meshes import FittedUrdf, element_of
 from graspbox.meshes import mesh_from_arrays
 
@@ -57,14 +58,14 @@ def urdf_of_mjcf(path: str | os.PathLike[str]) -> FittedUrdf:
     Returns
     -------
     FittedUrdf
-        The URDF, and the fits of the collision meshes by the name of their collider.
+        The URDF, the fits of the collision meshes by the name of their collider, and those of closed loops.
 
     Raises
     ------
     HandError
         If MuJoCo does not read it, or it has something that a hand cannot have: several trees, a joint of another kind
-        than hinge and slide, several joints of one body, a loop, a geometry other than box, cylinder, capsule, sphere
-        and mesh.
+        than hinge and slide, several joints of one body, a loop that mimic joints cannot follow, a geometry other than
+        box, cylinder, capsule, sphere and mesh.
     MissingExtraError
         Without mujoco.
     """
@@ -94,6 +95,7 @@ class _Converted:
         #: The link that each body is part of.
         self._link_of: dict[int, _Link] = {}
         self.fits: dict[str, MeshFit] = {}
+        self.loops: dict[str, LoopFit] = {}
         for body in range(1, model.nbody):
             self._add(body, body == roots[0])
 
@@ -107,7 +109,7 @@ class _Converted:
             if (joint := self._joint(link.body)) is not None:
                 self._write_joint(robot, link, joint, mimics)
         ElementTree.indent(robot)
-        return FittedUrdf(ElementTree.tostring(robot, encoding="unicode") + "\n", self.fits)
+        return FittedUrdf(ElementTree.tostring(robot, encoding="unicode") + "\n", self.fits, self.loops)
 
     def _name_of(self, kind: str, index: int) -> str:
         """Name an element of the model; unnamed ones by their number."""
@@ -198,10 +200,11 @@ class _Converted:
         except GraspboxError as error:
             raise HandError(f"geom {name!r}: {error}") from None
 
-    def _mimics(self) -> dict[int, tuple[int, float, float]]:
+    def _mimics(self) -> dict[int, Coupling]:
         """Find the joints that follow others: the leader, ratio and offset of each."""
         model, kinds = self._model, self._mujoco.mjtEq
-        found: dict[int, tuple[int, float, float]] = {}
+        found: dict[int, Coupling] = {}
+        closed: list[int] = []
         for number in np.flatnonzero(model.eq_active0).tolist():
             name, data = self._name_of("equality", number), model.eq_data[number]
             first, second = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
@@ -214,9 +217,13 @@ class _Converted:
             elif model.eq_type[number] == int(kinds.mjEQ_TENDON) and second < 0:
                 follower, *follows = self._along(first, name)
                 found[follower] = (int(follows[0]), float(follows[1]), float(follows[2]))
+            elif model.eq_type[number] == int(kinds.mjEQ_CONNECT):
+                closed.append(number)
             else:
-                raise HandError(f"equality {name!r} closes a loop, or holds one joint; a hand is a tree of links")
-        return {joint: self._led(joint, found) for joint in found}
+                raise HandError(f"equality {name!r} fixes two bodies, or holds one joint; a hand is a tree of links")
+        led = {joint: self._led(joint, found) for joint in found}
+        further, self.loops = couple_loops(self._mujoco, model, closed, led)
+        return {**led, **further}
 
     def _along(self, tendon: int, equality: str) -> tuple[int, int, float, float]:
         """Find the follower, leader, ratio and offset of two joints along a tendon of constant length."""
@@ -230,7 +237,7 @@ class _Converted:
         return follower, leader, -of_leader / of_follower, rest / of_follower
 
     @staticmethod
-    def _led(joint: int, found: dict[int, tuple[int, float, float]]) -> tuple[int, float, float]:
+    def _led(joint: int, found: dict[int, Coupling]) -> Coupling:
         """Follow a chain of followers to the joint that leads all of them."""
         leader, ratio, offset = found[joint]
         for _ in found:
@@ -252,9 +259,7 @@ class _Converted:
         for name, shape in link.shapes:
             element.append(element_of(name, shape.pose, shape))
 
-    def _write_joint(
-        self, robot: ElementTree.Element, link: _Link, joint: int, mimics: dict[int, tuple[int, float, float]]
-    ) -> None:
+    def _write_joint(self, robot: ElementTree.Element, link: _Link, joint: int, mimics: dict[int, Coupling]) -> None:
         model, parent = self._model, self._link_of[int(self._model.body_parentid[link.body])]
         kind = "prismatic" if model.jnt_type[joint] == int(self._mujoco.mjtJoint.mjJNT_SLIDE) else "revolute"
         name = self._name_of("joint", joint)
@@ -273,7 +278,7 @@ class _Converted:
             words = {"multiplier": f"{ratio:.9g}", "offset": f"{offset:.9g}"}
             ElementTree.SubElement(element, "mimic", {"joint": self._name_of("joint", leader), **words})
 
-    def _limits(self, joint: int, mimics: dict[int, tuple[int, float, float]]) -> tuple[float, float]:
+    def _limits(self, joint: int, mimics: dict[int, Coupling]) -> tuple[float, float]:
         """Return the range of a joint in the URDF, whose position 0 is MuJoCo's; that of a follower is its leader's."""
         if joint in mimics:
             leader, ratio, offset = mimics[joint]

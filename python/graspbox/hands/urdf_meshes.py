@@ -9,7 +9,7 @@ import logging
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -23,6 +23,7 @@ from graspbox.configs import CleanConfig, LoadConfig
 from graspbox.errors import FileError, GraspboxError, HandError
 from graspbox.hands.caching import cache_folder
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
+from graspbox.hands.mjcf_loops import LoopFit
 
 __all__ = ["FittedUrdf", "element_of", "fitted_urdf"]
 
@@ -46,10 +47,13 @@ class FittedUrdf:
     fits : dict of str to MeshFit
         The shapes in place of each collision mesh, by the name of its collider. Several shapes of a collider NAME are
         named ``NAME.0``, ``NAME.1``, ...; ``pads`` in ``hand.toml`` takes NAME for all of them.
+    loops : dict of str to LoopFit
+        The mimic joints in place of closed loops of an MJCF file, by their names.
     """
 
     text: str
     fits: dict[str, MeshFit]
+    loops: dict[str, LoopFit] = field(default_factory=dict)
 
 
 def fitted_urdf(path: str | os.PathLike[str]) -> FittedUrdf:
