@@ -401,7 +401,7 @@ def test_new_keeps_files(tmp_path: Path) -> None:
     assert out.read_text() == "mine"
     result = run("new", urdf, "--out", out, "--force", "--json")
     assert result.exit_code == 0
-    assert set(json.loads(result.stdout)) == {"hand", "out", "review", "meshes"}
+    assert set(json.loads(result.stdout)) == {"hand", "out", "review", "meshes", "loops"}
     assert tomllib.loads(out.read_text())["name"] == "panda_gripper"
 
 
