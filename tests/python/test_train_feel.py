@@ -47,6 +47,7 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     card = (trained / "policy" / "README.md").read_text()
     assert "| `procedural:bottle:2000-2003`, paired trials | 4 |" in card
     assert "--quick" in card
+    assert "`load` and `tactile`, without the noise" in " ".join(card.split())
     assert (trained / "policy" / "feel.png").stat().st_size > 10_000
     assert (trained / "log.txt").read_text().count("member-0: begins") == 1
     base = used_folder(trained / "policy", load(trained / "policy"), "depth")
@@ -134,6 +135,8 @@ def test_a_hand_without_tactile_sensors_learns_from_its_joints(tmp_path: Path) -
     assert isinstance(policy, FeelThenLift)
     assert policy.settings["hand"] == "panda_gripper"
     assert "tactile" not in policy.obs
+    card = " ".join((out / "policy" / "README.md").read_text().split())
+    assert "sensors of the simulated hand, `finger_joint1`, `actuator`, `actuator_speed` and `load`, without" in card
     found = evaluation.evaluate(policy, objects="procedural:can:0-1", trials=2, seed=0, num_envs=2)
     assert len(found.trials) == 2
     assert all(trial.confidence is not None for trial in found.trials)

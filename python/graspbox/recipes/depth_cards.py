@@ -7,10 +7,11 @@ from typing import Any
 
 from graspbox._common.progress import shown_time
 from graspbox.artifacts.configs import DepthPolicyConfig
-from graspbox.artifacts.folders import hand_of
+from graspbox.artifacts.folders import hand_of, load
 from graspbox.dataset.learned import evaluated_split
 from graspbox.hands import load_hand
 from graspbox.models.scenes import SceneConfig
+from graspbox.models.stability.inputs import StabilityInputs
 from graspbox.perception.configs import FinderConfig
 from graspbox.recipes.cards import Card, ScoreRow, code, listed, paragraph, rate, table, times, training_of
 from graspbox.recipes.settings.depth import HEAD_OF_ROUNDS
@@ -326,9 +327,10 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
         "begins."
     )
     stage_table = times({name: (part["seconds"], "") for name, part in stages.items()})
+    sensors = StabilityInputs(load_hand(hand_of(folder, load(folder)))).sensors
     return Card(
-        summary="Grasps an object on a table from one depth image, closes the fingers, and predicts from touch whether "
-        "the grasp will hold. If not, it opens, looks again and tries one other grasp. The policy "
+        summary="Grasps an object on a table from one depth image, closes the fingers, and predicts from its sensors "
+        "whether the grasp will hold. If not, it opens, looks again and tries one other grasp. The policy "
         f"`{settings.policy.name}` looks and chooses the grasps: the one that `config.json` names by its hash, in the "
         "folder given there or installed.",
         commands=(_use(folder),),
@@ -339,8 +341,7 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
         training=f"{code(command)}\n\n{learned}\n\n{stage_table}",
         limits=(
             f"Those of the policy that chooses the grasps; see the card of `{settings.policy.name}`.",
-            "It reads the sensors of the simulated hand: joint positions, tendon tensions and tactile forces, "
-            "without the noise of real sensors.",
+            f"It reads the sensors of the simulated hand, {listed(sensors)}, without the noise of real sensors.",
             "There is one second attempt, which is lifted in any case.",
         ),
     )

@@ -90,6 +90,8 @@ class StabilityInputs:
         self.obs: tuple[str, ...] = ("proprio",)
         if "tactile" not in spaces.tables(hand)["absent"]:
             self.obs = ("proprio", "tactile")
+        #: Columns of ``proprio`` and further observations that it reads.
+        self.sensors: tuple[str, ...] = (*self._columns, *self.obs[1:])
 
     def sensed(self, observation: Mapping[str, Any]) -> NDArray[np.float32]:
         """Read the hand's sensors now: joints, actuators, loads, and tactile forces; (m,)."""
