@@ -209,6 +209,11 @@ class Scene:
         return self._core.target
 
     @property
+    def any_target(self) -> bool:
+        """Whether a trial may grasp any of several objects, since `of` has no target."""
+        return self._around is not None and self._around[1] is None and len(self._meshes) > 1
+
+    @property
     def others(self) -> tuple[Mesh, ...]:
         """Meshes of the k objects beside it: those that `of` takes, in their order, without `target`."""
         return tuple(mesh for index, mesh in enumerate(self._meshes) if index != self.target)

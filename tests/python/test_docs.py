@@ -82,7 +82,7 @@ def test_readme_runs(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None
         ("guides/evaluate", 4),
         ("guides/data", 3),
         ("guides/grasps", 2),
-        ("guides/scenes", 2),
+        ("guides/scenes", 3),
         ("guides/viewer", 1),
         ("reference/hands", 1),
     ],

@@ -22,7 +22,7 @@ from graspbox.errors import ConfigError, FileError, MissingExtraError
 from graspbox.scene_export.contents import number_text
 from graspbox.scene_export.mesh_files import hull_faces, obj
 from graspbox.validation.__main__ import main
-from graspbox.validation.mujoco.exported import load_export, replay_export
+from graspbox.validation.mujoco.exported import drift_at_rest, load_export, replay_export
 
 HANDS = graspbox.Hand.names()
 
@@ -153,6 +153,18 @@ def test_labels_of_exports_are_the_judge_s(capsys: pytest.CaptureFixture[str]) -
     assert report["greatest_lift_difference"] < 1e-9
 
 
+@pytest.mark.parametrize("layout", ["pile", "bin"])
+def test_labels_among_others_are_the_judge_s(layout: str, capsys: pytest.CaptureFixture[str]) -> None:
+    call = ["export", "--trials", "3", "--layout", layout, "--count", "3", "--hand", "panda_gripper", "--json"]
+    assert main(call) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["trials"] == report["equal"] == 3
+    assert report["equal_to_core"] >= 2
+    # Visual meshes come between the objects of the file, so that contacts may be found in another order.
+    assert report["greatest_lift_difference"] < 1e-3
+    assert 0 <= report["greatest_drift"] < 0.003
+
+
 def test_a_trial_above_the_object_touches_nothing(mug: graspbox.Scene, tmp_path: Path) -> None:
     """The replay takes the pose of the hand from the file: nobody tells it."""
     scene_export.export_scene(mug, tmp_path / "out", "mjcf", above(mug, 0.6), 0.0)
@@ -174,6 +186,10 @@ def test_the_command_fails_below_its_goal(monkeypatch: pytest.MonkeyPatch, capsy
     assert "98 of 100" in capsys.readouterr().out
     report.rows.pop()
     assert command.main([]) == 1 - int(98 / 99 >= 0.99)
+    report.rows = [ExportRow("can", held, held, True, drift=0.0029)]
+    assert command.main([]) == 0
+    report.rows = [ExportRow("can", held, held, True, drift=0.0031)]
+    assert command.main([]) == 1
     report.rows = []
     assert command.main([]) == 1
 
@@ -288,13 +304,98 @@ def test_a_failed_export_leaves_nothing(mug: graspbox.Scene, tmp_path: Path, mon
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_scene_of_several_objects_is_refused(mug: graspbox.Scene, tmp_path: Path) -> None:
-    """Only one of them could be in the files."""
-    meshes = [graspbox.object_sets.load("procedural:box:0-1")[i].load() for i in (0, 1)]
-    scene = graspbox.Scene.of(graspbox.arrange(meshes, "bin", seed=0))
-    with pytest.raises(ConfigError, match=r"the scene has 2 objects and \d walls, an export one object"):
-        scene_export.export_scene(scene, tmp_path / "several", "mjcf", above(mug, 0.5), 0.0)
-    assert not (tmp_path / "several").exists()
+def make_heap(layout: str = "bin", **settings: Any) -> tuple[graspbox.Arrangement, graspbox.Scene]:
+    meshes = [graspbox.object_sets.load(f"procedural:{name}:1")[0].load() for name in ("box", "mug", "can", "bottle")]
+    heap = graspbox.arrange(meshes, layout, seed=2)  # type: ignore[arg-type]
+    assert len(heap) >= 2
+    return heap, graspbox.Scene.of(heap, **settings)
+
+
+def test_objects_walls_and_their_friction_are_the_core_s(tmp_path: Path) -> None:
+    """The coefficient of every contact is the product of two factors, whichever object or surface it is."""
+    physics = PhysicsConfig(friction=FrictionConfig(table=0.4, object=0.5))
+    heap, scene = make_heap(physics=physics)
+    scene_export.export_scene(scene, tmp_path / "out", "mjcf", above(scene, 0.5), 0.0)
+    model, data = load(tmp_path / "out")
+    for number, (mesh, pose) in enumerate(zip(heap.meshes, heap.world_from_objects, strict=True)):
+        body = model.body(f"object_{number}")
+        assert float(body.mass[0]) == pytest.approx(mesh.mass, rel=1e-6)
+        # Raised by less than half a millimetre, out of the table.
+        np.testing.assert_allclose(data.xpos[body.id], pose[:3, 3], atol=5e-4)
+        np.testing.assert_allclose(data.xmat[body.id].reshape(3, 3), pose[:3, :3], atol=1e-6)
+        assert not model.geom(f"object_{number}_visual").contype
+    for number, (pose, half) in enumerate(zip(heap.world_from_walls, heap.wall_half_extents, strict=True)):
+        wall = model.geom(f"wall_{number}")
+        np.testing.assert_allclose(wall.size, half, atol=1e-12)
+        np.testing.assert_allclose(wall.pos, pose[:3, 3], atol=1e-12)
+    pad = model.geom("distal_1_pad").id
+    pairs = [{int(one), int(two)} for one, two in zip(model.pair_geom1, model.pair_geom2, strict=True)]
+    paired = {model.geom(index).name for pair in pairs if pad in pair for index in pair}
+    assert {"table", "wall_0", "wall_1", "wall_2", "wall_3"} <= paired
+    # A pad comes down on the heap, whose objects lie in the bin.
+    seen: dict[frozenset[str], set[float]] = {}
+    data.actuator("lift").ctrl = -0.45
+    while data.time < 1.0:
+        mujoco.mj_step(model, data)
+        for one, friction in zip(data.contact.geom, data.contact.friction, strict=True):
+            names = [model.geom(int(index)).name for index in one]
+            kinds = frozenset(next((k for k in ("object", "table", "wall", "pad") if k in n), "bare") for n in names)
+            seen.setdefault(kinds, set()).add(float(friction[0]))
+    assert seen[frozenset({"object"})] == {0.25}
+    assert seen[frozenset({"object", "table"})] == {0.2}
+    assert seen[frozenset({"object", "wall"})] == {0.2}
+    assert seen[frozenset({"object", "pad"})] == {0.5}
+
+
+@pytest.mark.parametrize("layout", ["packed", "pile", "bin"])
+def test_scenes_of_several_objects_stay_at_rest(layout: str) -> None:
+    _, scene = make_heap(layout)
+    assert drift_at_rest(scene) < 0.003
+
+
+def test_what_a_scene_without_a_hand_has(mug: graspbox.Scene, tmp_path: Path) -> None:
+    done = scene_export.export_scene(mug, tmp_path / "out", "mjcf")
+    model, data = load(tmp_path / "out")
+    assert (model.nu, model.nbody) == (0, 2)
+    rest = mug.world_from_object
+    np.testing.assert_allclose(data.body("object").xpos, rest[:3, 3], atol=5e-4)
+    record = json.loads((tmp_path / "out" / "scene.json").read_text())
+    assert record["object"]["name"] == mug.name
+    assert not {"hand", "joints", "world_from_hand", "actuators"} & set(record)
+    assert not any(point for point in done.not_expressed if "tendon" in point or "hand" in point)
+    assert {path.name for path in done.files if path.parent.name == "out"} == {"scene.xml", "scene.json"}
+    with pytest.raises(ConfigError, match=r"preshape is 0\.5 .*without a pose"):
+        scene_export.export_scene(mug, tmp_path / "wrong", "mjcf", None, 0.5)
+    with pytest.raises(ConfigError, match="has no hand"):
+        load_export(tmp_path / "out")
+
+
+@pytest.mark.parametrize("target", [None, 1])
+def test_the_record_has_every_object_and_wall(target: int | None, tmp_path: Path) -> None:
+    heap, scene = make_heap(target=target)
+    pose = above(scene, 0.5)
+    scene_export.export_scene(scene, tmp_path / "out", "urdf", pose, 0.0)
+    record = json.loads((tmp_path / "out" / "scene.json").read_text())
+    assert record["target"] == target
+    assert [row["name"] for row in record["objects"]] == [mesh.name for mesh in heap.meshes]
+    np.testing.assert_allclose(record["world_from_hand"], scene.world_from_object @ pose, atol=1e-12)
+    for row, mesh, rest in zip(record["objects"], heap.meshes, heap.world_from_objects, strict=True):
+        np.testing.assert_allclose(row["world_from_object"], rest, atol=5e-4)
+        robot = ET.parse(tmp_path / "out" / record["files"][row["label"]]).getroot()
+        mass = robot.find("link/inertial/mass")
+        assert mass is not None
+        assert float(mass.attrib["value"]) == row["mass"] == pytest.approx(mesh.mass)
+        files = [element.attrib["filename"] for element in robot.iter("mesh")]
+        assert len(files) == row["parts"] + 1
+        visual = graspbox.load_mesh(tmp_path / "out" / files[0], clean=None)
+        np.testing.assert_allclose(visual.bounds, mesh.bounds, atol=1e-6)
+    assert len(record["walls"]) == 4
+    for row, rest, half in zip(record["walls"], heap.world_from_walls, heap.wall_half_extents, strict=True):
+        np.testing.assert_allclose(row["world_from_wall"], rest)
+        robot = ET.parse(tmp_path / "out" / record["files"][row["label"]]).getroot()
+        assert robot.attrib["name"] == row["label"]
+        for box in robot.iter("box"):
+            np.testing.assert_allclose([float(x) for x in box.attrib["size"].split()], 2 * half)
 
 
 def test_wrong_arguments_are_one_sentence(mug: graspbox.Scene, tmp_path: Path) -> None:
@@ -378,6 +479,33 @@ def test_the_command_exports_grasps_poses_and_sets(mug: graspbox.Scene, tmp_path
     assert Path(file).name == "object.urdf"
 
 
+def test_the_command_exports_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scene is that of `graspbox scenes` with the same seed, and the grasp is planned among neighbours."""
+    call = ["procedural:seen:0-19", "--layout", "bin", "--objects-per-scene", "3", "--seed", "3", "--to", "mjcf"]
+    status, text = run(*call, "--out", str(tmp_path / "a"), "--json")
+    assert status == 0, text
+    words = ["scenes", "--objects", *call[:7], "--scenes", "1", "--json"]
+    listed = CliRunner().invoke(cli.typer_app, words)
+    (scene,) = json.loads(listed.stdout)
+    facts, record = json.loads(text), json.loads((tmp_path / "a" / "scene.json").read_text())
+    assert facts["objects"] == [row["name"] for row in scene["objects"]]
+    for row, other in zip(record["objects"], scene["objects"], strict=True):
+        np.testing.assert_allclose(row["world_from_object"], other["world_from_object"], atol=5e-4)
+    assert facts["hand"] == record["hand"]["name"] == "reflex"
+    assert facts["grasp_of"] in facts["objects"]
+    assert replay_export(tmp_path / "a").failure != "infeasible"
+    status, text = run(*call, "--out", str(tmp_path / "b"), "--without-hand", "--json")
+    assert status == 0, text
+    assert json.loads(text)["hand"] is None
+    assert json.loads((tmp_path / "b" / "scene.json").read_text())["objects"] == record["objects"]
+    plan = graspbox.plan
+    monkeypatch.setattr(graspbox, "plan", lambda *words, **named: plan(*words, **named)[:0])
+    status, text = run(*call, "--out", str(tmp_path / "c"))
+    assert status == 0, text
+    assert "finds no feasible grasp" in text
+    assert "hand" not in json.loads((tmp_path / "c" / "scene.json").read_text())
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -392,6 +520,12 @@ def test_the_command_exports_grasps_poses_and_sets(mug: graspbox.Scene, tmp_path
         (["procedural:mug:2", "--to", "mjcf", "--grasp", "100000"], "--grasp is 100000"),
         (["procedural:mug:2", "--to", "mjcf", "--plan", "none.json"], "none.json"),
         (["--objects", "procedural:can:0", "--to", "mjcf", "--hand", "reflex"], "no hand"),
+        (["--objects", "procedural:can:0", "--to", "mjcf", "--layout", "pile"], "name the set as OBJECT"),
+        (["procedural:mug", "--to", "mjcf", "--layout", "heap"], "layout is 'heap'; choose from packed, pile, bin"),
+        (["procedural:mug", "--to", "mjcf", "--objects-per-scene", "3"], "belongs to --layout"),
+        (["procedural:mug", "--to", "mjcf", "--layout", "pile", "--plan", "x.json"], "about a single object"),
+        (["procedural:mug:0", "--to", "mjcf", "--layout", "packed", "--grasp", "100000"], "--grasp is 100000; the "),
+        (["procedural:mug:2", "--to", "mjcf", "--without-hand", "--grasp", "2"], "about the hand"),
     ],
 )
 def test_wrong_calls_are_one_sentence(words: list[str], message: str, tmp_path: Path) -> None:

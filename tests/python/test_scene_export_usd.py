@@ -242,13 +242,49 @@ def test_friction_and_filters_are_the_hand_s(exported: Exported) -> None:
     assert filtered == {frozenset((a, b)) for a in shaped for b in shaped if a < b} - collide
 
 
-def test_usd_s_own_checks_pass(exported: Exported) -> None:
+def check_validators(stage: Any) -> None:
+    """Run the validators of USD on a stage."""
     validation = pytest.importorskip("pxr.UsdValidation")
     validators = validation.ValidationRegistry().GetOrLoadAllValidators()
     names = {validator.GetMetadata().name for validator in validators}
     assert "usdPhysicsValidators:ArticulationChecker" in names
-    found = validation.ValidationContext(validators).Validate(exported.stage)
+    found = validation.ValidationContext(validators).Validate(stage)
     assert [(error.GetName(), error.GetMessage()) for error in found] == []
+
+
+def test_usd_s_own_checks_pass(exported: Exported) -> None:
+    check_validators(exported.stage)
+
+
+@pytest.mark.parametrize("with_hand", [True, False])
+def test_several_objects_and_walls_are_where_they_rest(with_hand: bool, tmp_path: Path) -> None:
+    meshes = [spec.load() for spec in graspbox.object_sets.load("procedural:box:0-2")]
+    heap = graspbox.arrange(meshes, "bin", seed=0)
+    scene = graspbox.Scene.of(heap, physics=PHYSICS)
+    above = np.diag([1.0, -1.0, -1.0, 1.0])
+    above[2, 3] = 0.5
+    pose = (np.linalg.inv(scene.world_from_object) @ above, 0.0) if with_hand else (None, None)
+    done = scene_export.export_scene(scene, tmp_path / "out", "usd", *pose)
+    stage = Usd.Stage.Open(str(done.files[0]))
+    check_validators(stage)
+    assert bool(stage.GetPrimAtPath("/World/hand")) == with_hand
+    names = [child.GetName() for child in stage.GetPrimAtPath("/World").GetChildren()]
+    assert [name for name in names if name.startswith("object")] == ["object_0", "object_1", "object_2"]
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"])
+    for number, (mesh, rest) in enumerate(zip(heap.meshes, heap.world_from_objects, strict=True)):
+        prim = stage.GetPrimAtPath(f"/World/object_{number}")
+        assert mass_of(prim)[0] == pytest.approx(mesh.mass, rel=1e-6)
+        corners = mesh.vertices @ rest[:3, :3].T + rest[:3, 3]
+        box = cache.ComputeWorldBound(prim.GetChild("visual")).ComputeAlignedRange()
+        assert (np.array(box.GetMin()) <= corners.min(axis=0) + 6e-4).all()
+        assert (np.array(box.GetMax()) >= corners.max(axis=0) - 6e-4).all()
+    for number, (rest, half) in enumerate(zip(heap.world_from_walls, heap.wall_half_extents, strict=True)):
+        prim = stage.GetPrimAtPath(f"/World/wall_{number}")
+        box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
+        np.testing.assert_allclose(box.GetMidpoint(), rest[:3, 3], atol=1e-6)
+        np.testing.assert_allclose(box.GetSize(), 2 * np.abs(rest[:3, :3]) @ half, atol=1e-6)
+        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")
+        assert UsdPhysics.MaterialAPI(material.GetPrim()).GetStaticFrictionAttr().Get() == pytest.approx(0.45)
 
 
 def test_an_object_alone_is_the_default_prim(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from graspbox.evaluation.rounds import clear_rounds
 from test_clutter import command
 
 pytest.importorskip("mujoco")
-from graspbox.scene_export.contents import ObjectData
+from graspbox.scene_export.contents import objects_of, walls_of
 from graspbox.validation.mujoco import describe
 from graspbox.validation.mujoco.heaps import HeapJudge
 from graspbox.validation.mujoco.scene import build_heap
@@ -28,22 +28,14 @@ def arrangement(layout: str, count: int = 3) -> graspbox.Arrangement:
     return graspbox.arrange([spec.load() for spec in object_sets.load(OBJECTS)[:count]], layout, seed=3, hand=HAND)  # type: ignore[arg-type]
 
 
-def items(found: graspbox.Arrangement) -> list[ObjectData]:
-    bodies = [graspbox.Scene(mesh, hand=HAND).body for mesh in found.meshes]
-    return [
-        ObjectData(mesh.name, body.parts, body.mass, body.center_of_mass, body.inertia, pose)
-        for mesh, body, pose in zip(found.meshes, bodies, found.world_from_objects, strict=True)
-    ]
-
-
 def test_a_model_has_every_object_and_wall_where_it_is() -> None:
     found = arrangement("bin")
-    walls = list(zip(found.world_from_walls, found.wall_half_extents, strict=True))
-    scene = build_heap(describe(HAND), items(found), walls)
+    core = graspbox.Scene.of(found, hand=HAND)
+    scene = build_heap(describe(HAND), objects_of(core), walls_of(core))
     assert len(scene.object_bodies) == len(found) == 3
     model = scene.model
     for number, (mesh, pose) in enumerate(zip(found.meshes, found.world_from_objects, strict=True)):
-        body = model.body("object" if number == 0 else f"object_{number}")
+        body = model.body(f"object_{number}")
         np.testing.assert_allclose(body.pos, pose[:3, 3], atol=1e-3)
         assert float(body.mass[0]) == pytest.approx(mesh.mass, rel=1e-6)
     boxes = [model.geom(i) for i in range(model.ngeom) if model.geom(i).name.startswith("wall_")]

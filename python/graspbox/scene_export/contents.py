@@ -1,4 +1,4 @@
-"""Contents of an exported scene, in plain values: the object, the hand and where both are when a trial begins."""
+"""Contents of an exported scene, in plain values: objects, walls, the hand, and where they are when a trial begins."""
 
 from __future__ import annotations
 
@@ -10,9 +10,26 @@ import numpy as np
 from graspbox._common.rotations import quaternion_from_rotation
 from graspbox._core import Mesh
 from graspbox.configs import PhysicsConfig
+from graspbox.layouts import Arrangement
 from graspbox.scene_export.description import BASE, Array, HandDescription, Link
+from graspbox.simulation import Scene
 
-__all__ = ["ObjectData", "SceneData", "Start", "joint_motion", "number_text", "quaternion", "rotation_about"]
+__all__ = [
+    "ObjectData",
+    "SceneData",
+    "Start",
+    "WallData",
+    "joint_motion",
+    "number_text",
+    "object_data",
+    "object_names",
+    "object_title",
+    "objects_of",
+    "quaternion",
+    "rotation_about",
+    "wall_names",
+    "walls_of",
+]
 
 #: Table top: side and thickness, metres, as in the core (``env/sim/src/scenery.rs``). Its upper face is at z = 0.
 TABLE_SIDE, TABLE_THICKNESS = 1.2, 0.1
@@ -45,6 +62,15 @@ class ObjectData:
         raised: Array = pose.copy()
         raised[2, 3] -= min(lowest, 0.0)
         return raised
+
+
+@dataclass(frozen=True)
+class WallData:
+    """A fixed box with the friction of the table."""
+
+    #: Pose, (4, 4), and half extents, (3,), metres.
+    world_from_wall: Array
+    half_extents: Array
 
 
 @dataclass(frozen=True)
@@ -83,16 +109,63 @@ class Start:
 
 @dataclass(frozen=True)
 class SceneData:
-    """All that an exported scene has: an object, and a hand that is about to grasp it, on the table."""
+    """All that an exported scene has: objects and walls on the table, and perhaps a hand that is about to grasp."""
 
-    object: ObjectData
-    start: Start
+    #: One or more, in the order of `graspbox.Scene.of`.
+    objects: tuple[ObjectData, ...]
+    start: Start | None
+    walls: tuple[WallData, ...] = ()
+    #: Index of the object that is to be grasped; None if any of them may be.
+    target: int | None = None
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
 
     @property
-    def hand(self) -> HandDescription:
-        """The hand."""
-        return self.start.hand
+    def hand(self) -> HandDescription | None:
+        """The hand, if there is one."""
+        return None if self.start is None else self.start.hand
+
+    @property
+    def title(self) -> str:
+        """Name of the scene: its object, or the number of its objects, and its hand."""
+        objects = object_title(self.objects)
+        return objects if self.start is None else f"{objects} and {self.start.hand.name}"
+
+
+def object_title(objects: Sequence[ObjectData]) -> str:
+    """Name one object, or the number of several."""
+    return objects[0].name if len(objects) == 1 else f"{len(objects)} objects"
+
+
+def object_names(count: int) -> list[str]:
+    """Name the objects in the files of a scene of `count`."""
+    return ["object"] if count == 1 else [f"object_{number}" for number in range(count)]
+
+
+def wall_names(count: int) -> list[str]:
+    """Name the walls in the files of a scene."""
+    return [f"wall_{number}" for number in range(count)]
+
+
+def object_data(scene: Scene) -> ObjectData:
+    """Describe the object of a scene; of several, that of `graspbox.Scene.target`."""
+    body, rest = scene.body, np.array(scene.world_from_object)
+    return ObjectData(scene.name, body.parts, body.mass, body.center_of_mass, body.inertia, rest, scene.mesh)
+
+
+def objects_of(scene: Scene) -> tuple[ObjectData, ...]:
+    """Describe the objects of a scene, in the order of `graspbox.Scene.of`; they need not fit the hand."""
+    found = []
+    for mesh, pose in zip(scene.others, scene.world_from_others, strict=True):
+        alone = Arrangement("packed", (0,), (mesh,), pose[None], np.zeros((0, 4, 4)), np.zeros((0, 3)))
+        found.append(object_data(Scene.of(alone, hand=scene.hand, physics=scene.physics)))
+    found.insert(scene.target, object_data(scene))
+    return tuple(found)
+
+
+def walls_of(scene: Scene) -> tuple[WallData, ...]:
+    """Describe the walls of a scene."""
+    walls = zip(scene.world_from_walls, scene.wall_half_extents, strict=True)
+    return tuple(WallData(pose, half) for pose, half in walls)
 
 
 def number_text(values: Iterable[float]) -> str:

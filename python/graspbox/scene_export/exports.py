@@ -18,14 +18,23 @@ from graspbox._common.files import dumps
 from graspbox._common.refusals import errors_of, is_refusal, reason
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.planning import Grasp
-from graspbox.scene_export.contents import ObjectData, SceneData, Start
+from graspbox.scene_export.contents import (
+    ObjectData,
+    SceneData,
+    Start,
+    object_data,
+    object_names,
+    objects_of,
+    wall_names,
+    walls_of,
+)
 from graspbox.scene_export.description import Array, read_hand
 from graspbox.scene_export.folders import check_folder, file_name, new_folder, write_all
-from graspbox.scene_export.losses import FORMATS, NOT_EXPRESSED, Format
+from graspbox.scene_export.losses import FORMATS, Format, not_expressed
 from graspbox.scene_export.mesh_files import VISUAL, object_meshes, part_name
-from graspbox.scene_export.mjcf import MeshFiles, object_model, scene_model
+from graspbox.scene_export.mjcf import ExportedParts, MeshFiles, object_model, scene_model
 from graspbox.scene_export.records import object_record, scene_record
-from graspbox.scene_export.urdf import object_urdf, table_urdf
+from graspbox.scene_export.urdf import object_urdf, table_urdf, wall_urdf
 from graspbox.simulation import Scene
 
 __all__ = ["Export", "SetExport", "export_object", "export_objects", "export_scene", "scene_data"]
@@ -92,12 +101,6 @@ def _usd() -> ModuleType:
     return usd
 
 
-def _object(scene: Scene) -> ObjectData:
-    body = scene.body
-    rest = np.array(scene.world_from_object)
-    return ObjectData(scene.name, body.parts, body.mass, body.center_of_mass, body.inertia, rest, scene.mesh)
-
-
 def _pose(pose: ArrayLike | Grasp, preshape: float | None, scene: Scene) -> tuple[Array, float]:
     """Check a pose and a preshape; returns ``object_from_hand``."""
     if isinstance(pose, Grasp):
@@ -119,86 +122,115 @@ def _pose(pose: ArrayLike | Grasp, preshape: float | None, scene: Scene) -> tupl
     return matrix, float(value.item())
 
 
-def scene_data(scene: Scene, pose: ArrayLike | Grasp, preshape: float | None = None) -> SceneData:
-    """Collect the contents of a scene with a grasp; the arguments are those of `export_scene`."""
-    if scene.others or len(scene.world_from_walls):
+def scene_data(scene: Scene, pose: ArrayLike | Grasp | None, preshape: float | None = None) -> SceneData:
+    """Collect the contents of a scene, with a grasp or without a hand; the arguments are those of `export_scene`."""
+    start = None
+    if pose is not None:
+        object_from_hand, value = _pose(pose, preshape, scene)
+        world_from_hand = np.asarray(scene.world_from_object @ object_from_hand)
+        start = Start(read_hand(*scene.hand.files), world_from_hand, value)
+    elif preshape is not None:
         raise ConfigError(
-            f"the scene has {1 + len(scene.others)} objects and {len(scene.world_from_walls)} walls, an export one "
-            f"object on the table; export graspbox.Scene(mesh) for one of them"
+            f"preshape is {shown(preshape)} without a pose; give both, or neither for a scene without hand"
         )
-    object_from_hand, value = _pose(pose, preshape, scene)
-    world_from_hand = np.asarray(scene.world_from_object @ object_from_hand)
-    start = Start(read_hand(*scene.hand.files), world_from_hand, value)
-    return SceneData(_object(scene), start, scene.physics)
+    target = None if scene.any_target else scene.target
+    return SceneData(objects_of(scene), start, walls_of(scene), target, scene.physics)
 
 
-def _comments(title: str, to: Format) -> list[str]:
+def _comments(title: str, points: Sequence[str]) -> list[str]:
     lines = [f"{title}, exported by graspbox {_core.__version__}. Metres, kilograms, seconds, radians; z is up."]
-    return lines + list(NOT_EXPRESSED[to])
+    return lines + list(points)
 
 
-def _object_files(item: ObjectData, to: Format) -> dict[str, str]:
-    """Return the mesh files of an object by their names in the folder; USD contains its meshes."""
-    return {} if to == "usd" else {f"{_MESHES}/{name}": text for name, text in object_meshes(item).items()}
+def _object_files(objects: Sequence[ObjectData], to: Format) -> dict[str, str]:
+    """Return the mesh files of objects by their names in the folder; USD contains its meshes."""
+    files: dict[str, str] = {}
+    for folder, item in zip(_mesh_folders(len(objects)), objects, strict=True):
+        files |= {f"{folder}/{name}": text for name, text in object_meshes(item).items() if to != "usd"}
+    return files
 
 
-def _mesh_names(item: ObjectData) -> MeshFiles:
-    visual = None if item.visual is None else f"{_MESHES}/{VISUAL}"
-    return MeshFiles([f"{_MESHES}/{part_name(i)}" for i in range(len(item.parts))], visual)
+def _mesh_folders(count: int) -> list[str]:
+    """Name the folders of the meshes of a scene of `count` objects."""
+    return [_MESHES] if count == 1 else [f"{_MESHES}/{name}" for name in object_names(count)]
+
+
+def _mesh_names(objects: Sequence[ObjectData]) -> list[MeshFiles]:
+    found = []
+    for folder, item in zip(_mesh_folders(len(objects)), objects, strict=True):
+        parts = [f"{folder}/{part_name(i)}" for i in range(len(item.parts))]
+        found.append(MeshFiles(parts, None if item.visual is None else f"{folder}/{VISUAL}"))
+    return found
+
+
+def _urdf_files(data: SceneData) -> dict[str, str]:
+    """Return the URDF files of a scene by name, without the hand's."""
+    objects, names = object_names(len(data.objects)), _mesh_names(data.objects)
+    files = {
+        f"{name}.urdf": object_urdf(item, list(meshes.parts), meshes.visual, data.physics)
+        for name, item, meshes in zip(objects, data.objects, names, strict=True)
+    }
+    files["table.urdf"] = table_urdf(data.physics)
+    for name, wall in zip(wall_names(len(data.walls)), data.walls, strict=True):
+        files[f"{name}.urdf"] = wall_urdf(name, wall, data.physics)
+    return files
 
 
 def _scene_files(data: SceneData, scene: Scene, to: Format) -> dict[str, str]:
     """Return the files of a scene by name, the one to open first; the record is the last."""
-    item, names = data.object, _mesh_names(data.object)
-    urdf, toml = scene.hand.files
-    comments = _comments(f"{item.name} and {data.hand.name}", to)
-    roles = {"hand_urdf": "hand.urdf", "hand_toml": "hand.toml"}
+    comments = _comments(data.title, _points(data, to))
     main: dict[str, str]
     if to == "mjcf":
-        main = {"scene.xml": scene_model(item, data.start, names, data.physics, comments)}
-        roles = {"scene": "scene.xml", **roles}
+        parts = ExportedParts(data.start, _mesh_names(data.objects), comments)
+        main = {"scene.xml": scene_model(data.objects, data.walls, data.hand, data.physics, exported=parts)}
     elif to == "usd":
         main = {"scene.usda": _usd().scene_stage(data, comments)}
-        roles = {"scene": "scene.usda", **roles}
     else:
-        main = {
-            "object.urdf": object_urdf(item, list(names.parts), names.visual, data.physics),
-            "table.urdf": table_urdf(data.physics),
-        }
-        roles = {"object": "object.urdf", "table": "table.urdf", **roles}
-    record = dumps(scene_record(data, to, roles)) + "\n"
-    return {**main, "hand.urdf": urdf, "hand.toml": toml, **_object_files(item, to), SCENE_RECORD: record}
+        main = _urdf_files(data)
+    roles = {name.partition(".")[0]: name for name in main}
+    if data.start is not None:
+        urdf, toml = scene.hand.files
+        main |= {"hand.urdf": urdf, "hand.toml": toml}
+        roles |= {"hand_urdf": "hand.urdf", "hand_toml": "hand.toml"}
+    record = dumps(scene_record(data, to, roles, _points(data, to))) + "\n"
+    return {**main, **_object_files(data.objects, to), SCENE_RECORD: record}
+
+
+def _points(data: SceneData, to: Format) -> tuple[str, ...]:
+    return not_expressed(to, several=len(data.objects) > 1, hand=data.start is not None)
 
 
 def export_scene(
     scene: Scene,
     folder: str | os.PathLike[str],
     to: Format,
-    pose: ArrayLike | Grasp,
+    pose: ArrayLike | Grasp | None = None,
     preshape: float | None = None,
 ) -> Export:
-    """Write a scene at the start of a trial: object at rest, open hand at a pose, table.
+    """Write a scene at the start of a trial: objects at rest, open hand at a pose, table, walls.
 
     Parameters
     ----------
     scene : Scene
-        The object, the hand and the physics.
+        The objects and walls, the hand and the physics.
     folder : str or PathLike
         Folder to make; it may exist if it is empty.
     to : str
         The format: ``mjcf`` writes ``scene.xml`` with its meshes, ``usd`` ``scene.usda``, and ``urdf`` a file each for
-        object, table and hand. Every format has ``scene.json`` (see `graspbox.scene_export.records`) and the hand's
-        two files.
-    pose : (4, 4) array_like, or Grasp
-        ``object_from_hand``, metres; a grasp of a plan includes its preshape. It is not tested for collisions.
+        every object, the table, every wall and the hand. Every format has ``scene.json`` (see
+        `graspbox.scene_export.records`) and the hand's two files. Several objects are named by their places in
+        `graspbox.Scene.of`: ``object_0``, ``object_1`` and so on.
+    pose : (4, 4) array_like, or Grasp, optional
+        ``object_from_hand``, metres, of the scene's object (`graspbox.Scene.target`); a grasp of a plan includes its
+        preshape. It is not tested for collisions. None: without a hand.
     preshape : float, optional
         See `graspbox.Hand.preshape_limits`; not with a grasp.
 
     Raises
     ------
     ConfigError
-        For an unknown format, a scene of several objects, a pose that is not a rigid motion, a preshape out of range, a
-        folder with files, or a hand with names that an MJCF model cannot have.
+        For an unknown format, a pose that is not a rigid motion, a preshape out of range or without a pose, a folder
+        with files, or a hand with names that an MJCF model cannot have.
     FileError
         If the folder cannot be written.
     MissingExtraError
@@ -210,17 +242,18 @@ def export_scene(
     files = _scene_files(data, scene, form)
     with new_folder(folder) as temporary:
         write_all(temporary, files)
-    return _export(form, folder, files)
+    return _export(form, folder, files, _points(data, form))
 
 
-def _export(to: Format, folder: str | os.PathLike[str], files: dict[str, str]) -> Export:
-    return Export(to, Path(folder), tuple(Path(folder) / name for name in files), NOT_EXPRESSED[to])
+def _export(to: Format, folder: str | os.PathLike[str], files: dict[str, str], points: tuple[str, ...]) -> Export:
+    return Export(to, Path(folder), tuple(Path(folder) / name for name in files), points)
 
 
 def _single_files(scene: Scene, to: Format) -> dict[str, str]:
     """Return the files of an object alone by name, the one to open first; the record is the last."""
-    item, names = _object(scene), _mesh_names(_object(scene))
-    comments = _comments(item.name, to)
+    item = object_data(scene)
+    (names,) = _mesh_names([item])
+    comments = _comments(item.name, not_expressed(to))
     main = f"object.{_NAMES[to]}"
     if to == "mjcf":
         text = object_model(item, names, scene.physics, comments)
@@ -229,7 +262,7 @@ def _single_files(scene: Scene, to: Format) -> dict[str, str]:
     else:
         text = object_urdf(item, list(names.parts), names.visual, scene.physics)
     record = dumps(object_record(item, scene.physics, to, {"object": main})) + "\n"
-    return {main: text, **_object_files(item, to), OBJECT_RECORD: record}
+    return {main: text, **_object_files([item], to), OBJECT_RECORD: record}
 
 
 def export_object(scene: Scene, folder: str | os.PathLike[str], to: Format) -> Export:
@@ -238,7 +271,7 @@ def export_object(scene: Scene, folder: str | os.PathLike[str], to: Format) -> E
     Parameters
     ----------
     scene : Scene
-        The object; its hand does not matter.
+        The object, of several that of `graspbox.Scene.target`; its hand does not matter.
     folder : str or PathLike
         Folder to make; it may exist if it is empty.
     to : str
@@ -254,7 +287,7 @@ def export_object(scene: Scene, folder: str | os.PathLike[str], to: Format) -> E
     files = _single_files(scene, form)
     with new_folder(folder) as temporary:
         write_all(temporary, files)
-    return _export(form, folder, files)
+    return _export(form, folder, files, not_expressed(form))
 
 
 def export_objects(

@@ -2,7 +2,7 @@
 
 from typing import Literal, TypeAlias
 
-__all__ = ["FORMATS", "NOT_EXPRESSED", "Format"]
+__all__ = ["FORMATS", "NOT_EXPRESSED", "Format", "not_expressed"]
 
 #: Formats of exported scenes.
 Format: TypeAlias = Literal["mjcf", "usd", "urdf"]
@@ -10,6 +10,24 @@ FORMATS: tuple[Format, ...] = ("mjcf", "usd", "urdf")
 
 _LOCKED = "Self-locking drives (the swivels of the ReFlex) are fixed; export again for another preshape."
 _SENSORS = "Tactile sensors and joint encoders of the hand are left out."
+_INFINITE = "The table is an infinite plane; that of graspbox has sides of 1.2 m."
+_FRICTION_OF_ONE = (
+    "MuJoCo's friction is the larger coefficient of two geoms: the object has 0, so that the other surface's "
+    "applies, which is the product of both factors; objects that you add need explicit pairs."
+)
+_FRICTION_OF_SEVERAL = (
+    "Several objects have the square of their friction factor, which applies where two of them meet; table, walls and "
+    "hand have a higher priority and the products of both factors."
+)
+_COMBINATION = (
+    "UsdPhysics does not define how two frictions combine: graspbox multiplies them, as PhysX does for these "
+    "files; other readers may average."
+)
+_FILES = "A URDF contains one articulated body: object, table and hand are separate files; scene.json has their poses."
+_CONTACT = (
+    "Friction of object and table is the element contact, which Bullet reads (and multiplies with the other "
+    "body's); other readers ignore it."
+)
 
 #: Properties of a scene that a file of each format cannot express.
 NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
@@ -21,9 +39,9 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "At its force limit a tendon or servo keeps a fifth of its damping on the joints; MuJoCo drops all of it.",
         "A slack tendon does not pull; MuJoCo's can pull for a moment, by its damping, while a joint opens.",
         _LOCKED,
-        "The table is an infinite plane; that of graspbox has sides of 1.2 m.",
-        "MuJoCo's friction is the larger coefficient of two geoms: the object has 0, so that the other surface's "
-        "applies, which is the product of both factors; objects that you add need explicit pairs.",
+        _INFINITE,
+        _FRICTION_OF_ONE,
+        _FRICTION_OF_SEVERAL,
         _SENSORS,
     ),
     "usd": (
@@ -35,18 +53,25 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "Rotor inertia is the attribute graspbox:armature.",
         "Joints that mimic another are free, with the attributes graspbox:mimicJoint, mimicRatio and mimicOffset.",
         _LOCKED,
-        "UsdPhysics does not define how two frictions combine: graspbox multiplies them, as PhysX does for these "
-        "files; other readers may average.",
+        _COMBINATION,
         _SENSORS,
     ),
     "urdf": (
-        "A URDF contains one articulated body: object, table and hand are separate files; scene.json has their poses.",
+        _FILES,
         "hand.urdf is the hand's own file: tendons, springs, damping, armature, soft stops, servos and friction are in "
         "hand.toml next to it.",
-        "Friction of object and table is the element contact, which Bullet reads (and multiplies with the other "
-        "body's); other readers ignore it.",
+        _CONTACT,
         "Self-locking drives are ordinary joints: hold them at the positions in scene.json.",
         "URDF does not define which links of the hand may collide with each other.",
         _SENSORS,
     ),
 }
+
+#: Those that are not about the hand.
+_WITHOUT_HAND = frozenset((_INFINITE, _FRICTION_OF_ONE, _FRICTION_OF_SEVERAL, _COMBINATION, _FILES, _CONTACT))
+
+
+def not_expressed(to: Format, *, several: bool = False, hand: bool = True) -> tuple[str, ...]:
+    """Return the points that concern a scene of one or several objects, with or without a hand."""
+    other = _FRICTION_OF_ONE if several else _FRICTION_OF_SEVERAL
+    return tuple(point for point in NOT_EXPRESSED[to] if point != other and (hand or point in _WITHOUT_HAND))

@@ -1,4 +1,4 @@
-"""An MJCF model of the core's hand, object, table and friction.
+"""An MJCF model of the core's hand, objects, walls, table and friction.
 
 * The hand is mounted on a carriage that slides along the world's z; contact forces do not move it, because its armature
   is very large. A replay prescribes its position and velocity at every step; an exported scene has an actuator for it.
@@ -9,8 +9,10 @@
   clamped to ``[0, max_tension]``. A servo is a position actuator with limited force, and a mimic joint an equality
   constraint. A soft stop is a tendon of one joint with a spring that has the joint's range as its dead band.
 * The friction coefficient of a pair is the product of its two factors. For contacts of the object, whose geoms have 0,
-  MuJoCo's maximum of the two is the other surface's, which is the product. All others are explicit pairs, which also
-  define the self-collisions of the hand: links of different chains, and the palm with links not adjacent to it.
+  MuJoCo's maximum of the two is the other surface's, which is the product. Several objects meet each other, too, with
+  the square of their factor; where one meets something else, MuJoCo takes the coefficient of the geom with the higher
+  priority, the other's. All other contacts are explicit pairs, which also define the self-collisions of the hand: links
+  of different chains, and the palm with links not adjacent to it.
 """
 
 from __future__ import annotations
@@ -24,7 +26,18 @@ import numpy as np
 
 from graspbox.configs import PhysicsConfig
 from graspbox.errors import ConfigError
-from graspbox.scene_export.contents import TABLE_SIDE, ObjectData, Start, joint_motion, number_text, quaternion
+from graspbox.scene_export.contents import (
+    TABLE_SIDE,
+    ObjectData,
+    Start,
+    WallData,
+    joint_motion,
+    number_text,
+    object_names,
+    object_title,
+    quaternion,
+    wall_names,
+)
 from graspbox.scene_export.description import BASE, Array, HandDescription, Link
 from graspbox.scene_export.mesh_files import hull_faces
 
@@ -36,8 +49,8 @@ KEYFRAME, LIFT = "start", "lift"
 LIFT_GROUP = 1
 #: Natural frequency of the carriage's critically damped position actuator, rad/s.
 _LIFT_FREQUENCY = 50.0
-#: Colours of the object, the table, the hand's pads and its other shapes.
-_OBJECT_RGBA, _TABLE_RGBA = "0.85 0.55 0.25 1", "0.9 0.87 0.8 1"
+#: Colours of objects, the table, walls, the hand's pads and its other shapes.
+_OBJECT_RGBA, _TABLE_RGBA, _WALL_RGBA = "0.85 0.55 0.25 1", "0.9 0.87 0.8 1", "0.62 0.6 0.56 1"
 _PAD_RGBA, _BARE_RGBA = "0.1 0.33 0.4 1", "0.78 0.8 0.84 1"
 #: Beginnings of the names of geoms that are not the hand's.
 _RESERVED = ("object_", "wall_")
@@ -72,6 +85,16 @@ class MeshFiles:
     visual: str | None = None
 
 
+@dataclass(frozen=True)
+class ExportedParts:
+    """What an exported model has and one for replays lacks: a start, mesh files, colours, a lift and comments."""
+
+    start: Start | None
+    #: Of each object.
+    files: Sequence[MeshFiles]
+    comments: Sequence[str]
+
+
 def _add_pose(element: ET.Element, pose: Array) -> None:
     element.set("pos", number_text(pose[:3, 3]))
     element.set("quat", number_text(quaternion(pose[:3, :3])))
@@ -84,10 +107,12 @@ def _add_inertial(body: ET.Element, mass: float, center: Array, inertia: Array) 
 
 
 class _Builder:
-    """Builder of a model."""
+    """Builder of a model; one with a `start` has the hand there, and one that is `exported` has colours."""
 
-    def __init__(self, name: str, physics: PhysicsConfig, numerics: Numerics, start: Start | None):
-        self.physics, self.numerics, self.start = physics, numerics, start
+    def __init__(
+        self, name: str, physics: PhysicsConfig, numerics: Numerics, start: Start | None = None, exported: bool = False
+    ):
+        self.physics, self.numerics, self.start, self.exported = physics, numerics, start, exported
         self.root = ET.Element("mujoco", model=name)
         ET.SubElement(self.root, "compiler", angle="radian", autolimits="false", boundmass="0")
         option = ET.SubElement(self.root, "option", integrator="implicitfast", cone="elliptic", solver="Newton")
@@ -126,23 +151,41 @@ class _Builder:
         geom = ET.SubElement(self.world, "geom", name="table", type="plane", contype="0", conaffinity="1")
         geom.set("size", number_text([1, 1, 1]))
         geom.set("friction", number_text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
-        if self.start is not None:
+        if self.exported:
             geom.set("rgba", _TABLE_RGBA)
             geom.set("size", number_text([TABLE_SIDE / 2, TABLE_SIDE / 2, 1]))
 
-    def add_wall(self, world_from_wall: Array, half_extents: Array) -> None:
-        """Add a fixed box with the friction of the table."""
-        name = f"wall_{len(self.scenery)}"
-        self.scenery.append(name)
-        geom = ET.SubElement(self.world, "geom", name=name, type="box", contype="0", conaffinity="1")
-        geom.set("size", number_text(half_extents))
-        geom.set("friction", number_text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
-        _add_pose(geom, world_from_wall)
+    def add_walls(self, walls: Sequence[WallData]) -> None:
+        """Add fixed boxes with the friction of the table."""
+        for name, wall in zip(wall_names(len(walls)), walls, strict=True):
+            self.scenery.append(name)
+            geom = ET.SubElement(self.world, "geom", name=name, type="box", contype="0", conaffinity="1")
+            geom.set("size", number_text(wall.half_extents))
+            geom.set("friction", number_text([self.physics.friction.table * self.physics.friction.object, 0, 0]))
+            if self.exported:
+                geom.set("rgba", _WALL_RGBA)
+            _add_pose(geom, wall.world_from_wall)
 
-    def add_object(self, item: ObjectData, files: MeshFiles | None, friction: float = 0.0, number: int = 0) -> None:
+    def add_objects(self, objects: Sequence[ObjectData], files: Sequence[MeshFiles] | None) -> None:
+        """Add the objects of a scene; several meet each other."""
+        several = len(objects) > 1
+        for number, (name, item) in enumerate(zip(object_names(len(objects)), objects, strict=True)):
+            friction = self.physics.friction.object**2 if several else 0.0
+            self.add_object(item, None if files is None else files[number], friction, name)
+        for geom in self.world.iter("geom"):
+            if several and geom.get("contype") == "1":
+                geom.set("conaffinity", "1")
+
+    def prefer_friction_of_others(self) -> None:
+        """Give the friction of table, walls and hand priority over that of several objects."""
+        for geom in self.world.iter("geom"):
+            if geom.get("conaffinity") == "1" and geom.get("contype") == "0":
+                geom.set("priority", "1")
+
+    def add_object(self, item: ObjectData, files: MeshFiles | None, friction: float, name: str) -> None:
         """Add a free body: its parts collide, its visual mesh does not."""
         assets = ET.SubElement(self.root, "asset")
-        name, part = object_name(number), f"part_{number}" if number else "part"
+        part = "part" if name == "object" else f"{name}_part"
         body = ET.SubElement(self.world, "body", name=name)
         _add_pose(body, item.start)
         ET.SubElement(body, "freejoint", name=name)
@@ -164,13 +207,15 @@ class _Builder:
                 geom.set("rgba", _OBJECT_RGBA)
         if files is not None and files.visual is not None:
             # The mesh may enclose no volume.
-            ET.SubElement(assets, "mesh", name="visual", file=files.visual, inertia="shell")
-            geom = ET.SubElement(body, "geom", name="object_visual", type="mesh", mesh="visual", rgba=_OBJECT_RGBA)
-            for name, value in (("contype", "0"), ("conaffinity", "0"), ("mass", "0"), ("group", _SHOWN)):
-                geom.set(name, value)
+            visual = "visual" if name == "object" else f"{name}_visual"
+            ET.SubElement(assets, "mesh", name=visual, file=files.visual, inertia="shell")
+            geom = ET.SubElement(body, "geom", name=f"{name}_visual", type="mesh", mesh=visual, rgba=_OBJECT_RGBA)
+            for key, value in (("contype", "0"), ("conaffinity", "0"), ("mass", "0"), ("group", _SHOWN)):
+                geom.set(key, value)
 
-    def add_hand(self, hand: HandDescription) -> None:
-        _check_names(hand)
+    def add_hand(self, hand: HandDescription, objects: Sequence[str]) -> None:
+        """Add the hand on its carriage; `objects` are the names of the objects."""
+        _check_names(hand, {*objects, "carriage"})
         carriage = ET.SubElement(self.world, "body", name="carriage")
         _add_inertial(carriage, 1.0, np.zeros(3), np.eye(3))
         joint = ET.SubElement(carriage, "joint", name="carriage", type="slide", axis="0 0 1")
@@ -209,7 +254,7 @@ class _Builder:
             geom.set("friction", number_text([shape.friction * self.physics.friction.object, 0, 0]))
             geom.set("contype", "0")
             geom.set("conaffinity", "1")
-            if self.start is not None:
+            if self.exported:
                 geom.set("rgba", _BARE_RGBA if shape.friction < 1.0 else _PAD_RGBA)
             _add_pose(geom, shape.link_from_shape)
         for child, below in enumerate(hand.links):
@@ -280,22 +325,26 @@ class _Builder:
             law = (CARRIAGE_INERTIA * _LIFT_FREQUENCY**2, 2.0 * CARRIAGE_INERTIA * _LIFT_FREQUENCY)
             _add_actuator(actuators, LIFT, {"joint": "carriage"}, law, None).set("group", str(LIFT_GROUP))
 
-    def add_keyframe(self, item: ObjectData, start: Start) -> None:
+    def add_keyframe(self, objects: Sequence[ObjectData]) -> None:
         """Add the state at which a trial begins: MuJoCo orders the joints as their bodies are in the file."""
-        hand, joints = start.hand, start.joints
+        qpos: list[float] = []
+        for pose in (item.start for item in objects):
+            qpos += [*pose[:3, 3], *quaternion(pose[:3, :3])]
+        frames = ET.SubElement(self.root, "keyframe")
+        if self.start is None:
+            ET.SubElement(frames, "key", name=KEYFRAME, qpos=number_text(qpos))
+            return
+        hand, joints = self.start.hand, self.start.joints
         free = hand.free()
         order = [index for index in depth_first(hand) if index in free]
-        pose = item.start
-        object_qpos = [*pose[:3, 3], *quaternion(pose[:3, :3])]
-        positions, controls = hand.open_positions(start.preshape), []
+        positions, controls = hand.open_positions(self.start.preshape), []
         for actuator, position in zip(hand.actuators, positions, strict=True):
             if actuator.spool is not None:
                 controls.append(actuator.spool[1] * position)
             elif actuator.servo is not None:
                 controls += [ratio * position + offset for _, ratio, offset in actuator.joints]
-        frames = ET.SubElement(self.root, "keyframe")
-        qpos = number_text([*object_qpos, 0.0, *(joints[index] for index in order)])
-        ET.SubElement(frames, "key", name=KEYFRAME, qpos=qpos, ctrl=number_text([*controls, 0.0]))
+        text = number_text([*qpos, 0.0, *(joints[index] for index in order)])
+        ET.SubElement(frames, "key", name=KEYFRAME, qpos=text, ctrl=number_text([*controls, 0.0]))
 
 
 @dataclass(frozen=True)
@@ -355,11 +404,11 @@ def mujoco_actuators(hand: HandDescription, index: int) -> list[str]:
     return [f"{actuator.name} {hand.links[link].joint}" for link, _, _ in driven]
 
 
-def _check_names(hand: HandDescription) -> None:
-    """Refuse a hand with names that the model needs for other things, or that it has twice."""
+def _check_names(hand: HandDescription, others: set[str]) -> None:
+    """Refuse a hand with names that the model needs for `others`, its bodies and their joints, or that it has twice."""
     own = {
-        "link": ([link.name for link in hand.links], {"world", "object", "carriage"}),
-        "joint": ([link.joint for link in hand.links if link.joint], {"object", "carriage"}),
+        "link": ([link.name for link in hand.links], {"world", *others}),
+        "joint": ([link.joint for link in hand.links if link.joint], others),
         "collision": ([shape.name for link in hand.links for shape in link.shapes], {"table"}),
         "actuator": ([actuator.name for actuator in hand.actuators], {LIFT}),
     }
@@ -390,68 +439,40 @@ def _add_actuator(
     return found
 
 
-def trial_model(hand: HandDescription, item: ObjectData, physics: PhysicsConfig, numerics: Numerics) -> str:
-    """Return the model of one object and the hand for trials at any pose; it contains its meshes."""
-    builder = _Builder(f"{hand.name} and {item.name}", physics, numerics, None)
-    builder.add_table()
-    builder.add_object(item, None)
-    builder.add_hand(hand)
-    return builder.text()
-
-
-def heap_model(
-    hand: HandDescription,
-    items: Sequence[ObjectData],
-    walls: Sequence[tuple[Array, Array]],
-    physics: PhysicsConfig,
-    numerics: Numerics,
-) -> str:
-    """Return the model of several objects, walls (pose and half extents) and the hand, for trials at any pose.
-
-    Two objects meet with the product of their frictions. Where an object meets something else, MuJoCo takes the
-    friction of the geom with the higher priority, which is the other's.
-    """
-    builder = _Builder(f"{hand.name} and {len(items)} objects", physics, numerics, None)
-    builder.add_table()
-    for pose, half_extents in walls:
-        builder.add_wall(pose, half_extents)
-    for number, item in enumerate(items):
-        builder.add_object(item, None, physics.friction.object**2, number)
-    builder.add_hand(hand)
-    for geom in builder.world.iter("geom"):
-        if geom.get("name", "").startswith("object_"):
-            geom.set("conaffinity", "1")
-        else:
-            geom.set("priority", "1")
-    return builder.text()
-
-
-def object_name(number: int) -> str:
-    """Name the body and the joint of an object."""
-    return f"object_{number}" if number else "object"
-
-
 def scene_model(
-    item: ObjectData,
-    start: Start,
-    files: MeshFiles,
+    objects: Sequence[ObjectData],
+    walls: Sequence[WallData],
+    hand: HandDescription | None,
     physics: PhysicsConfig,
-    comments: Sequence[str],
     numerics: Numerics | None = None,
+    *,
+    exported: ExportedParts | None = None,
 ) -> str:
-    """Return the model of one trial: its meshes are files, its start is a keyframe, and an actuator lifts the hand."""
-    builder = _Builder(f"{start.hand.name} and {item.name}", physics, numerics or Numerics(), start)
-    builder.add_looks()
+    """Return the model of a scene: table, walls, one or more objects, and perhaps a hand.
+
+    An exported model has its meshes in files, its start as a keyframe, and an actuator that lifts the hand. Another one
+    contains its meshes; the hand is in the frame of its base, for replays that place it.
+    """
+    start, files = (None, None) if exported is None else (exported.start, exported.files)
+    title = object_title(objects) if hand is None else f"{hand.name} and {object_title(objects)}"
+    builder = _Builder(title, physics, numerics or Numerics(), start, exported is not None)
+    if exported is not None:
+        builder.add_looks()
     builder.add_table()
-    builder.add_object(item, files)
-    builder.add_hand(start.hand)
-    builder.add_lift()
-    builder.add_keyframe(item, start)
-    return builder.text(comments)
+    builder.add_walls(walls)
+    builder.add_objects(objects, files)
+    if hand is not None:
+        builder.add_hand(hand, object_names(len(objects)))
+    if len(objects) > 1:
+        builder.prefer_friction_of_others()
+    if exported is not None:
+        builder.add_lift()
+        builder.add_keyframe(objects)
+    return builder.text(() if exported is None else exported.comments)
 
 
 def object_model(item: ObjectData, files: MeshFiles, physics: PhysicsConfig, comments: Sequence[str]) -> str:
     """Return the model of an object alone; its friction is that of the object on the table."""
-    builder = _Builder(item.name, physics, Numerics(), None)
-    builder.add_object(item, files, physics.friction.table * physics.friction.object)
+    builder = _Builder(item.name, physics, Numerics())
+    builder.add_object(item, files, physics.friction.table * physics.friction.object, "object")
     return builder.text(comments)

@@ -10,7 +10,7 @@ Version 1; lengths in metres, angles in radians, matrices as lists of rows.
 | ``world_from_object`` | 4x4: pose of the object at rest; the table is the plane z = 0 |
 | ``not_expressed`` | properties that the format cannot express, as sentences |
 
-A scene has these as well:
+A scene has these as well, those in the first four rows only with a hand:
 
 | key | value |
 |---|---|
@@ -21,20 +21,37 @@ A scene has these as well:
 | ``table`` | side, thickness, friction factor |
 | ``gravity`` | m/s2 |
 | ``trial`` | ``close_time``, ``lift_height``, ``lift_time``, ``hold_time`` of a trial |
+
+A scene of several objects, or with walls, has these instead of ``object``, ``world_from_object`` and
+``object_from_hand``:
+
+| key | value |
+|---|---|
+| ``objects`` | as ``object``, each with its ``label``, its name in the files, and its ``world_from_object`` |
+| ``target`` | index of the object that is to be grasped; null if any of them may be |
+| ``walls`` | each with its ``label``, ``world_from_wall`` (4x4), ``half_extents`` and friction factor |
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from graspbox import _core
 from graspbox.configs import PhysicsConfig, TrialConfig
-from graspbox.scene_export.contents import TABLE_SIDE, TABLE_THICKNESS, ObjectData, SceneData
+from graspbox.scene_export.contents import (
+    TABLE_SIDE,
+    TABLE_THICKNESS,
+    ObjectData,
+    SceneData,
+    Start,
+    object_names,
+    wall_names,
+)
 from graspbox.scene_export.description import BASE, HandDescription
-from graspbox.scene_export.losses import NOT_EXPRESSED, Format
+from graspbox.scene_export.losses import Format, not_expressed
 from graspbox.scene_export.mjcf import mujoco_actuators
 
 __all__ = ["OBJECT_FORMAT", "SCENE_FORMAT", "object_record", "scene_record"]
@@ -44,44 +61,85 @@ SCENE_FORMAT, OBJECT_FORMAT, _VERSION = "graspbox.scene", "graspbox.object", 1
 
 def object_record(item: ObjectData, physics: PhysicsConfig, to: Format, files: Mapping[str, str]) -> dict[str, Any]:
     """Describe an export of an object alone."""
+    return {**_head(OBJECT_FORMAT, to, files), **_one(item, physics), "not_expressed": list(not_expressed(to))}
+
+
+def scene_record(data: SceneData, to: Format, files: Mapping[str, str], points: Sequence[str]) -> dict[str, Any]:
+    """Describe an export of a scene; `points` are the limits of the format that concern it."""
+    physics, trial = data.physics, TrialConfig()
+    single = len(data.objects) == 1 and not data.walls
     return {
-        "format": OBJECT_FORMAT,
+        **_head(SCENE_FORMAT, to, files),
+        **(_one(data.objects[0], physics) if single else _several(data)),
+        **({} if data.start is None else _hand(data.start, data.objects[0] if single else None)),
+        "table": {"side": TABLE_SIDE, "thickness": TABLE_THICKNESS, "friction": physics.friction.table},
+        "gravity": physics.gravity,
+        "trial": {name: getattr(trial, name) for name in ("close_time", "lift_height", "lift_time", "hold_time")},
+        "not_expressed": list(points),
+    }
+
+
+def _head(kind: str, to: Format, files: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        "format": kind,
         "version": _VERSION,
         "graspbox": _core.__version__,
         "units": {"length": "m", "angle": "rad", "mass": "kg", "time": "s"},
         "to": to,
         "files": dict(files),
-        "object": {
-            "name": item.name,
-            "mass": float(item.mass),
-            "center_of_mass": np.asarray(item.center).tolist(),
-            "inertia": np.asarray(item.inertia).tolist(),
-            "parts": len(item.parts),
-            "friction": physics.friction.object,
-        },
-        "world_from_object": item.start.tolist(),
-        "not_expressed": list(NOT_EXPRESSED[to]),
     }
 
 
-def scene_record(data: SceneData, to: Format, files: Mapping[str, str]) -> dict[str, Any]:
-    """Describe an export of a scene."""
-    start, hand, physics, trial = data.start, data.hand, data.physics, TrialConfig()
-    base = object_record(data.object, physics, to, files)
-    losses = base.pop("not_expressed")
+def _one(item: ObjectData, physics: PhysicsConfig) -> dict[str, Any]:
+    return {"object": _object(item, physics), "world_from_object": item.start.tolist()}
+
+
+def _several(data: SceneData) -> dict[str, Any]:
+    objects = zip(object_names(len(data.objects)), data.objects, strict=True)
+    walls = zip(wall_names(len(data.walls)), data.walls, strict=True)
     return {
-        **base,
-        "format": SCENE_FORMAT,
+        "objects": [
+            {"label": name, **_object(item, data.physics), "world_from_object": item.start.tolist()}
+            for name, item in objects
+        ],
+        "target": data.target,
+        "walls": [
+            {
+                "label": name,
+                "world_from_wall": np.asarray(wall.world_from_wall).tolist(),
+                "half_extents": np.asarray(wall.half_extents).tolist(),
+                "friction": data.physics.friction.table,
+            }
+            for name, wall in walls
+        ],
+    }
+
+
+def _object(item: ObjectData, physics: PhysicsConfig) -> dict[str, Any]:
+    return {
+        "name": item.name,
+        "mass": float(item.mass),
+        "center_of_mass": np.asarray(item.center).tolist(),
+        "inertia": np.asarray(item.inertia).tolist(),
+        "parts": len(item.parts),
+        "friction": physics.friction.object,
+    }
+
+
+def _hand(start: Start, item: ObjectData | None) -> dict[str, Any]:
+    """Describe the hand at a start; with an `item`, its pose in the frame of that object, too."""
+    hand = start.hand
+    found: dict[str, Any] = {
         "hand": {"name": hand.name, "preshape": start.preshape, "base": hand.links[BASE].name},
         "world_from_hand": start.world_from_hand.tolist(),
         "world_from_base": start.world_from_base.tolist(),
-        "object_from_hand": (np.linalg.inv(data.object.start) @ start.world_from_hand).tolist(),
+    }
+    if item is not None:
+        found["object_from_hand"] = (np.linalg.inv(item.start) @ start.world_from_hand).tolist()
+    return {
+        **found,
         "joints": {hand.links[index].joint: float(value) for index, value in start.joints.items()},
         "actuators": [_actuator(hand, index, start.preshape) for index in range(len(hand.actuators))],
-        "table": {"side": TABLE_SIDE, "thickness": TABLE_THICKNESS, "friction": physics.friction.table},
-        "gravity": physics.gravity,
-        "trial": {name: getattr(trial, name) for name in ("close_time", "lift_height", "lift_time", "hold_time")},
-        "not_expressed": losses,
     }
 
 

@@ -1,13 +1,13 @@
-"""URDF files of an object and of the table; the hand's URDF is copied from its own file."""
+"""URDF files of objects, of the table and of walls; the hand's URDF is copied from its own file."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 
 from graspbox.configs import PhysicsConfig
-from graspbox.scene_export.contents import TABLE_SIDE, TABLE_THICKNESS, ObjectData, number_text
+from graspbox.scene_export.contents import TABLE_SIDE, TABLE_THICKNESS, ObjectData, WallData, number_text
 
-__all__ = ["object_urdf", "table_urdf"]
+__all__ = ["object_urdf", "table_urdf", "wall_urdf"]
 
 
 def _add_friction(link: ET.Element, friction: float) -> None:
@@ -53,12 +53,24 @@ def object_urdf(item: ObjectData, parts: list[str], visual: str | None, physics:
 
 def table_urdf(physics: PhysicsConfig) -> str:
     """Return the URDF of the table top, whose upper face is the plane z = 0; it has no mass and is to be fixed."""
-    robot = ET.Element("robot", name="table")
-    link = ET.SubElement(robot, "link", name="table")
+    size = (TABLE_SIDE, TABLE_SIDE, TABLE_THICKNESS)
+    return _fixed_box("table", (0, 0, -TABLE_THICKNESS / 2), size, physics.friction.table)
+
+
+def wall_urdf(name: str, wall: WallData, physics: PhysicsConfig) -> str:
+    """Return the URDF of a wall in its own frame; it has no mass and is to be fixed at its pose."""
+    x, y, z = (2.0 * float(half) for half in wall.half_extents)
+    return _fixed_box(name, (0, 0, 0), (x, y, z), physics.friction.table)
+
+
+def _fixed_box(
+    name: str, center: tuple[float, float, float], sides: tuple[float, float, float], friction: float
+) -> str:
+    robot = ET.Element("robot", name=name)
+    link = ET.SubElement(robot, "link", name=name)
     for kind in ("visual", "collision"):
-        element = ET.SubElement(link, kind, name=f"table_{kind}")
-        ET.SubElement(element, "origin", xyz=number_text([0, 0, -TABLE_THICKNESS / 2]), rpy="0 0 0")
-        size = number_text([TABLE_SIDE, TABLE_SIDE, TABLE_THICKNESS])
-        ET.SubElement(ET.SubElement(element, "geometry"), "box", size=size)
-    _add_friction(link, physics.friction.table)
+        element = ET.SubElement(link, kind, name=f"{name}_{kind}")
+        ET.SubElement(element, "origin", xyz=number_text(center), rpy="0 0 0")
+        ET.SubElement(ET.SubElement(element, "geometry"), "box", size=number_text(sides))
+    _add_friction(link, friction)
     return _written(robot)

@@ -4,8 +4,9 @@
 |---|---|
 | ``/World/physics`` | gravity |
 | ``/World/table`` | static collider, its upper face at z = 0 |
-| ``/World/object`` | rigid body: mass properties, visual mesh, convex parts as colliders |
-| ``/World/hand`` | articulation: see `usd_hand` |
+| ``/World/object`` | rigid body: mass properties, visual mesh, convex parts as colliders; several: ``object_0``, ... |
+| ``/World/wall_0``, ... | static colliders |
+| ``/World/hand`` | articulation, if there is a hand: see `usd_hand` |
 | ``/World/materials`` | one physics material per friction factor |
 
 A stage of an object alone has the same prim, with its materials below it, as default prim.
@@ -21,7 +22,14 @@ from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, Vt
 
 from graspbox.configs import PhysicsConfig
-from graspbox.scene_export.contents import TABLE_SIDE, TABLE_THICKNESS, ObjectData, SceneData
+from graspbox.scene_export.contents import (
+    TABLE_SIDE,
+    TABLE_THICKNESS,
+    ObjectData,
+    SceneData,
+    object_names,
+    wall_names,
+)
 from graspbox.scene_export.description import Array
 from graspbox.scene_export.mesh_files import hull_faces
 from graspbox.scene_export.usd_hand import add_hand
@@ -31,7 +39,7 @@ __all__ = ["object_stage", "scene_stage"]
 
 #: Root of a scene.
 WORLD = "/World"
-_OBJECT_COLOR, _TABLE_COLOR = (0.85, 0.55, 0.25), (0.9, 0.87, 0.8)
+_OBJECT_COLOR, _TABLE_COLOR, _WALL_COLOR = (0.85, 0.55, 0.25), (0.9, 0.87, 0.8), (0.62, 0.6, 0.56)
 
 
 def _add_mesh(stage: Usd.Stage, path: str, points: NDArray[Any], faces: NDArray[Any]) -> UsdGeom.Mesh:
@@ -73,14 +81,21 @@ def _add_object(stage: Usd.Stage, path: str, item: ObjectData, pose: Array, fric
         UsdPhysics.MeshCollisionAPI.Apply(part.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
 
 
+def _add_box(
+    stage: Usd.Stage, path: str, pose: Array, sides: Sequence[float], color: tuple[float, float, float]
+) -> UsdGeom.Cube:
+    box = UsdGeom.Cube.Define(stage, path)
+    box.CreateSizeAttr(1.0)
+    box.CreateExtentAttr(Vt.Vec3fArray([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)]))
+    set_pose(box, pose, sides)
+    box.CreateDisplayColorAttr(Vt.Vec3fArray([Gf.Vec3f(*color)]))
+    return box
+
+
 def _add_table(stage: Usd.Stage, path: str, friction: float, materials: Materials) -> None:
-    table = UsdGeom.Cube.Define(stage, path)
-    table.CreateSizeAttr(1.0)
-    table.CreateExtentAttr(Vt.Vec3fArray([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)]))
     pose = np.eye(4)
     pose[2, 3] = -TABLE_THICKNESS / 2
-    set_pose(table, pose, (TABLE_SIDE, TABLE_SIDE, TABLE_THICKNESS))
-    table.CreateDisplayColorAttr(Vt.Vec3fArray([Gf.Vec3f(*_TABLE_COLOR)]))
+    table = _add_box(stage, path, pose, (TABLE_SIDE, TABLE_SIDE, TABLE_THICKNESS), _TABLE_COLOR)
     add_collision(table.GetPrim(), materials, friction)
 
 
@@ -98,9 +113,16 @@ def scene_stage(data: SceneData, comments: Sequence[str]) -> str:
     _add_physics(stage, f"{WORLD}/physics", data.physics.gravity)
     materials = Materials(stage, f"{WORLD}/materials")
     _add_table(stage, f"{WORLD}/table", data.physics.friction.table, materials)
-    item = data.object
-    _add_object(stage, f"{WORLD}/object", item, item.start, data.physics.friction.object, f"{WORLD}/object/materials")
-    add_hand(stage, f"{WORLD}/hand", data.start, materials)
+    for name, wall in zip(wall_names(len(data.walls)), data.walls, strict=True):
+        box = _add_box(
+            stage, f"{WORLD}/{name}", wall.world_from_wall, [2.0 * half for half in wall.half_extents], _WALL_COLOR
+        )
+        add_collision(box.GetPrim(), materials, data.physics.friction.table)
+    for name, item in zip(object_names(len(data.objects)), data.objects, strict=True):
+        path = f"{WORLD}/{name}"
+        _add_object(stage, path, item, item.start, data.physics.friction.object, f"{path}/materials")
+    if data.start is not None:
+        add_hand(stage, f"{WORLD}/hand", data.start, materials)
     return str(stage.GetRootLayer().ExportToString())
 
 

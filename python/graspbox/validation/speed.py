@@ -26,9 +26,9 @@ from graspbox.configs import PhysicsConfig
 from graspbox.errors import SimulationError
 from graspbox.hands import HandLike, load_hand
 from graspbox.layouts import Layout
+from graspbox.scene_export.contents import object_data, objects_of
 from graspbox.validation import engines
-from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, describe, object_data
-from graspbox.validation.mujoco.heaps import items_of
+from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, describe
 from graspbox.validation.mujoco.replay import Replay
 from graspbox.validation.mujoco.scene import Numerics, Scene, build, build_heap
 
@@ -158,7 +158,7 @@ def _heaps(layout: Layout, count: int, hand: graspbox.Hand, poses: int, seed: in
     """Prepare scenes of several objects, each of which is the target once."""
     described = describe(hand)
     for heap, target, plan in engines.targets((engines.HEAPED,), layout, (SCENES, count), hand, poses, seed):
-        items = items_of(heap, hand)
+        items = objects_of(graspbox.Scene.of(heap, hand=hand))
         first = [items[target], *items[:target], *items[target + 1 :]]
         theirs = {name: build_heap(described, first, (), numerics) for name, numerics in MUJOCO.items()}
         ours = graspbox.Scene.of(heap, target=target, hand=hand)

@@ -1,4 +1,4 @@
-"""``graspbox export-scene``: a scene, or the objects of a set, as MJCF, USD or URDF."""
+"""``graspbox export-scene``: a scene of one object or several, or the objects of a set, as MJCF, USD or URDF."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 import graspbox
-from graspbox import scene_export
+from graspbox import layouts, scene_export
 from graspbox._common.rotations import poses_from, rotation_from_quaternion
 from graspbox.cli.common import (
     Json,
@@ -24,11 +24,35 @@ from graspbox.cli.common import (
     progress,
 )
 from graspbox.errors import ConfigError, PlanError
+from graspbox.hands import Hand
 from graspbox.planning import Grasp, Plan
 from graspbox.scene_export.folders import check_folder
 from graspbox.simulation import Scene
 
 _POSE = "x,y,z,qw,qx,qy,qz"
+
+_ObjectName = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="OBJECT", help="A mesh file, or an object set that names one object; with --layout, any object set."
+    ),
+]
+_ObjectsAlone = Annotated[
+    list[str] | None,
+    typer.Option("--objects", help="Export the objects of this set alone, a folder each; may be repeated."),
+]
+_HandName = Annotated[
+    str | None, typer.Option("--hand", help="A hand by its name, or its two files: hand.urdf,hand.toml. [reflex]")
+]
+_PoseText = Annotated[str | None, typer.Option("--pose", help=f"Pose of the hand in the object's frame: {_POSE}.")]
+_PlanFile = Annotated[Path | None, typer.Option("--plan", help="Take the grasp from this file of graspbox plan --out.")]
+_Rank = Annotated[int | None, typer.Option("--grasp", min=1, help="Rank of the plan's grasp, 1 for the best. [1]")]
+_LayoutName = Annotated[
+    str | None, typer.Option("--layout", help="Draw several objects from OBJECT: packed, pile or bin.")
+]
+_PerScene = Annotated[
+    int | None, typer.Option("--objects-per-scene", min=1, max=64, help="Number of objects of a layout. [5]")
+]
 
 
 def read_pose(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -72,58 +96,120 @@ def _grasp(
     return _rank(made, rank, f"the plan of {scene.name!r} for {scene.hand.name!r} with seed {seed}"), None
 
 
-def _check_options(one: str | None, objects: list[str] | None, scene_only: Mapping[str, object]) -> None:
+def _heap(
+    objects: str, split: str | None, scale: float, layout: str, count: int, seed: int, hand: Hand
+) -> layouts.Arrangement:
+    """Make the scene of several objects that ``graspbox scenes`` makes with the same seed."""
+    found, named = find([objects], split, scale), layouts.layout_named(layout)
+    meshes = [spec.load() for spec in layouts.draw_objects(found, count, named, seed)]
+    return layouts.arrange(meshes, named, most=count, seed=seed, hand=hand)
+
+
+def _grasp_among(heap: layouts.Arrangement, hand: Hand, rank: int | None, seed: int) -> tuple[int, Grasp] | None:
+    """Plan for every object among the others; return the grasp of a rank, of all, and the index of its object.
+
+    None, with a remark, if there is no feasible grasp and the rank was not asked for.
+    """
+    found: list[tuple[float, int, Grasp]] = []
+    for index, (mesh, rest) in enumerate(zip(heap.meshes, heap.world_from_objects, strict=True)):
+        around = heap.without(index)
+        plan = graspbox.plan(mesh, hand=hand, world_from_object=rest, seed=seed, neighbours=around).best()
+        found += [(float(plan.score[i]), index, plan[i]) for i in range(len(plan))]
+    found.sort(key=lambda row: -row[0])
+    if len(found) < (rank or 1):
+        if rank is None:
+            console.print(f"the planner finds no feasible grasp of these objects for {hand.name!r}")
+            return None
+        raise PlanError(f"--grasp is {rank}; the {len(heap)} objects have {len(found)} feasible grasps")
+    return found[(rank or 1) - 1][1:]
+
+
+def _export_heap(
+    heap: layouts.Arrangement, hand: Hand, out: Path, to: str, grasp: tuple[int, Grasp] | None, as_json: bool
+) -> None:
+    """Export a scene of several objects, with the hand at a grasp of one of them if there is one."""
+    scene = Scene.of(heap, hand=hand)
+    where: tuple[Any, float | None] = (None, None)
+    if grasp is not None:
+        index, one = grasp
+        world_from_hand = heap.world_from_objects[index] @ one.pose
+        where = np.linalg.inv(scene.world_from_object) @ world_from_hand, one.preshape
+    done = scene_export.export_scene(scene, out, to, *where)  # type: ignore[arg-type]
+    names = [mesh.name for mesh in heap.meshes]
+    if as_json:
+        planned = None if grasp is None else names[grasp[0]]
+        facts = {"to": done.to, "objects": names, "grasp_of": planned, "hand": None if grasp is None else hand.name}
+        _print_facts(done, facts)
+        return
+    held = "without a hand" if grasp is None else f"{hand.name} at a grasp of {names[grasp[0]]}"
+    _print_export(done, f"{', '.join(names)}; {held}")
+
+
+def _print_facts(done: scene_export.Export, facts: dict[str, Any]) -> None:
+    files = [str(path) for path in done.files]
+    print_json({**facts, "folder": str(done.folder), "files": files, "not_expressed": list(done.not_expressed)})
+
+
+def _print_export(done: scene_export.Export, title: str) -> None:
+    typer.echo(f"{title}: {done.files[0]}")
+    points = len(done.not_expressed)
+    console.print(f"{len(done.files)} files; scene.json lists the limits of {done.to} ({points} points)")
+
+
+def _check_options(
+    one: str | None, objects: list[str] | None, heaped: Mapping[str, object], scene_only: Mapping[str, object]
+) -> None:
     """Refuse options that contradict each other."""
     if (one is None) == (objects is None):
         raise typer.BadParameter("name one OBJECT, or an object set with --objects", param_hint="OBJECT")
-    if objects is not None:
-        for name, value in scene_only.items():
-            if value is not None:
-                raise typer.BadParameter("a set of objects has no hand; leave it out", param_hint=name)
-    used = [name for name in ("--pose", "--plan") if scene_only[name] is not None]
-    if len(used) == 2:
+    used = [name for name, value in scene_only.items() if value is not None]
+    if objects is not None and used:
+        raise typer.BadParameter("a set of objects has no hand; leave it out", param_hint=used[0])
+    if objects is not None and heaped["--layout"] is not None:
+        raise typer.BadParameter("--objects exports every object alone; name the set as OBJECT", param_hint="--layout")
+    if heaped["--layout"] is None and heaped["--objects-per-scene"] is not None:
+        raise typer.BadParameter("it belongs to --layout", param_hint="--objects-per-scene")
+    if heaped["--layout"] is not None and (alone := [n for n in ("--pose", "--preshape", "--plan") if n in used]):
+        raise typer.BadParameter("it is about a single object; leave it out, or --layout", param_hint=alone[0])
+    if "--without-hand" in used and len(used) > 1:
+        other = next(name for name in used if name != "--without-hand")
+        raise typer.BadParameter("it is about the hand; leave it out, or --without-hand", param_hint=other)
+    if {"--pose", "--plan"} <= set(used):
         raise typer.BadParameter("it names another pose than --plan; give one of them", param_hint="--pose")
-    if scene_only["--preshape"] is not None and scene_only["--pose"] is None:
+    if "--preshape" in used and "--pose" not in used:
         raise typer.BadParameter("it belongs to --pose; a grasp of a plan has its own", param_hint="--preshape")
-    if scene_only["--grasp"] is not None and scene_only["--pose"] is not None:
+    if "--grasp" in used and "--pose" in used:
         raise typer.BadParameter("it counts the grasps of a plan; leave it out with --pose", param_hint="--grasp")
 
 
 def export_scene(
-    one: Annotated[
-        str | None, typer.Argument(metavar="OBJECT", help="A mesh file, or an object set that names one object.")
-    ] = None,
+    one: _ObjectName = None,
     to: Annotated[str, typer.Option("--to", help="Format: mjcf, usd or urdf.")] = ...,  # type: ignore[assignment]
     out: Annotated[Path, typer.Option("--out", help="Folder to make; it may exist if it is empty.")] = ...,  # type: ignore[assignment]
-    objects: Annotated[
-        list[str] | None,
-        typer.Option("--objects", help="Export the objects of this set alone, a folder each; may be repeated."),
-    ] = None,
-    hand: Annotated[
-        str | None, typer.Option("--hand", help="A hand by its name, or its two files: hand.urdf,hand.toml. [reflex]")
-    ] = None,
-    pose: Annotated[
-        str | None, typer.Option("--pose", help=f"Pose of the hand in the object's frame: {_POSE}.")
-    ] = None,
+    objects: _ObjectsAlone = None,
+    hand: _HandName = None,
+    pose: _PoseText = None,
     preshape: Annotated[float | None, typer.Option("--preshape", help="Preshape of the hand, with --pose.")] = None,
-    plan: Annotated[
-        Path | None, typer.Option("--plan", help="Take the grasp from this file of graspbox plan --out.")
-    ] = None,
-    grasp: Annotated[
-        int | None, typer.Option("--grasp", min=1, help="Rank of the plan's grasp, 1 for the best. [1]")
-    ] = None,
+    plan: _PlanFile = None,
+    grasp: _Rank = None,
+    without_hand: Annotated[bool, typer.Option("--without-hand", help="Leave out the hand.")] = False,
+    layout: _LayoutName = None,
+    objects_per_scene: _PerScene = None,
     split: Split = None,
     scale: Scale = 1.0,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Write an object at rest, a hand about to grasp it and the table as MJCF, USD or URDF.
+    """Write objects at rest, a hand about to grasp one of them and the table as MJCF, USD or URDF.
 
-    The hand is at --pose, at a grasp of --plan, or at a grasp that is planned with --seed. With --objects, every object
-    of a set is written alone, without a hand. scene.json or object.json in the folder lists the limits of the format.
+    The hand is at --pose, at a grasp of --plan, or at a grasp that is planned with --seed. With --layout, several
+    objects lie as graspbox scenes makes them with --seed; the hand is at the planner's first-ranked grasp of all of
+    them, and is left out where there is none. With --objects, every object of a set is written alone, without a hand.
+    scene.json or object.json in the folder lists the limits of the format.
     """
+    heaped = {"--layout": layout, "--objects-per-scene": objects_per_scene}
     scene_only = {"--hand": hand, "--pose": pose, "--preshape": preshape, "--plan": plan, "--grasp": grasp}
-    _check_options(one, objects, scene_only)
+    _check_options(one, objects, heaped, {**scene_only, "--without-hand": without_hand or None})
     if to not in scene_export.FORMATS:
         raise ConfigError(f"--to is {to!r}; choose from {', '.join(scene_export.FORMATS)}")
     check_folder(out)
@@ -131,22 +217,27 @@ def export_scene(
         _export_set(objects, split, scale, out, to, as_json)
         return
     assert one is not None
+    with_hand = find_hand(hand or "reflex")
+    if layout is not None:
+        with console.status("preparing"):
+            heap = _heap(one, split, scale, layout, objects_per_scene or 5, seed, with_hand)
+            found = None if without_hand else _grasp_among(heap, with_hand, grasp, seed)
+        _export_heap(heap, with_hand, out, to, found, as_json)
+        return
     if split is not None:
-        raise typer.BadParameter("it belongs to --objects", param_hint="--split")
-    spec, with_hand = find_one(one, scale), find_hand(hand or "reflex")
+        raise typer.BadParameter("it belongs to --objects and --layout", param_hint="--split")
+    spec = find_one(one, scale)
     with console.status("preparing"):
         saved = None if plan is None else (plan, Plan.load(plan))
         rest = None if saved is None else saved[1].world_from_object
         scene = Scene(spec.load(), hand=with_hand, world_from_object=rest)
-    where, value = _grasp(scene, pose, preshape, saved, grasp or 1, seed)
-    done = scene_export.export_scene(scene, out, to, where, value)
+    where = (None, None) if without_hand else _grasp(scene, pose, preshape, saved, grasp or 1, seed)
+    done = scene_export.export_scene(scene, out, to, *where)
+    name = None if without_hand else scene.hand.name
     if as_json:
-        files = [str(path) for path in done.files]
-        facts = {"to": done.to, "object": scene.name, "hand": scene.hand.name, "folder": str(done.folder)}
-        print_json({**facts, "files": files, "not_expressed": list(done.not_expressed)})
-        return
-    typer.echo(f"{scene.name} and {scene.hand.name}: {done.files[0]}")
-    console.print(f"{len(done.files)} files; scene.json lists the limits of {to} ({len(done.not_expressed)} points)")
+        _print_facts(done, {"to": done.to, "object": scene.name, "hand": name})
+    else:
+        _print_export(done, scene.name if name is None else f"{scene.name} and {name}")
 
 
 def _export_set(objects: list[str], split: str | None, scale: float, out: Path, to: str, as_json: bool) -> None:

@@ -17,10 +17,11 @@ import numpy as np
 
 from graspbox.configs import PhysicsConfig
 from graspbox.hands import load_hand
+from graspbox.scene_export.contents import object_data
 from graspbox.scene_export.description import Array, HandDescription
 from graspbox.simulation import Scene
 from graspbox.validation.forces.config import PULLS, Contact, ForceConfig, Verdict
-from graspbox.validation.mujoco.compare import describe, object_data
+from graspbox.validation.mujoco.compare import describe
 from graspbox.validation.mujoco.replay import Replay, TrialTimes
 from graspbox.validation.mujoco.scene import Numerics, ObjectData, build
 from graspbox.validation.mujoco.scene import Scene as Model

@@ -25,8 +25,9 @@ from graspbox._common.extras import imported
 
 imported("mujoco", "graspbox.validation.mujoco needs the package mujoco, from the extra 'dev'", "dev")
 
+from graspbox.scene_export.contents import object_data
 from graspbox.scene_export.description import HandDescription, read_hand
-from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, PLANNER_OBJECTS, compare, describe, object_data
+from graspbox.validation.mujoco.compare import DEFAULT_OBJECTS, PLANNER_OBJECTS, compare, describe
 from graspbox.validation.mujoco.replay import Outcome, TrialTimes, replay
 from graspbox.validation.mujoco.report import Report, Row
 from graspbox.validation.mujoco.robust import Perturbation, RobustReport, RobustRow, compare_robust

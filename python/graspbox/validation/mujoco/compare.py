@@ -23,6 +23,7 @@ from graspbox import _core
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
+from graspbox.scene_export.contents import object_data
 from graspbox.scene_export.description import Array, HandDescription, read_hand
 from graspbox.validation.mujoco.replay import Outcome, replay
 from graspbox.validation.mujoco.report import Report, Row
@@ -74,14 +75,6 @@ PLANNER_OBJECTS = tuple(
 _LARGEST_PATCH = 0.02
 #: Trials to repeat at half the time step.
 Repeat = Literal["none", "different", "all"]
-
-
-def object_data(scene: graspbox.Scene) -> ObjectData:
-    """Return the object of a core scene at its resting pose."""
-    body = scene.body
-    return ObjectData(
-        scene.name, body.parts, body.mass, body.center_of_mass, body.inertia, np.array(scene.world_from_object)
-    )
 
 
 def describe(hand: HandLike = "reflex") -> HandDescription:

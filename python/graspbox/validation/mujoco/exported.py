@@ -1,6 +1,7 @@
 """Replay of trials in exported scenes: everything but the law of the drives comes from the files of the export.
 
-`compare_exports` runs the same trials in the judge's own model, too, and counts equal labels.
+`compare_exports` runs the same trials in the judge's own model, too, and counts equal labels; `compare_heaps` does so
+in scenes of several objects, and measures how far they drift at rest.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +25,26 @@ from graspbox import _core
 from graspbox._common.files import read_bounded
 from graspbox.errors import ConfigError, FileError
 from graspbox.hands import HandLike, load_hand
+from graspbox.layouts import Arrangement, Layout
 from graspbox.scene_export import export_scene
-from graspbox.scene_export.contents import ObjectData
+from graspbox.scene_export.contents import ObjectData, object_data, object_names, objects_of, walls_of
 from graspbox.scene_export.description import Array, read_hand
 from graspbox.scene_export.mjcf import KEYFRAME, LIFT_GROUP
 from graspbox.scene_export.records import SCENE_FORMAT
-from graspbox.validation.mujoco.compare import check_settings, describe, object_data, scenes
+from graspbox.validation.engines import targets
+from graspbox.validation.mujoco.compare import check_settings, describe, scenes
 from graspbox.validation.mujoco.replay import Outcome, Replay, TrialTimes, replay, run_trial
 from graspbox.validation.mujoco.report import Agreement
 from graspbox.validation.mujoco.sampling import Source, sample_trials
-from graspbox.validation.mujoco.scene import Numerics, Scene, build, indexed
+from graspbox.validation.mujoco.scene import Numerics, Scene, build, build_heap, indexed
 
 #: Objects of several families: upright and flat, round and square, hollow and solid, light and heavy.
 EXPORT_OBJECTS = tuple(
     f"procedural:{family}:2"
     for family in ("ball", "banana", "bottle", "bowl", "box", "can", "hammer", "kettle", "mug", "wine_glass")
 )
+#: For how long scenes of several objects must stay at rest, s.
+REST = 1.0
 #: Largest file of an export to read, bytes.
 _MAX_BYTES = 16 << 20
 
@@ -73,6 +80,8 @@ def load_export(folder: str | os.PathLike[str]) -> ExportedScene:
     """
     folder = Path(folder)
     record = _record(folder)
+    if "hand" not in record:
+        raise ConfigError(f"the scene in {str(folder)!r} has no hand; export it with a grasp")
     urdf, toml = (read_bounded(folder / name, _MAX_BYTES).decode() for name in ("hand.urdf", "hand.toml"))
     hand = read_hand(urdf, toml)
     path = folder / "scene.xml"
@@ -83,12 +92,14 @@ def load_export(folder: str | os.PathLike[str]) -> ExportedScene:
     except ValueError as error:
         raise ConfigError(f"MuJoCo does not accept {str(path)!r}: {' '.join(str(error).split())}") from None
     # The start is the file's keyframe: these facts are for reports alone.
-    body = model.body("object")
-    item = ObjectData(
-        str(record["object"]["name"]), (), float(body.mass[0]), body.ipos, np.diag(body.inertia), np.eye(4)
-    )
+    facts = record["objects"] if "objects" in record else [record["object"]]
+    items = []
+    for label, fact in zip(object_names(len(facts)), facts, strict=True):
+        body = model.body(label)
+        mass, inertia = float(body.mass[0]), np.diag(body.inertia)
+        items.append(ObjectData(str(fact["name"]), (), mass, body.ipos, inertia, np.eye(4)))
     numerics = replace(Numerics(), timestep=float(model.opt.timestep))
-    return ExportedScene(indexed(model, hand, item, numerics), float(record["hand"]["preshape"]))
+    return ExportedScene(indexed(model, hand, items, numerics), float(record["hand"]["preshape"]))
 
 
 class ExportedReplay(Replay):
@@ -114,10 +125,13 @@ def replay_export(folder: str | os.PathLike[str], times: TrialTimes | None = Non
 class ExportRow:
     """One trial: the labels of the judge's model, of the exported file and of the core."""
 
+    #: The object that the grasp is for.
     object: str
     judge: Outcome
     exported: Outcome
     core: bool
+    #: Of several objects: the greatest distance that one of them moves at rest, without a hand, in `REST` seconds; m.
+    drift: float | None = None
 
     @property
     def equal(self) -> bool:
@@ -149,6 +163,8 @@ class ExportReport(Agreement):
             "trials": len(self.rows),
             "equal": self.equal,
             "share": self.share,
+            "equal_to_core": sum(row.core == row.exported.success for row in self.rows),
+            "greatest_drift": max((row.drift for row in self.rows if row.drift is not None), default=None),
             "same_failure": sum(row.judge.failure == row.exported.failure for row in self.rows),
             "greatest_lift_difference": max((abs(r.judge.lift - r.exported.lift) for r in self.rows), default=0.0),
             "successes": {
@@ -204,18 +220,86 @@ def compare_exports(
                 continue
             own = build(described, object_data(scene))
             core = scene.simulate(*sampled, num_threads=threads).success
-
-            def run(
-                number: int, scene: graspbox.Scene = scene, own: Scene = own, sampled: tuple[Array, Array] = sampled
-            ) -> tuple[Outcome, Outcome]:
-                pose, preshape = sampled[0][number], float(sampled[1][number])
-                judge = replay(own, own.object.world_from_object @ pose, preshape)
-                with tempfile.TemporaryDirectory() as folder:
-                    export_scene(scene, Path(folder) / "scene", "mjcf", pose, preshape)
-                    return judge, replay_export(Path(folder) / "scene")
-
-            for number, (judge, exported) in enumerate(pool.map(run, range(count))):
+            for number, (judge, exported) in enumerate(pool.map(partial(_both, scene, own), *sampled)):
                 report.rows.append(ExportRow(scene.name, judge, exported, bool(core[number])))
                 if progress is not None:
                     progress(len(report.rows))
+    return report
+
+
+def _both(scene: graspbox.Scene, own: Scene, pose: Array, preshape: float) -> tuple[Outcome, Outcome]:
+    """Replay a trial in the judge's own model, and from the files of its export."""
+    judge = replay(own, scene.world_from_object @ pose, float(preshape))
+    with tempfile.TemporaryDirectory() as folder:
+        export_scene(scene, Path(folder) / "scene", "mjcf", pose, float(preshape))
+        return judge, replay_export(Path(folder) / "scene")
+
+
+def drift_at_rest(scene: graspbox.Scene, seconds: float = REST) -> float:
+    """Export a scene without a hand, step it in MuJoCo, and return the greatest distance that an object moves, metres.
+
+    Objects of the core are up to half a millimetre deep in each other, which MuJoCo resolves.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        export_scene(scene, Path(folder) / "scene", "mjcf")
+        model = mujoco.MjModel.from_xml_path(str(Path(folder) / "scene" / "scene.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key(KEYFRAME).id)
+    start = data.qpos.reshape(-1, 7)[:, :3].copy()
+    while data.time < seconds:
+        mujoco.mj_step(model, data)
+    return float(np.linalg.norm(data.qpos.reshape(-1, 7)[:, :3] - start, axis=1).max())
+
+
+def compare_heaps(
+    objects: Sequence[str],
+    layout: Layout,
+    count: int,
+    trials: int,
+    seed: int = 0,
+    *,
+    hand: HandLike = "reflex",
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> ExportReport:
+    """Do the same in scenes of several objects: a trial of the planner's best grasp of each of them among the others.
+
+    A trial succeeds, in both engines, if the hand holds any object.
+
+    Parameters
+    ----------
+    objects : sequence of str
+        Object sets from which each scene draws its objects.
+    layout : str
+        How they lie.
+    count : int
+        Number of objects wanted in a scene, 1 or more.
+    trials, seed, hand, threads, progress
+        As for `compare_exports`; `seed` is that of the first scene.
+
+    Raises
+    ------
+    ConfigError
+        If there are no trials.
+    """
+    check_settings(trials, Numerics())
+    loaded = load_hand(hand)
+    described, report, drifts = describe(loaded), ExportReport(), {}
+    with ThreadPoolExecutor(threads or _core.num_threads()) as pool:
+
+        def run(heap: Arrangement, target: int, plan: graspbox.Plan) -> tuple[ExportRow, Arrangement]:
+            scene = graspbox.Scene.of(heap, hand=loaded)
+            own = build_heap(described, objects_of(scene), walls_of(scene))
+            world_from_hand = heap.world_from_objects[target] @ plan.poses[0]
+            pose, preshape = np.linalg.inv(scene.world_from_object) @ world_from_hand, float(plan.preshape[0])
+            core = scene.simulate(pose[None], preshape, num_threads=1).success
+            return ExportRow(heap.meshes[target].name, *_both(scene, own, pose, preshape), bool(core[0])), heap
+
+        found = targets(objects, layout, (trials, count), loaded, 1, seed)
+        for row, heap in pool.map(lambda case: run(*case), islice(found, trials)):
+            if id(heap) not in drifts:
+                drifts[id(heap)] = drift_at_rest(graspbox.Scene.of(heap, hand=loaded))
+            report.rows.append(replace(row, drift=drifts[id(heap)]))
+            if progress is not None:
+                progress(len(report.rows))
     return report

@@ -8,9 +8,8 @@ touches, as in the core: at the same speed, with the same protective stop. It th
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
@@ -25,13 +24,13 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation.results import wilson
 from graspbox.hands import HandLike, load_hand
 from graspbox.layouts import Arrangement
-from graspbox.scene_export.contents import ObjectData
+from graspbox.scene_export.contents import ObjectData, WallData, objects_of, walls_of
 from graspbox.scene_export.mjcf import CARRIAGE_INERTIA
 from graspbox.validation.mujoco.compare import check_patch, describe
 from graspbox.validation.mujoco.replay import Outcome, Replay, run_grasp
 from graspbox.validation.mujoco.scene import Numerics, build_heap
 
-__all__ = ["HeapJudge", "items_of", "replay_attempt"]
+__all__ = ["HeapJudge", "replay_attempt"]
 
 #: Of the core's approach (``env/episode/src/approach.rs``): speed (m/s), force of the protective stop (N), and time
 #: constant of its filter (s).
@@ -77,8 +76,8 @@ class _Approach(Replay):
 
 def replay_attempt(
     hand: graspbox.Hand,
-    items: list[ObjectData],
-    walls: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    items: Sequence[ObjectData],
+    walls: Sequence[WallData],
     world_from_hand: NDArray[np.float64],
     preshape: float,
     numerics: Numerics | None = None,
@@ -91,10 +90,10 @@ def replay_attempt(
     ----------
     hand : Hand
         The hand.
-    items : list of ObjectData
+    items : sequence of ObjectData
         The objects, one or more, where they lie.
-    walls : list of (4, 4) pose and (3,) half extents
-        Fixed boxes, metres.
+    walls : sequence of WallData
+        Fixed boxes.
     world_from_hand : (4, 4) float64
         Pose of the grasp frame at which closing begins, metres.
     preshape : float
@@ -106,16 +105,6 @@ def replay_attempt(
     """
     scene = build_heap(describe(hand), items, walls, numerics, patch=patch)
     return _Approach(scene, world_from_hand, preshape).attempt(world_from_hand[:3, 2], TrialConfig.standoff)
-
-
-def items_of(scene: Arrangement, hand: graspbox.Hand) -> list[ObjectData]:
-    """Describe the objects of a scene; they need not fit the hand."""
-    items = []
-    for number, (mesh, pose) in enumerate(zip(scene.meshes, scene.world_from_objects, strict=True)):
-        alone = replace(scene, objects=(number,), meshes=(mesh,), world_from_objects=pose[None], target=None)
-        body = graspbox.Scene.of(alone, hand=hand).body
-        items.append(ObjectData(mesh.name, body.parts, body.mass, body.center_of_mass, body.inertia, pose))
-    return items
 
 
 class HeapJudge:
@@ -163,8 +152,8 @@ class HeapJudge:
             pose, preshape = self._codec.decode_grasp(action)
         except ConfigError:
             return Outcome(False, "infeasible", 0.0, np.inf, (0, 0), 0.0, 0.0)
-        items = items_of(before, self._hand)
-        walls = list(zip(before.world_from_walls, before.wall_half_extents, strict=True))
+        scene = graspbox.Scene.of(before, hand=self._hand)
+        items, walls = objects_of(scene), walls_of(scene)
         return replay_attempt(self._hand, items, walls, pose, preshape, self._numerics, patch=self._patch)
 
     def to_json(self) -> dict[str, Any]:

@@ -16,9 +16,9 @@ from graspbox._core import CLEAR_OF_TABLE, REST_TIME
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs.motion import minimum_jerk
 from graspbox.outcomes import FailureKind
-from graspbox.scene_export.contents import joint_motion, quaternion
+from graspbox.scene_export.contents import joint_motion, object_names, quaternion
 from graspbox.scene_export.description import Array
-from graspbox.scene_export.mjcf import CARRIAGE_INERTIA, object_name
+from graspbox.scene_export.mjcf import CARRIAGE_INERTIA
 from graspbox.validation.mujoco.drive import Drive
 from graspbox.validation.mujoco.scene import Scene
 
@@ -119,8 +119,8 @@ class Replay:
             model.body_pos[body], model.body_quat[body] = frame[:3, 3], quaternion(frame[:3, :3])
         mujoco.mj_setConst(model, data)
         mujoco.mj_resetData(model, data)
-        for number, item in enumerate(scene.objects):
-            rest, start = item.start, model.joint(object_name(number)).qposadr[0]
+        for name, item in zip(object_names(len(scene.objects)), scene.objects, strict=True):
+            rest, start = item.start, model.joint(name).qposadr[0]
             data.qpos[start : start + 3] = rest[:3, 3]
             data.qpos[start + 3 : start + 7] = quaternion(rest[:3, :3])
         # Servo-driven joints and mimic joints of the open hand.

@@ -23,6 +23,7 @@ from graspbox import _core
 from graspbox._common.files import read_bounded, write_text
 from graspbox.errors import ConfigError, FileError
 from graspbox.hands import HandLike, load_hand
+from graspbox.scene_export.contents import object_data
 from graspbox.scene_export.description import Array, HandDescription
 from graspbox.training.runs import refuse_changes
 from graspbox.validation.agreement import kappa, spearman
@@ -31,7 +32,6 @@ from graspbox.validation.mujoco.compare import (
     check_settings,
     describe,
     halve,
-    object_data,
     replay_all,
     scenes,
 )

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from graspbox.configs import PhysicsConfig
 from graspbox.errors import ConfigError
-from graspbox.scene_export.contents import ObjectData
+from graspbox.scene_export.contents import ObjectData, WallData, object_names
 from graspbox.scene_export.description import BASE, HandDescription
-from graspbox.scene_export.mjcf import Numerics, heap_model, mujoco_actuators, object_name, trial_model
+from graspbox.scene_export.mjcf import Numerics, mujoco_actuators, scene_model
 
 __all__ = ["Numerics", "ObjectData", "Scene", "build", "build_heap", "indexed"]
 
@@ -27,21 +27,29 @@ class Scene:
 
     model: mujoco.MjModel
     hand: HandDescription
-    object: ObjectData
     numerics: Numerics
     #: Masks over geoms.
     is_object: NDArray[np.bool_]
     is_scenery: NDArray[np.bool_]
     is_hand: NDArray[np.bool_]
     base_body: int
-    object_body: int
-    #: All objects, the first of which is `object`, and their bodies.
-    objects: tuple[ObjectData, ...] = ()
-    object_bodies: tuple[int, ...] = ()
+    #: The objects, one or more, and their bodies.
+    objects: tuple[ObjectData, ...]
+    object_bodies: tuple[int, ...]
     #: Address in ``qpos`` and index in ``qvel`` of each dynamic joint, by the index of its link.
     joints: dict[int, tuple[int, int]] = field(default_factory=dict)
     #: MuJoCo's actuators for each of the hand's actuators: one per tendon or driven joint, none for a rigid drive.
     actuators: list[list[int]] = field(default_factory=list)
+
+    @property
+    def object(self) -> ObjectData:
+        """The first object."""
+        return self.objects[0]
+
+    @property
+    def object_body(self) -> int:
+        """Body of the first object."""
+        return self.object_bodies[0]
 
 
 def build(
@@ -61,9 +69,9 @@ def build(
     if physics.friction.object != 1.0:
         # Only then does the factor of the other surface equal the coefficient.
         raise ConfigError(f"friction.object is {physics.friction.object}; the MuJoCo model needs 1")
-    model = mujoco.MjModel.from_xml_string(trial_model(hand, item, physics, numerics))
+    model = mujoco.MjModel.from_xml_string(scene_model([item], [], hand, physics, numerics))
     _add_patch(model, patch)
-    return indexed(model, hand, item, numerics)
+    return indexed(model, hand, [item], numerics)
 
 
 def _add_patch(model: mujoco.MjModel, patch: float) -> None:
@@ -76,24 +84,23 @@ def _add_patch(model: mujoco.MjModel, patch: float) -> None:
 def build_heap(
     hand: HandDescription,
     items: Sequence[ObjectData],
-    walls: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    walls: Sequence[WallData],
     numerics: Numerics | None = None,
     *,
     patch: float = 0.0,
 ) -> Scene:
-    """Compile the model of one or more objects, walls (pose and half extents) and the hand, with default physics."""
+    """Compile the model of one or more objects, walls and the hand, with default physics."""
     numerics = numerics or Numerics()
-    model = mujoco.MjModel.from_xml_string(heap_model(hand, items, walls, PhysicsConfig(), numerics))
+    model = mujoco.MjModel.from_xml_string(scene_model(items, walls, hand, PhysicsConfig(), numerics))
     _add_patch(model, patch)
-    return indexed(model, hand, items[0], numerics, items[1:])
+    return indexed(model, hand, items, numerics)
 
 
 def indexed(
     model: mujoco.MjModel,
     hand: HandDescription,
-    item: ObjectData,
+    items: Sequence[ObjectData],
     numerics: Numerics,
-    others: Sequence[ObjectData] = (),
 ) -> Scene:
     """Find the parts of a compiled model by their names."""
     names = [model.geom(i).name for i in range(model.ngeom)]
@@ -102,15 +109,13 @@ def indexed(
     scene = Scene(
         model=model,
         hand=hand,
-        object=item,
         numerics=numerics,
         is_object=is_object,
         is_scenery=is_scenery,
         is_hand=~(is_object | is_scenery),
         base_body=model.body(hand.links[BASE].name).id,
-        object_body=model.body("object").id,
-        objects=(item, *others),
-        object_bodies=tuple(int(model.body(object_name(number)).id) for number in range(1 + len(others))),
+        objects=tuple(items),
+        object_bodies=tuple(int(model.body(name).id) for name in object_names(len(items))),
     )
     for link in hand.free():
         joint = model.joint(hand.links[link].joint)
