@@ -56,6 +56,30 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
     assert "was begun with other settings: seed was 0, is now 1" in " ".join(again.stderr.split())
 
 
+def test_objects_that_were_learned_are_no_evaluation(tmp_path: Path) -> None:
+    """Sets with nothing else are refused before the work; of others the rest is evaluated, of files the test split."""
+    pytest.importorskip("tyro")
+    pytest.importorskip("torch")
+    from graspbox.recipes import feel
+    from graspbox.recipes.settings.feel import FeelSettings
+
+    tiny_policy.make(tmp_path / "base")
+    settings = FeelSettings(
+        policy=tmp_path / "base",
+        out=tmp_path / "run",
+        objects="procedural:can:0-3",
+        evaluated=("procedural:can:0-3",),
+    )
+    with pytest.raises(
+        errors.ConfigError, match="--evaluated is 'procedural:can:0-3'; name objects from which nothing"
+    ):
+        feel.train(settings, "", print)
+    assert not (tmp_path / "run").exists()
+    kept = feel._unlearned("procedural:can:0-3", ("procedural:can:1-9",))
+    assert [spec.name for spec in kept] == ["can-000000"]
+    assert {spec.split for spec in feel._unlearned("ycb", ())} == {"test"}
+
+
 def test_the_exported_policy_predicts_as_the_networks_do(trained: Path) -> None:
     import torch
 

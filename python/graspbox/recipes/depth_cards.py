@@ -307,10 +307,11 @@ def feel_card(folder: Path, settings: Any, command: str, stages: Stages) -> Card
             "secure, first attempt": rate(first["secure"], trials),
             "success, perfect prediction": rate(part["perfect"], trials),
         }
-        scores.append(ScoreRow(objects, _GRASP, trials, feel["succeeded"], feel["secure"], "paired trials", more))
+        called, kept = _with_split(objects), (feel["succeeded"], feel["secure"])
+        scores.append(ScoreRow(called, _GRASP, trials, *kept, "paired trials", more))
         counts = [str(feel[key]) for key in ("opened", "rightly", "saved", "lost")]
         measures = [f"{part['auc']:.3f}", f"{part['ece']:.3f}", f"{first['steps']}", f"{feel['steps']}"]
-        paired.append([f"`{objects}`", *counts, *measures])
+        paired.append([f"`{called}`", *counts, *measures])
     columns = ("objects", "opened", "rightly", "saved", "lost", "AUC", "ECE", "steps, first attempt", "steps")
     details = paragraph(
         f"The hand opens where the predicted probability that the grasp holds is below "

@@ -3,20 +3,24 @@
 `graspbox.recipes.settings.feel.FeelSettings` describes each; ``graspbox train feel`` runs them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from graspbox import object_sets
 from graspbox.artifacts.configs import FeelPolicyConfig
 from graspbox.artifacts.downloads import folder_of
 from graspbox.artifacts.exports import export_feel_policy
 from graspbox.artifacts.folders import load, read_depth_policy, save
+from graspbox.dataset.learned import evaluated_split
 from graspbox.errors import ConfigError
 from graspbox.models.calibration import calibration_error, fit_logits
 from graspbox.models.scorer.training import auc
 from graspbox.models.stability.network import StabilityNet, logits_of, train_stability
+from graspbox.object_sets import ObjectSet, learned_sets
+from graspbox.policies import DepthGrasp
 from graspbox.recipes.cards import write_card
 from graspbox.recipes.depth import reporter
 from graspbox.recipes.depth_cards import feel_card
@@ -39,23 +43,34 @@ def train(settings: FeelSettings, command: str, echo: Callable[[str], None]) -> 
     Raises
     ------
     ConfigError
-        If the folder holds a run with other settings, or the policy does not use one depth image.
+        If the folder holds a run with other settings, the policy does not use one depth image, or the evaluation has
+        only training objects.
     """
     if settings.quick:
         settings = replace(settings, **FEEL_QUICK)
     settings = replace(settings, policy=folder_of(str(settings.policy)))
     config = read_depth_policy(settings.policy)
+    learned = (*DepthGrasp(settings.policy).learned_from, settings.objects, settings.held_out)
+    evaluated = {objects: _unlearned(objects, learned) for objects in settings.evaluated}
     with settings.run(echo, {**settings.kept(), "policy": dict(config.files), "hand": config.hand}) as run:
-        training = _FeelTraining(settings, run)
+        training = _FeelTraining(settings, run, evaluated)
         training.go(command)
         return Outcome({"folder": str(training.folder), **run.stages}, str(training.folder))
+
+
+def _unlearned(objects: str, learned: Sequence[str]) -> ObjectSet:
+    """Find the objects of a set of the evaluation from which nothing was learned."""
+    found = learned_sets.without(object_sets.load(objects, split=evaluated_split(objects)), learned)
+    if not found:
+        raise ConfigError(f"--evaluated is {objects!r}; name objects from which nothing is learned")
+    return found
 
 
 class _FeelTraining:
     """The stages of one run."""
 
-    def __init__(self, settings: FeelSettings, run: Run) -> None:
-        self.settings, self.sizes, self.run = settings, settings.sizes, run
+    def __init__(self, settings: FeelSettings, run: Run, evaluated: Mapping[str, ObjectSet]) -> None:
+        self.settings, self.sizes, self.run, self.evaluated = settings, settings.sizes, run, evaluated
         self.out, self.seed = settings.out, settings.seed
 
     @property
@@ -171,16 +186,17 @@ class _FeelTraining:
 
     def threshold(self, stage: Run) -> dict[str, Any]:
         """Choose the threshold on trials of held-out objects, each with and without a second attempt."""
-        pairs = self.pairs(stage, self.settings.held_out, self.sizes.rule_trials, 900)
+        held_out = self.settings.held_out
+        pairs = self.pairs(stage, held_out, object_sets.load(held_out), self.sizes.rule_trials, 900)
         found = best_threshold(pairs)
         save(self.folder, replace(load(self.folder, FeelPolicyConfig), threshold=found))
         return {"threshold": found, "never": at_threshold(pairs, 0.0), "chosen": at_threshold(pairs, found)}
 
-    def pairs(self, stage: Run, objects: str, trials: int, offset: int) -> PairedTrials:
+    def pairs(self, stage: Run, name: str, objects: ObjectSet, trials: int, offset: int) -> PairedTrials:
         """Run trials with and without a second attempt."""
-        path = stage.folder / f"{objects.replace(':', '-')}.npz"
+        path = stage.folder / f"{name.replace(':', '-')}.npz"
 
-        progress = stage.counter(2 * trials, f"trials ({objects})")
+        progress = stage.counter(2 * trials, f"trials ({name})")
 
         def run() -> PairedTrials:
             return run_pairs(self.folder, objects, trials, self.seed + offset, progress=progress)
@@ -192,8 +208,8 @@ class _FeelTraining:
         threshold = load(self.folder, FeelPolicyConfig).threshold
         results: dict[str, Any] = {}
         found: dict[str, PairedTrials] = {}
-        for objects in self.settings.evaluated:
-            pairs = found[objects] = self.pairs(stage, objects, self.sizes.trials, 1900)
+        for objects, kept in self.evaluated.items():
+            pairs = found[objects] = self.pairs(stage, objects, kept, self.sizes.trials, 1900)
             predicted = pairs.probability
             results[objects] = {
                 "first": at_threshold(pairs, 0.0),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from graspbox.errors import ConfigError
 from graspbox.evaluation import TrialResult, trial_seeds
 from graspbox.evaluation.trials import TrialRun
-from graspbox.object_sets import Split
+from graspbox.object_sets import ObjectSet, Split
 from graspbox.policies import FeelThenLift, Task
 from graspbox.training.array_files import ArrayTable
 
@@ -56,7 +56,7 @@ class PairedTrials(ArrayTable):
 
 def run_pairs(
     folder: Path,
-    objects: str,
+    objects: str | ObjectSet,
     trials: int,
     seed: int,
     *,
@@ -70,7 +70,7 @@ def run_pairs(
     ----------
     folder : Path
         Folder of a `FeelThenLift` policy.
-    objects : str
+    objects : str or ObjectSet
         Object set.
     trials : int
         Number of trials.
@@ -103,7 +103,7 @@ def run_pairs(
 
 def _run(
     folder: Path,
-    objects: str,
+    objects: str | ObjectSet,
     trials: int,
     seed: int,
     threshold: float,

@@ -89,7 +89,7 @@ class FeelSettings(Options):
     held_out: str = "procedural:seen:500-549"
     """Objects for validation, calibration and the choice of the threshold."""
     evaluated: tuple[str, ...] = ("procedural:unseen:0-19",)
-    """Objects of the evaluation."""
+    """Objects of the evaluation: the test split of sets that are not procedural."""
     times: tuple[float, ...] = FEEL_TIMES
     """Times of the grasp-stability check, seconds after closing began; the hand closes for 1.3 s and then lifts."""
     publish: Path | None = None
