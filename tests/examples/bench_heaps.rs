@@ -20,7 +20,7 @@ fn main() {
             .collect();
         let all: Vec<&Body> = bodies.iter().collect();
         let begin = Instant::now();
-        let found = Layout::Pile.arrange(&all, None, &hand, PhysicsConfig::default(), pile as u64).unwrap();
+        let found = Layout::Pile.arrange(&all, None, &hand, PhysicsConfig::default(), pile as u64, None).unwrap();
         times.push(begin.elapsed().as_secs_f64());
         println!("pile {pile}: {:.3} s, {} of {count} objects stay", times[pile], found.objects.len());
     }

@@ -9,8 +9,11 @@ use graspbox_objects::Family;
 use graspbox_sim::{ObjectModel, PhysicsConfig, Template, Wall, World};
 use graspbox_tests::scenes::{cuboid, procedural};
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant, SystemTime};
 
 const FAMILIES: [Family; 5] = [Family::Can, Family::Box, Family::Bowl, Family::Bottle, Family::Mug];
 const BIN: Layout = Layout::Bin { inside: [0.3, 0.25, 0.15] };
@@ -24,12 +27,12 @@ fn bodies(count: usize) -> Vec<Body> {
 }
 
 fn arrange(layout: Layout, bodies: &[Body], seed: u64) -> Arrangement {
-    layout.arrange(&refs(bodies), None, &hand(), PhysicsConfig::default(), seed).unwrap()
+    layout.arrange(&refs(bodies), None, &hand(), PhysicsConfig::default(), seed, None).unwrap()
 }
 
 /// A scene of `most` of the bodies, each of which is one attempt.
 fn drawn(layout: Layout, bodies: &[Body], most: usize, seed: u64) -> Arrangement {
-    layout.arrange(&refs(bodies), Some(most), &hand(), PhysicsConfig::default(), seed).unwrap()
+    layout.arrange(&refs(bodies), Some(most), &hand(), PhysicsConfig::default(), seed, None).unwrap()
 }
 
 fn refs(bodies: &[Body]) -> Vec<&Body> {
@@ -218,10 +221,80 @@ fn equal_seeds_give_equal_bits() {
     }
 }
 
+/// The entries of a cache folder, by name, and their bytes.
+fn entries(cache: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let files = fs::read_dir(cache.join("scenes")).unwrap().map(|file| file.unwrap().path());
+    files.map(|path| (path.clone(), fs::read(path).unwrap())).collect()
+}
+
+/// Scenes have the same bits from an empty, a filled, a damaged and an unusable cache.
+#[test]
+fn cached_scenes_have_the_same_bits() {
+    let (bodies, folder) = (bodies(4), tempfile::tempdir().unwrap());
+    let made = |layout: Layout, cache: Option<&Path>, seed: u64| {
+        layout.arrange(&refs(&bodies), Some(3), &hand(), PhysicsConfig::default(), seed, cache).unwrap()
+    };
+    let exact = |found: &Arrangement| format!("{found:?}");
+    for (count, layout) in [Layout::Packed, Layout::Pile, BIN].into_iter().enumerate() {
+        let wanted = exact(&made(layout, None, 5));
+        assert_eq!(exact(&made(layout, Some(folder.path()), 5)), wanted, "{layout:?}: empty");
+        let written = entries(folder.path());
+        assert_eq!(written.len(), count + 1);
+        // An entry that is made again is written again, and has a new age.
+        let old = SystemTime::UNIX_EPOCH + Duration::from_secs(1000);
+        written.keys().for_each(|path| fs::File::options().append(true).open(path).unwrap().set_modified(old).unwrap());
+        assert_eq!(exact(&made(layout, Some(folder.path()), 5)), wanted, "{layout:?}: filled");
+        assert!(written.keys().all(|path| fs::metadata(path).unwrap().modified().unwrap() == old), "it was not read");
+        for spoil in [|bytes: &mut Vec<u8>| bytes.truncate(40), |bytes: &mut Vec<u8>| bytes[60] ^= 1] {
+            for (path, bytes) in &written {
+                let mut bytes = bytes.clone();
+                spoil(&mut bytes);
+                fs::write(path, bytes).unwrap();
+            }
+            assert_eq!(exact(&made(layout, Some(folder.path()), 5)), wanted, "{layout:?}: damaged");
+            let mended = entries(folder.path());
+            assert_eq!(written.iter().filter(|(path, bytes)| mended[*path] == **bytes).count(), 1, "it is made again");
+            written.iter().for_each(|(path, bytes)| fs::write(path, bytes).unwrap());
+        }
+        // The folder's name is that of a file.
+        let file = folder.path().join("file");
+        fs::write(&file, "").unwrap();
+        assert_eq!(exact(&made(layout, Some(&file), 5)), wanted, "{layout:?}: no folder");
+    }
+}
+
+/// Whatever a scene depends on is in the name of its entry.
+#[test]
+fn another_scene_has_another_entry() {
+    let (mut bodies, folder) = (bodies(3), tempfile::tempdir().unwrap());
+    let cache = Some(folder.path());
+    let panda = Arc::new(graspbox_hand::assets::asset("panda_gripper").unwrap().read().unwrap());
+    let physics = PhysicsConfig::default();
+    let count = |number: usize| assert_eq!(entries(folder.path()).len(), number);
+    let make = |layout: Layout, bodies: &[Body], most, hand: &Arc<Hand>, physics, seed| {
+        drop(layout.arrange(&refs(bodies), most, hand, physics, seed, cache).unwrap());
+    };
+    make(Layout::Packed, &bodies, None, &hand(), physics, 0);
+    make(Layout::Packed, &bodies, None, &hand(), physics, 0);
+    count(1);
+    make(Layout::Packed, &bodies, None, &hand(), physics, 1);
+    make(Layout::Packed, &bodies, Some(3), &hand(), physics, 0);
+    make(BIN, &bodies, None, &hand(), physics, 0);
+    make(Layout::Bin { inside: [0.3, 0.25, 0.16] }, &bodies, None, &hand(), physics, 0);
+    make(Layout::Packed, &bodies, None, &panda, physics, 0);
+    make(Layout::Packed, &bodies, None, &hand(), PhysicsConfig { dt: 0.5 * physics.dt, ..physics }, 0);
+    make(Layout::Packed, &bodies[..2], None, &hand(), physics, 0);
+    count(8);
+    bodies[0] = bodies[0].scaled(0.9).unwrap();
+    make(Layout::Packed, &bodies, None, &hand(), physics, 0);
+    count(9);
+}
+
 #[test]
 fn impossible_layouts_are_refused() {
     let refused = |layout: Layout, bodies: &[Body]| {
-        let found: Result<_, EpisodeError> = layout.arrange(&refs(bodies), None, &hand(), PhysicsConfig::default(), 0);
+        let found: Result<_, EpisodeError> =
+            layout.arrange(&refs(bodies), None, &hand(), PhysicsConfig::default(), 0, None);
         found.err().unwrap().to_string()
     };
     assert!(refused(Layout::Pile, &[]).contains("there is no object"));

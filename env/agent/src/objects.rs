@@ -184,7 +184,7 @@ struct Cache {
 }
 
 impl Objects {
-    /// A set of objects; convex parts and levels of detail are cached in the folder `cache`, if there is one.
+    /// A set of objects; convex parts, levels of detail and scenes at rest are cached in the folder `cache`, if there is one.
     ///
     /// # Errors
     /// [`AgentError::NoObjects`] for an empty list.
@@ -241,6 +241,11 @@ impl Objects {
     /// The physics of every scene.
     pub fn physics(&self) -> &PhysicsConfig {
         &self.physics
+    }
+
+    /// Cache folder of convex parts, levels of detail and scenes at rest.
+    pub fn cache(&self) -> Option<&Path> {
+        self.cache.as_deref()
     }
 
     /// Object `index`, prepared now if it was not.

@@ -23,7 +23,7 @@
 //! third of its floor, and may lie at any height in it.
 
 use crate::scene::OUT_OF_THE_WAY;
-use crate::{Body, EpisodeError};
+use crate::{Body, EpisodeError, layout_cache};
 use graspbox_hand::Hand;
 use graspbox_mesh::in_range;
 use graspbox_sim::{ObjectModel, PhysicsConfig, Template, Wall, World, bin};
@@ -32,6 +32,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Side of the workspace, metres.
@@ -91,6 +92,8 @@ impl Layout {
     /// * `most`: the bodies were drawn at random for a scene of so many ([`Layout::draws`]); they are taken in order, one attempt each, until so
     ///   many stand or lie. `None`: all of them are wanted, and packed ones have 12 attempts each.
     ///
+    /// * `cache`: folder in which arrangements are kept, if there is one; it changes no bit.
+    ///
     /// # Errors
     /// [`EpisodeError::Sim`] for no object, too many, or a setting out of range; [`EpisodeError::OutOfRange`] for the sides of a bin;
     /// [`EpisodeError::NoRest`] if the simulation diverges.
@@ -101,23 +104,38 @@ impl Layout {
         hand: &Arc<Hand>,
         physics: PhysicsConfig,
         seed: u64,
+        cache: Option<&Path>,
     ) -> Result<Arrangement, EpisodeError> {
-        let space = self.space();
-        let mut heap = Heap { bodies, hand, physics, walls: self.walls()?, objects: Vec::new(), poses: Vec::new() };
+        let walls = self.walls()?;
+        let heap = Heap { bodies, hand, physics, walls: Vec::new(), objects: Vec::new(), poses: Vec::new() };
         // For no object, or too many of them.
-        heap.template(&(0..bodies.len()).collect::<Vec<_>>())?;
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let dropped = most.unwrap_or(bodies.len()).min(bodies.len());
+        let template = heap.template(&(0..bodies.len()).collect::<Vec<_>>())?;
+        let entry = cache.map(|folder| layout_cache::entry(folder, self, &template, bodies, most, seed));
+        let found = entry.as_ref().and_then(|entry| layout_cache::read(entry, bodies.len(), walls.clone()));
+        if let Some(found) = found {
+            return Ok(found);
+        }
+        let made = self.make(Heap { walls, ..heap }, most, &mut ChaCha8Rng::seed_from_u64(seed))?;
+        if let Some(entry) = &entry {
+            layout_cache::write(entry, &made);
+        }
+        Ok(made)
+    }
+
+    /// Adds the bodies to `heap`, which has the walls that stay.
+    fn make(&self, mut heap: Heap, most: Option<usize>, random: &mut ChaCha8Rng) -> Result<Arrangement, EpisodeError> {
+        let space = self.space();
+        let dropped = most.unwrap_or(heap.bodies.len()).min(heap.bodies.len());
         match *self {
-            Self::Packed => heap.pack(most, &space, &mut random)?,
+            Self::Packed => heap.pack(most, &space, random)?,
             Self::Pile => {
                 heap.walls = bin(Vector3::from(PILE_BOX), WALL);
-                heap.drop_all(dropped, WORKSPACE, &mut random)?;
+                heap.drop_all(dropped, WORKSPACE, random)?;
                 heap.walls.clear();
                 heap.rest_inside(&space)?;
             }
             Self::Bin { inside } => {
-                heap.drop_all(dropped, inside[0].min(inside[1]), &mut random)?;
+                heap.drop_all(dropped, inside[0].min(inside[1]), random)?;
                 heap.rest_inside(&space)?;
             }
         }

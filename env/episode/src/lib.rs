@@ -47,6 +47,7 @@ mod error;
 pub mod forces;
 pub mod judge;
 pub mod layout;
+mod layout_cache;
 pub mod observer;
 pub mod sample;
 pub mod scene;

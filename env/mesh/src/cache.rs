@@ -1,14 +1,14 @@
-//! Results that take long, on disk: by the BLAKE3 hash of mesh, parameters and format.
+//! Results that take long, on disk: by the BLAKE3 hash of input, parameters and format.
 //!
 //! | module | purpose |
 //! |---|---|
 //! | `bytes` | meshes as bytes |
 //! | `trim` | a bound on the size of a folder |
 //!
-//! An entry begins with that hash, so the result for another mesh or other parameters under its name is noticed; the whole is sealed with
-//! a checksum. It is written to a temporary neighbour and renamed, so readers in other processes see all of it or nothing. An entry that
-//! does not read back is a warning and is made again; a folder that cannot be written, or a full disk, is a warning and costs time only.
-//! Beyond 256 MB the oldest entries of a folder are removed.
+//! An entry begins with that hash, so the result of another input under its name is noticed; the whole is sealed with a checksum. It is
+//! written to a temporary neighbour and renamed, so readers in other processes see all of it or nothing. An entry that does not read back is
+//! a warning and is made again; a folder that cannot be written, or a full disk, is a warning and costs time only. Beyond the bound of its
+//! kind ([`Kind::most_in_all`]) the oldest entries of a folder are removed.
 
 pub(crate) mod bytes;
 mod trim;
@@ -19,42 +19,44 @@ use crate::trimesh::TriMesh;
 use std::path::{Path, PathBuf};
 use trim::after_write;
 
-/// Most bytes of all entries of a folder: about 600 YCB objects with levels of detail, seven times as many without.
-const MOST_IN_ALL: u64 = 256 << 20;
+/// [`Kind::most_in_all`] of meshes: about 600 YCB objects with levels of detail, seven times as many without.
+pub(crate) const MOST_OF_MESHES: u64 = 256 << 20;
 
 /// A kind of result.
-pub(crate) struct Kind {
-    /// Its name in warnings.
+pub struct Kind {
+    /// Its name in warnings, a plural.
     pub what: &'static str,
-    /// One of [`trim::SUFFIXES`].
+    /// A suffix that no other kind has.
     pub suffix: &'static str,
     /// Leads every entry; its number changes whenever the format or the algorithm does.
     pub magic: &'static [u8; 8],
     /// Largest entry that is read, bytes.
     pub max_bytes: u64,
+    /// Most bytes of all entries of a folder, of every kind.
+    pub most_in_all: u64,
 }
 
-/// The entry of one mesh and its parameters.
-pub(crate) struct Entry {
+/// The entry of one input.
+pub struct Entry {
     kind: &'static Kind,
     key: [u8; 32],
     path: PathBuf,
 }
 
 impl Entry {
-    /// * `parameters`: the bits of everything else that the result depends on.
-    pub fn new(folder: &Path, kind: &'static Kind, mesh: &TriMesh, parameters: &[u64]) -> Self {
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(kind.magic);
-        hasher.update(&mesh.content_hash());
-        for bits in parameters {
-            hasher.update(&bits.to_le_bytes());
-        }
-        let key = hasher.finalize();
+    /// * `input`: everything that the result depends on, as bytes.
+    pub fn new(folder: &Path, kind: &'static Kind, input: &[u8]) -> Self {
+        let key = blake3::Hasher::new().update(kind.magic).update(input).finalize();
         Self { kind, key: *key.as_bytes(), path: folder.join(format!("{}.{}", key.to_hex(), kind.suffix)) }
     }
 
-    /// The stored value; `None` if there is none, the entry is damaged or of another mesh, or `decode` cannot read it.
+    /// * `parameters`: the bits of everything else that the result depends on.
+    pub(crate) fn of_mesh(folder: &Path, kind: &'static Kind, mesh: &TriMesh, parameters: &[u64]) -> Self {
+        let parameters = parameters.iter().flat_map(|bits| bits.to_le_bytes());
+        Self::new(folder, kind, &mesh.content_hash().into_iter().chain(parameters).collect::<Vec<_>>())
+    }
+
+    /// The stored value; `None` if there is none, the entry is damaged or of another input, or `decode` cannot read it.
     pub fn read<T>(&self, decode: impl FnOnce(&[u8]) -> Option<T>) -> Option<T> {
         let (path, what) = (self.path.display(), self.kind.what);
         let bytes = match read_bounded(&self.path, self.kind.max_bytes) {
@@ -71,7 +73,7 @@ impl Entry {
         };
         let found = body.strip_prefix(&self.key).and_then(decode);
         if found.is_none() {
-            tracing::warn!("the cached {what} {path} are those of another mesh; they are made again");
+            tracing::warn!("the cached {what} {path} are those of another input; they are made again");
         }
         found
     }
@@ -85,7 +87,7 @@ impl Entry {
         } else if let Err(e) = write_atomic(&self.path, &seal(self.kind.magic, &[&self.key, body].concat())) {
             tracing::warn!("{e}; the {what} are not cached");
         } else if let Some(folder) = self.path.parent() {
-            after_write(folder, MOST_IN_ALL);
+            after_write(folder, self.kind.most_in_all);
         }
     }
 }

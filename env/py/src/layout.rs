@@ -35,7 +35,7 @@ pub fn arrange<'py>(
     let found = detached(py, None, move || {
         let bodies = data.iter().map(|mesh| mesh.body(cache.as_deref())).collect::<Result<Vec<_>, _>>()?;
         let bodies: Vec<&Body> = bodies.iter().map(|body| &**body).collect();
-        Ok::<_, crate::errors::CoreError>(layout.arrange(&bodies, most, &hand, physics, seed)?)
+        Ok::<_, crate::errors::CoreError>(layout.arrange(&bodies, most, &hand, physics, seed, cache.as_deref())?)
     })?;
     let dict = PyDict::new(py);
     let objects: Vec<i64> = found.objects.iter().map(|index| *index as i64).collect();

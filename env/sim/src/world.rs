@@ -214,6 +214,11 @@ impl Template {
         self.engine.lowest_point(object, world_from_object)
     }
 
+    /// Hash of everything that the template is built from: hand, objects, walls and settings.
+    pub fn identity(&self) -> &[u8; 32] {
+        &self.shared.identity
+    }
+
     /// Number of objects.
     pub fn object_count(&self) -> usize {
         self.shared.masses.len()

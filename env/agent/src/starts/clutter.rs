@@ -139,7 +139,8 @@ impl ClutterSamples {
         let bodies: Vec<&Body> = all.iter().map(|prepared| prepared.body()).collect();
         for attempt in 0..ATTEMPTS {
             let seed = self.seed.wrapping_add(attempt);
-            let found = layout.arrange(&bodies, Some(self.wanted), spec.hand(), *objects.physics(), seed)?;
+            let found =
+                layout.arrange(&bodies, Some(self.wanted), spec.hand(), *objects.physics(), seed, objects.cache())?;
             if found.objects.is_empty() {
                 continue;
             }

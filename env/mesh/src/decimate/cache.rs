@@ -2,17 +2,23 @@
 
 use super::distance::{Decimated, Hausdorff};
 use crate::cache::bytes::{Reader, put_f64, put_mesh, put_u32};
-use crate::cache::{Entry, Kind};
+use crate::cache::{Entry, Kind, MOST_OF_MESHES};
 use crate::trimesh::TriMesh;
 use std::path::Path;
 
 /// At most 60 times the size of levels of 8,192 faces and fewer.
-static KIND: Kind = Kind { what: "levels of detail", suffix: "levels", magic: b"gblevel1", max_bytes: 32 << 20 };
+static KIND: Kind = Kind {
+    what: "levels of detail",
+    suffix: "levels",
+    magic: b"gblevel1",
+    max_bytes: 32 << 20,
+    most_in_all: MOST_OF_MESHES,
+};
 
 /// The entry of a mesh.
 pub(super) fn entry(folder: &Path, mesh: &TriMesh, targets: &[usize]) -> Entry {
     let targets: Vec<u64> = targets.iter().map(|target| *target as u64).collect();
-    Entry::new(folder, &KIND, mesh, &targets)
+    Entry::of_mesh(folder, &KIND, mesh, &targets)
 }
 
 /// The levels that an entry holds; there may be none.

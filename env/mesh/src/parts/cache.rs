@@ -2,17 +2,18 @@
 
 use super::params::PartsParams;
 use crate::cache::bytes::{Reader, put_mesh, put_u32};
-use crate::cache::{Entry, Kind};
+use crate::cache::{Entry, Kind, MOST_OF_MESHES};
 use crate::trimesh::TriMesh;
 use std::path::Path;
 
 /// At most 100 times the size of 48 parts of 64 corners.
-static KIND: Kind = Kind { what: "parts", suffix: "parts", magic: b"gbparts4", max_bytes: 16 << 20 };
+static KIND: Kind =
+    Kind { what: "parts", suffix: "parts", magic: b"gbparts4", max_bytes: 16 << 20, most_in_all: MOST_OF_MESHES };
 
 /// The entry of a mesh.
 pub(super) fn entry(folder: &Path, mesh: &TriMesh, params: &PartsParams) -> Entry {
     let PartsParams { max_error, max_parts, max_points } = *params;
-    Entry::new(folder, &KIND, mesh, &[max_error.to_bits(), max_parts as u64, max_points as u64])
+    Entry::of_mesh(folder, &KIND, mesh, &[max_error.to_bits(), max_parts as u64, max_points as u64])
 }
 
 /// The parts that an entry holds.
