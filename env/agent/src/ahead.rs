@@ -15,7 +15,16 @@ const MOST_QUEUED: usize = 1024;
 /// Stack of the thread, bytes: hull and tree code recurses.
 const STACK: usize = 8 << 20;
 
-/// The background thread, and the keys that threads are working on.
+/// What threads work on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Work {
+    /// The preparation of the object with this index.
+    Object(usize),
+    /// A scene at rest, by the seed of its layout.
+    Scene(u64),
+}
+
+/// The background thread, and the work of all threads.
 pub struct Ahead {
     /// The process that started the thread, and a pool of one thread, on which nested parallel loops stay.
     pool: Mutex<Option<(u32, ThreadPool)>>,
@@ -25,64 +34,64 @@ pub struct Ahead {
 
 #[derive(Default)]
 struct Workers {
-    /// Work in progress by key.
-    at: Mutex<BTreeMap<usize, Working>>,
+    /// Work in progress.
+    at: Mutex<BTreeMap<Work, Working>>,
     changed: Condvar,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Working {
-    /// The background thread works on it.
-    ahead: bool,
+    /// The process whose background thread works on it. A child that was forked meanwhile does not have the thread, and does not wait.
+    ahead: Option<u32>,
     /// Number of other threads that work on it.
     claims: usize,
 }
 
-/// Work in progress on a key; it ends when this is dropped.
+/// Work in progress; it ends when this is dropped.
 pub struct Claim<'a> {
     workers: &'a Workers,
-    key: usize,
+    work: Work,
     ahead: bool,
 }
 
 impl Workers {
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<usize, Working>> {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<Work, Working>> {
         // A poisoned lock is harmless: no change inside it is partial.
         self.at.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Claims `key` for the calling thread; waits while the background thread works on it.
-    fn claim(&self, key: usize) -> Claim<'_> {
+    /// Claims `work` for the calling thread; waits while the background thread works on it.
+    fn claim(&self, work: Work) -> Claim<'_> {
         let mut at = self.lock();
-        while at.get(&key).is_some_and(|working| working.ahead) {
+        while at.get(&work).is_some_and(|working| working.ahead == Some(std::process::id())) {
             at = self.changed.wait(at).unwrap_or_else(PoisonError::into_inner);
         }
-        at.entry(key).or_default().claims += 1;
-        Claim { workers: self, key, ahead: false }
+        at.entry(work).or_default().claims += 1;
+        Claim { workers: self, work, ahead: false }
     }
 
-    /// Claims `key` for the background thread, unless another thread works on it.
-    fn begin(&self, key: usize) -> Option<Claim<'_>> {
+    /// Claims `work` for the background thread, unless another thread works on it.
+    fn begin(&self, work: Work) -> Option<Claim<'_>> {
         let mut at = self.lock();
-        if at.contains_key(&key) {
+        if at.contains_key(&work) {
             return None;
         }
-        at.insert(key, Working { ahead: true, claims: 0 });
-        Some(Claim { workers: self, key, ahead: true })
+        at.insert(work, Working { ahead: Some(std::process::id()), claims: 0 });
+        Some(Claim { workers: self, work, ahead: true })
     }
 }
 
 impl Drop for Claim<'_> {
     fn drop(&mut self) {
         let mut at = self.workers.lock();
-        if let Some(working) = at.get_mut(&self.key) {
+        if let Some(working) = at.get_mut(&self.work) {
             if self.ahead {
-                working.ahead = false;
+                working.ahead = None;
             } else {
                 working.claims -= 1;
             }
-            if !working.ahead && working.claims == 0 {
-                at.remove(&self.key);
+            if working.ahead.is_none() && working.claims == 0 {
+                at.remove(&self.work);
             }
         }
         self.workers.changed.notify_all();
@@ -96,15 +105,15 @@ impl Default for Ahead {
 }
 
 impl Ahead {
-    /// Claims `key` for the calling thread; waits while the background thread works on it.
+    /// Claims `work` for the calling thread; waits while the background thread works on it.
     ///
-    /// Two threads may claim the same key: a rayon worker may run another worker's task in the meantime, and would wait for itself.
-    pub fn claim(&self, key: usize) -> Claim<'_> {
-        self.workers.claim(key)
+    /// Two threads may claim the same work: a rayon worker may run another worker's task in the meantime, and would wait for itself.
+    pub fn claim(&self, work: Work) -> Claim<'_> {
+        self.workers.claim(work)
     }
 
-    /// Queues `job`, unless the queue is full. It is skipped if another thread works on `key` by then; a job that panics is dropped.
-    pub fn spawn(&self, key: usize, job: impl FnOnce() + Send + 'static) {
+    /// Queues `job`, unless the queue is full. It is skipped if another thread does `work` by then; a job that panics is dropped.
+    pub fn spawn(&self, work: Work, job: impl FnOnce() + Send + 'static) {
         let mut pool = self.pool.lock().unwrap_or_else(PoisonError::into_inner);
         if pool.is_none() {
             let builder = ThreadPoolBuilder::new().num_threads(1).stack_size(STACK);
@@ -120,7 +129,7 @@ impl Ahead {
         let (queued, workers) = (Arc::clone(&self.queued), Arc::clone(&self.workers));
         pool.spawn(move || {
             queued.fetch_sub(1, Ordering::AcqRel);
-            if let Some(claim) = workers.begin(key) {
+            if let Some(claim) = workers.begin(work) {
                 // No thread waits for the result; the one that needs it meets the same panic.
                 drop(catch_unwind(AssertUnwindSafe(job)));
                 drop(claim);
@@ -155,19 +164,19 @@ mod tests {
         let (go, wait) = channel::<()>();
         let done = Arc::new(AtomicUsize::new(0));
         let count = Arc::clone(&done);
-        ahead.spawn(7, move || {
+        ahead.spawn(Work::Object(7), move || {
             started.send(()).unwrap();
             wait.recv().unwrap();
             count.fetch_add(1, Ordering::SeqCst);
         });
         begun.recv().unwrap();
-        // Another key is free.
-        drop(ahead.claim(8));
+        // Other work is free.
+        drop(ahead.claim(Work::Object(8)));
         let late = std::thread::spawn(move || {
             std::thread::sleep(Duration::from_millis(20));
             go.send(()).unwrap();
         });
-        drop(ahead.claim(7));
+        drop(ahead.claim(Work::Object(7)));
         assert_eq!(done.load(Ordering::SeqCst), 1);
         late.join().unwrap();
     }
@@ -182,15 +191,24 @@ mod tests {
                 done.fetch_add(by, Ordering::SeqCst);
             }
         };
-        let claim = ahead.claim(1);
-        ahead.spawn(1, count(100));
-        ahead.spawn(2, || std::panic::resume_unwind(Box::new("no job today")));
-        ahead.spawn(2, count(1));
+        let claim = ahead.claim(Work::Object(1));
+        ahead.spawn(Work::Object(1), count(100));
+        ahead.spawn(Work::Object(2), || std::panic::resume_unwind(Box::new("no job today")));
+        ahead.spawn(Work::Object(2), count(1));
         let (sender, finished) = channel();
-        ahead.spawn(3, move || sender.send(()).unwrap());
+        ahead.spawn(Work::Object(3), move || sender.send(()).unwrap());
         finished.recv().unwrap();
         drop(claim);
         assert_eq!(done.load(Ordering::SeqCst), 1);
-        drop(ahead.claim(2));
+        drop(ahead.claim(Work::Object(2)));
+    }
+
+    /// A child that was forked while the background thread worked has no such thread, and does the work itself.
+    #[test]
+    fn nobody_waits_for_the_thread_of_another_process() {
+        let ahead = Ahead::default();
+        let other = std::process::id() + 1;
+        ahead.workers.lock().insert(Work::Scene(1), Working { ahead: Some(other), claims: 0 });
+        drop(ahead.claim(Work::Scene(1)));
     }
 }

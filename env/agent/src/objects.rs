@@ -2,11 +2,11 @@
 //!
 //! Preparing an object (reading, convex parts, mass), settling it in a resting pose and computing its levels of detail take up to a second. The
 //! result depends only on the object; it is cached, and its removal costs time but never changes a result. No lock is held while an object is
-//! prepared: threads that need the same one at the same time both prepare it, and the first result is kept. Objects of an environment's next
-//! episodes are prepared in the background ([`crate::ahead`]).
+//! prepared: threads that need the same one at the same time both prepare it, and the first result is kept. Objects and scenes of an
+//! environment's next episodes are prepared in the background ([`crate::ahead`]).
 
 use crate::AgentError;
-use crate::ahead::Ahead;
+use crate::ahead::{Ahead, Claim, Work};
 use crate::source::Source;
 use graspbox_camera::Model;
 use graspbox_episode::EpisodeError;
@@ -273,7 +273,7 @@ impl Objects {
         if self.is_ready(need) {
             return Ok(());
         }
-        let _claim = self.ahead.claim(need.object);
+        let _claim = self.ahead.claim(Work::Object(need.object));
         self.make(need)
     }
 
@@ -283,7 +283,7 @@ impl Objects {
             return;
         }
         let objects = Arc::downgrade(self);
-        self.ahead.spawn(need.object, move || {
+        self.ahead.spawn(Work::Object(need.object), move || {
             if let Some(objects) = objects.upgrade() {
                 // An error occurs again, and is reported, in the episode that uses the object.
                 drop(objects.make(&need));
@@ -291,12 +291,22 @@ impl Objects {
         });
     }
 
+    /// Queues work of the background thread.
+    pub(crate) fn spawn_ahead(&self, work: Work, job: impl FnOnce() + Send + 'static) {
+        self.ahead.spawn(work, job);
+    }
+
+    /// Claims work for the calling thread; waits while the background thread does it.
+    pub(crate) fn claim(&self, work: Work) -> Claim<'_> {
+        self.ahead.claim(work)
+    }
+
     /// Prepares an object for all episodes: all its resting poses, and its render model if `model`.
     ///
     /// # Errors
     /// As [`Objects::prepared`], [`Objects::scene`] and [`Prepared::model`].
     pub fn prepare(&self, index: usize, model: bool) -> Result<(), AgentError> {
-        let _claim = self.ahead.claim(index);
+        let _claim = self.ahead.claim(Work::Object(index));
         let prepared = self.prepared(index)?;
         for resting in 0..prepared.resting_poses.len() {
             self.scene(&prepared, resting)?;

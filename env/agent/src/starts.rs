@@ -5,7 +5,7 @@
 //! | [`reset_options`] | options of a reset |
 //! | [`random_stream`] | the random stream of one environment |
 //! | [`initial_state`] | the initial state of an episode |
-//! | [`clutter`] | a scene of several objects |
+//! | [`clutter`], [`scene_ahead`] | a scene of several objects, made when it is needed or before |
 //! | [`initial_samples`], [`hand_placement`] | its random samples, and the place of the hand |
 
 pub mod clutter;
@@ -14,3 +14,4 @@ pub mod initial_samples;
 pub mod initial_state;
 pub mod random_stream;
 pub mod reset_options;
+pub mod scene_ahead;

@@ -12,6 +12,8 @@ use crate::starts::initial_samples::InitialSamples;
 use crate::starts::initial_state::InitialState;
 use crate::starts::random_stream::RandomStream;
 use crate::starts::reset_options::ResetOptions;
+use crate::starts::scene_ahead::SceneAhead;
+use std::sync::Arc;
 
 /// Number of next episodes whose objects are prepared in the background, in their order. It is more than one, since environments whose episodes end
 /// together need as many objects at once.
@@ -25,6 +27,8 @@ pub struct Env {
     done: bool,
     result: StepResult,
     last: Option<StepResult>,
+    /// The scene of the next episode among several objects.
+    next_scene: Option<Arc<SceneAhead>>,
 }
 
 impl Env {
@@ -42,7 +46,7 @@ impl Env {
         options: &ResetOptions,
     ) -> Result<(), AgentError> {
         let mut stream = self.stream_of(seed).ok_or(AgentError::NotSeeded { env })?;
-        let (episode, result) = match begin(spec, &mut stream, options) {
+        let (episode, result) = match begin(spec, &mut stream, options, self.next_scene.as_deref()) {
             Ok(begun) => begun,
             Err(error) => {
                 // Everything stays as it was, with one exception: the next reset samples another object, so that one that cannot be
@@ -53,6 +57,7 @@ impl Env {
                 return Err(error);
             }
         };
+        self.next_scene = None;
         // If each episode has its own seed, the stream does not determine the next object.
         if seed.is_none() || spec.config.autoreset != Autoreset::Disabled {
             let mut later = stream.clone();
@@ -61,6 +66,8 @@ impl Env {
                 needs.into_iter().for_each(|need| spec.objects.ensure_ahead(need));
                 InitialSamples::new(&mut later, spec.objects.len());
             }
+            self.next_scene = InitialState::scene(spec, &stream)
+                .map(|(layout, samples)| SceneAhead::queue(&spec.objects, layout, samples));
         }
         self.stream = Some(stream);
         self.result = result;
@@ -164,6 +171,12 @@ impl Env {
         self.last.as_ref()
     }
 
+    /// The scene of the next episode, where one is made in the background.
+    #[cfg(test)]
+    pub(crate) fn next_scene(&self) -> Option<&Arc<SceneAhead>> {
+        self.next_scene.as_ref()
+    }
+
     /// The episode.
     pub fn episode(&self) -> Option<&AgentEpisode> {
         self.episode.as_ref()
@@ -213,11 +226,12 @@ fn begin(
     spec: &EnvSpec,
     stream: &mut RandomStream,
     options: &ResetOptions,
+    ahead: Option<&SceneAhead>,
 ) -> Result<(AgentEpisode, StepResult), AgentError> {
     // An error occurs again below, after the stream has advanced: the next reset then samples another object.
     let needs = InitialState::needs(spec, stream, options);
     drop(needs.and_then(|needs| needs.iter().try_for_each(|need| spec.objects.ensure(need))));
-    let episode = AgentEpisode::new(&InitialState::sample(spec, stream, options)?, spec);
+    let episode = AgentEpisode::new(&InitialState::sample(spec, stream, options, ahead)?, spec);
     let mut result = StepResult { reset: true, ..StepResult::default() };
     result.observe(&episode, spec)?;
     Ok((episode, result))

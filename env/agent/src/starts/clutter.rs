@@ -100,7 +100,11 @@ impl TargetScene {
     }
 }
 
+/// Objects at rest, and where they lie, in the same order.
+pub type AtRest = (Vec<Arc<Prepared>>, Vec<Placed>);
+
 /// The random numbers of a scene.
+#[derive(Clone, Debug, PartialEq)]
 pub struct ClutterSamples {
     /// Index and scale of each object that is drawn.
     pub objects: Vec<(usize, f64)>,
@@ -132,15 +136,20 @@ impl ClutterSamples {
     ///
     /// # Errors
     /// An error of an object that cannot be prepared, or [`EpisodeError::NoRest`] if no object ever stays in the workspace.
-    pub fn at_rest(&self, layout: &Layout, spec: &EnvSpec) -> Result<(Vec<Arc<Prepared>>, Vec<Placed>), AgentError> {
-        let objects = &spec.objects;
+    pub fn at_rest(&self, layout: &Layout, objects: &Objects) -> Result<AtRest, AgentError> {
         let all = self.objects.iter().map(|(object, scale)| scaled(objects, *object, *scale));
         let all = all.collect::<Result<Vec<_>, _>>()?;
         let bodies: Vec<&Body> = all.iter().map(|prepared| prepared.body()).collect();
         for attempt in 0..ATTEMPTS {
             let seed = self.seed.wrapping_add(attempt);
-            let found =
-                layout.arrange(&bodies, Some(self.wanted), spec.hand(), *objects.physics(), seed, objects.cache())?;
+            let found = layout.arrange(
+                &bodies,
+                Some(self.wanted),
+                objects.hand(),
+                *objects.physics(),
+                seed,
+                objects.cache(),
+            )?;
             if found.objects.is_empty() {
                 continue;
             }

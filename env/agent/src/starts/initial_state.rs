@@ -17,6 +17,7 @@ use crate::starts::hand_placement::HandPlacement;
 use crate::starts::initial_samples::InitialSamples;
 use crate::starts::random_stream::RandomStream;
 use crate::starts::reset_options::{ObjectChoice, ResetOptions, bad_option, factor, finite, rigid};
+use crate::starts::scene_ahead::SceneAhead;
 use graspbox_episode::scene::OUT_OF_THE_WAY;
 use graspbox_episode::{Episode, Layout, Scene, SuccessCriterion};
 use graspbox_mesh::TriMesh;
@@ -77,15 +78,29 @@ impl InitialState {
         Ok(vec![Need { object: object_index(spec, &samples, options)?, resting: Some(resting), model }])
     }
 
+    /// The samples of the scene of several objects with which the state of [`InitialState::sample`] would begin; the stream is unchanged.
+    pub fn scene(spec: &EnvSpec, stream: &RandomStream) -> Option<(Layout, ClutterSamples)> {
+        let layout = spec.config.clutter.layout?;
+        let samples = InitialSamples::new(&mut stream.clone(), spec.objects.len());
+        Some((layout, ClutterSamples::new(&spec.config.clutter, &layout, &samples, spec.objects.len())))
+    }
+
     /// Samples an initial state; `options` replace sampled values.
+    ///
+    /// * `ahead`: a scene made in the background; it changes nothing.
     ///
     /// # Errors
     /// [`AgentError::BadOption`], or an error of an object that cannot be prepared.
-    pub fn sample(spec: &EnvSpec, stream: &mut RandomStream, options: &ResetOptions) -> Result<Self, AgentError> {
+    pub fn sample(
+        spec: &EnvSpec,
+        stream: &mut RandomStream,
+        options: &ResetOptions,
+        ahead: Option<&SceneAhead>,
+    ) -> Result<Self, AgentError> {
         let vary = &spec.config.randomization;
         let samples = InitialSamples::new(stream, spec.objects.len());
         let mut start = match &spec.config.clutter.layout {
-            Some(layout) => Start::of_many(spec, layout, &samples, options)?,
+            Some(layout) => Start::of_many(spec, layout, &samples, options, ahead)?,
             None => Start::of_one(spec, &samples, options)?,
         };
         let preshape = checked_preshape(spec, options)?;
@@ -169,10 +184,11 @@ impl Start {
         layout: &Layout,
         samples: &InitialSamples,
         options: &ResetOptions,
+        ahead: Option<&SceneAhead>,
     ) -> Result<Self, AgentError> {
         check_options(options)?;
         let sampled = ClutterSamples::new(&spec.config.clutter, layout, samples, spec.objects.len());
-        let (prepared, placed) = sampled.at_rest(layout, spec)?;
+        let (prepared, placed) = SceneAhead::take(ahead, &spec.objects, layout, &sampled)?;
         if !spec.config.has_target() {
             let scene = scene_of(spec, &prepared, &placed, None)?;
             let object = placed[scene.target()].object;
