@@ -1,7 +1,12 @@
 """A target among others in `GraspPose-v0` and `Grasp-v0`: its labels, infos, starts, copies, policies, and errors."""
 
 import json
+import multiprocessing
+import os
 import pickle
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -254,3 +259,62 @@ def test_pictures_show_the_neighbours() -> None:
         env.reset(seed=2)
         pictures.append(env.render())
     assert (pictures[0] != pictures[1]).any()
+
+
+def rollout(monkeypatch: pytest.MonkeyPatch, cache: str, threads: int, pause: float) -> tuple[list[Any], Any]:
+    """Observations and environments after four episodes of one decision each, and the resets between them."""
+    monkeypatch.setenv("GRASPBOX_CACHE", cache)
+    env = many(num_threads=threads)
+    seen = [env.reset(seed=2)[0]]
+    for action in np.random.default_rng(0).uniform(-1, 1, (8, *env.action_space.shape)).astype(np.float32):
+        time.sleep(pause)
+        seen.append(env.step(action)[0])
+    return seen, env
+
+
+def test_scenes_have_equal_bits_however_they_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made when they are needed, in the background, or read from the cache, on any number of threads."""
+    now, env = rollout(monkeypatch, "", 1, 0.0)
+    env.close()
+    cache = str(tmp_path / "cache")
+    for threads, pause in ((2, 0.3), (1, 0.0)):
+        again, env = rollout(monkeypatch, cache, threads, pause)
+        env.close()
+        assert data_equivalence(again, now, exact=True)
+    assert list((tmp_path / "cache" / "scenes").glob("*.scene"))
+
+
+def test_a_forked_child_makes_its_own_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is forked while the background thread makes the scene that its own environment of the same objects needs."""
+    monkeypatch.setenv("GRASPBOX_CACHE", "")
+
+    def third(between: Any) -> Any:
+        env = gymnasium.make(CLEAR, objects=OBJECTS, layout="pile", objects_per_scene=8, hand=HAND)
+        env.reset(seed=1)
+        env.reset()
+        between()
+        return env.reset()[0]
+
+    context = multiprocessing.get_context("fork")
+    answers = context.SimpleQueue()
+    child = context.Process(target=lambda: answers.put(third(lambda: None)))
+    own = third(child.start)
+    child.join(60)
+    child.kill()
+    assert child.exitcode == 0, "the child failed, or waits for a thread that it does not have"
+    assert data_equivalence(answers.get(), own, exact=True)
+
+
+def test_a_process_ends_while_a_scene_is_made() -> None:
+    program = (
+        "import gymnasium, graspbox.envs\n"
+        f"env = gymnasium.make_vec({CLEAR!r}, 4, 'vector_entry_point', objects={OBJECTS!r}, layout='pile',"
+        f" objects_per_scene=12, hand={HAND!r})\n"
+        "env.reset(seed=0)\n"
+        "print('reset')\n"
+    )
+    environment = {**os.environ, "GRASPBOX_CACHE": ""}
+    ended = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "reset\n", "")
