@@ -224,6 +224,47 @@ def test_a_decision_is_shown_with_its_outcome() -> None:
         assert "**success**" in viewer.canvas.status.content
 
 
+def test_objects_that_are_lifted_out_disappear() -> None:
+    settings = {"policy": "scene_planner", "hand": "panda_gripper", "objects": "procedural:box:0-3", "seed": 0}
+    with shown("graspbox/Clear-v0", layout="bin", objects_per_scene=3, **settings) as viewer:
+        page, scene = viewer.page, viewer.canvas.scene
+        assert len(page.objects.nodes) == page.info["remaining"] == 3
+        assert scene.get_handle_by_name("/walls") is not None
+        assert not page.drawn.visible
+        left = []
+        while not page.done:
+            page.step()
+            left.append(page.info["remaining"])
+            found = page.native.arrangement()
+            for node, pose in zip(page.objects.nodes, found.world_from_objects, strict=True):
+                np.testing.assert_allclose(node.position, pose[:3, 3], atol=1e-6)
+            assert scene.get_handle_by_name(f"/objects/{len(found)}") is None
+            assert f"{page.info['cleared']} cleared, {left[-1]} left" in viewer.canvas.status.content
+            assert page.drawn.visible
+        assert left[-1] < 3
+        page.step()
+        assert page.steps == 1
+        page.reset()
+        assert len(page.objects.nodes) == 3
+
+
+@pytest.mark.parametrize("env_id", ["graspbox/Grasp-v0", "graspbox/GraspPose-v0"])
+def test_a_target_is_shown_among_others(env_id: str) -> None:
+    """The target has another colour; where an episode goes on, all objects are where the environment has them."""
+    settings = {"policy": "planner", "objects": "procedural:can:0-3", "seed": 1}
+    with shown(env_id, layout="pile", objects_per_scene=3, **settings) as viewer:
+        page = viewer.page
+        found = page.native.arrangement()
+        colors = [tuple(node.color) for node in page.objects.nodes]
+        assert len(colors) == len(found) > 1
+        assert colors.count(colors[found.target]) == 1
+        for _ in range(12):
+            page.step()
+            if env_id == "graspbox/Grasp-v0":
+                now = page.native.arrangement().world_from_objects
+                np.testing.assert_allclose([node.position for node in page.objects.nodes], now[:, :3, 3], atol=1e-6)
+
+
 @pytest.fixture(scope="module")
 def depth_image(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[float, float, float, float]]:
     """Render a depth image of a mug; gives it with its intrinsics."""

@@ -21,6 +21,13 @@ PolicyOption = Annotated[
     str | None, typer.Option("--policy", help="Policy of an environment or a depth image: a name or a folder.")
 ]
 Objects = Annotated[str | None, typer.Option("--objects", help="Objects of an environment, or the object of a plan.")]
+LayoutName = Annotated[
+    str | None,
+    typer.Option("--layout", help="How the objects of an environment lie: single, packed, pile or bin."),
+]
+PerScene = Annotated[
+    int | None, typer.Option("--objects-per-scene", min=1, max=40, help="Number of objects of a layout; 5 by default.")
+]
 Intrinsics = Annotated[
     tuple[float, float, float, float] | None,
     typer.Option("--intrinsics", metavar="FX FY CX CY", help="Intrinsics of a depth image, pixels."),
@@ -50,6 +57,8 @@ def view(
     hand: HandName = "reflex",
     policy: PolicyOption = None,
     objects: Objects = None,
+    layout: LayoutName = None,
+    objects_per_scene: PerScene = None,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     camera_pose: CameraPose = None,
@@ -69,6 +78,8 @@ def view(
             source,
             hand=find_hand(hand),
             objects=objects,
+            layout=layout,
+            objects_per_scene=objects_per_scene,
             scale=scale,
             seed=seed,
             poses=poses,

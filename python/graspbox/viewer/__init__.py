@@ -12,7 +12,7 @@
 | the JSON file of ``graspbox grasp --out`` | counts; each object with its poses and outcomes |
 | an object set | a gallery; each object opens |
 | a hand, its name, or its two files | joints and preshape as sliders, shapes, tendons, sensors, swept volume; re-read |
-| the id of an environment | stepped live by ``policy``, by sliders or by keys, with its images |
+| the id of an environment | stepped live by ``policy``, by sliders or by keys, with its images and all of its objects |
 | a depth image (array, ``.npy``, ``.png``), `ImageGrasps` | points, crop, completed object, grasps by score |
 | the folder of a data set | rows with filters, images, and the trial of a row replayed |
 | the folder of a run | settings, log, results and curves, as they grow |
@@ -24,7 +24,7 @@
 | `page`, `pages` | `Page`, the interface, and `Options`; one module per kind |
 | `canvas` | a viser server as pages use it |
 | `drawn_hand`, `player` | hands and poses in the scene; the trace of a trial on a time slider |
-| `surroundings` | the other objects of a scene, and its walls |
+| `surroundings` | the other objects of a scene, those of an environment, and walls |
 | `links`, `contacts`, `geometry` | frames of links, contacts of a trace, meshes and colours; without viser |
 """
 
@@ -45,6 +45,8 @@ def show(
     *,
     hand: HandLike = "reflex",
     objects: str | None = None,
+    layout: str | None = None,
+    objects_per_scene: int | None = None,
     scale: float = 1.0,
     seed: int = 0,
     poses: int = 200,
@@ -66,7 +68,7 @@ def show(
     ----------
     source : object
         A name, a path or a value of one of the kinds in the table of `graspbox.viewer`.
-    hand, objects, scale, seed, poses, policy, intrinsics, depth_scale, camera_pose
+    hand, objects, layout, objects_per_scene, scale, seed, poses, policy, intrinsics, depth_scale, camera_pose
         See `Options`.
     host : str
         Address to listen at.
@@ -94,6 +96,8 @@ def show(
     options = Options(
         hand=hand,
         objects=objects,
+        layout=layout,
+        objects_per_scene=objects_per_scene,
         scale=scale,
         seed=seed,
         poses=poses,

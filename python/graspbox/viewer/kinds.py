@@ -14,7 +14,7 @@ import numpy as np
 from graspbox import object_sets
 from graspbox._common.files import read_bounded
 from graspbox.dataset import manifest
-from graspbox.envs import SINGLE_OBJECT_IDS
+from graspbox.envs import IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, load_hand
 from graspbox.layouts import Arrangement
@@ -106,10 +106,10 @@ def _hand(source: Any, options: Options) -> HandSource | None:
 def _environment(source: Any, options: Options) -> str | None:
     del options
     name = source.removeprefix("graspbox:") if isinstance(source, str) else ""
-    if name in SINGLE_OBJECT_IDS:
+    if name in IDS:
         return name
     if name.startswith("graspbox/"):
-        raise ConfigError(f"there is no environment {name!r}; choose from {', '.join(SINGLE_OBJECT_IDS)}")
+        raise ConfigError(f"there is no environment {name!r}; choose from {', '.join(IDS)}")
     return None
 
 
@@ -175,7 +175,7 @@ def _gallery(source: Any, options: Options) -> ObjectSet | None:
 
 
 KINDS: tuple[Kind, ...] = (
-    Kind(f"environment: {' or '.join(SINGLE_OBJECT_IDS)}", _environment, EnvironmentPage),
+    Kind(f"environment: {', '.join(IDS)}", _environment, EnvironmentPage),
     Kind("hand: a name, or hand.urdf,hand.toml", _hand, HandPage),
     Kind("depth image: .npy or 16-bit .png", _depth_image, DepthImagePage),
     Kind("plan: .json of graspbox plan --out", _plan, ObjectPage),

@@ -21,6 +21,11 @@ class Options:
         See `graspbox.load_hand`.
     objects : str or None
         The object of a plan, if its name is not enough; the objects of an environment.
+    layout : str or None
+        How the objects of an environment lie: ``single``, ``packed``, ``pile`` or ``bin``; by default as the
+        environment or the policy has it.
+    objects_per_scene : int or None
+        Number of objects of a layout.
     scale : float
         Metres per unit of mesh files.
     seed : int
@@ -39,6 +44,8 @@ class Options:
 
     hand: HandLike = "reflex"
     objects: str | None = None
+    layout: str | None = None
+    objects_per_scene: int | None = None
     scale: float = 1.0
     seed: int = 0
     poses: int = 200

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import policies
-from graspbox.envs import spaces
-from graspbox.envs.coding import hand_pose, object_pose, rotation_from_columns
+from graspbox.envs import SINGLE_OBJECT_IDS, spaces
+from graspbox.envs.coding import hand_pose, rotation_from_columns
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand
 from graspbox.policies import Policy, Task
 from graspbox.viewer.drawn_hand import DrawnHand
 from graspbox.viewer.geometry import Floats, depth_picture
 from graspbox.viewer.page import Page
+from graspbox.viewer.surroundings import DrawnArrangement
 
 __all__ = ["EnvironmentPage"]
 
@@ -39,7 +40,7 @@ _BY_POLICY, _BY_SLIDERS, _BY_KEYS = "policy", "sliders", "keys"
 
 
 class EnvironmentPage(Page):
-    """Page of an environment; `content` is its id, one of `graspbox.envs.SINGLE_OBJECT_IDS`."""
+    """Page of an environment; `content` is its id, one of `graspbox.envs.IDS`."""
 
     title: ClassVar[str] = "environment"
 
@@ -49,17 +50,18 @@ class EnvironmentPage(Page):
         self.policy: Policy | None = None if options.policy is None else policies.load(options.policy)
         self.hand: Hand = load_hand(options.hand)
         self.closed_loop = self.content.startswith("graspbox/Grasp-")
+        self.clears = self.content not in SINGLE_OBJECT_IDS
         self.env = self._make()
         self.native: Any = self.env.unwrapped
-        self.control = "twist" if self.closed_loop else "grasp_pose"
+        self.control = "twist" if self.closed_loop else "clear" if self.clears else "grasp_pose"
         self.columns, observed = spaces.columns_of(self.control, spaces.tables(self.hand))
         self._state = observed["state"]
         if self.policy is not None:
             self.policy.bind(Task.of(self.env))
-        self._object, self.running, self.done = "", False, True
+        self.running, self.done = False, True
         self.canvas.look((0.0, 0.0, 0.12), 0.95)
         self.canvas.table()
-        self.node = self.canvas.frame("/object", np.eye(4))
+        self.objects = DrawnArrangement(self.canvas)
         self.drawn = DrawnHand(self.canvas, "/hand", self.hand)
         self._controls()
         self.reset()
@@ -73,6 +75,8 @@ class EnvironmentPage(Page):
         names += [name for name in ("state", "rgb", "depth") if name not in names]
         if "cameras" not in settings:
             settings.setdefault("image_size", _IMAGE)
+        named = {"layout": self.options.layout, "objects_per_scene": self.options.objects_per_scene}
+        settings |= {name: value for name, value in named.items() if value is not None}
         objects = self.options.objects or "procedural"
         return gymnasium.make(self.content, objects=objects, obs=tuple(names), hand=self.options.hand, **settings)
 
@@ -144,10 +148,6 @@ class EnvironmentPage(Page):
             self.policy.reset(seed, info=info)
         self.seed.value = seed + 1
         self.steps, self.reward, self.done, self.info, self._seed = 0, 0.0, False, info, seed
-        if info["object"] != self._object:
-            self._object = info["object"]
-            mesh = self.native.objects[self.native.objects.names.index(self._object)].load()
-            self.canvas.mesh("/object/mesh", mesh)
         if not self.closed_loop:
             self.drawn.visible = False
         self.refresh()
@@ -208,20 +208,21 @@ class EnvironmentPage(Page):
         """Draw the present state."""
         state = self.observation["state"]
         with self.canvas.server.atomic():
-            if self.closed_loop or not self.done:
+            if self.closed_loop or self.clears or not self.done:
                 # After a decision the scene keeps the object at its place before the grasp; the images show the end.
-                self.canvas.move(self.node, object_pose(state, control=self.control, hand=self.hand))
+                self.objects.show(self.native.arrangement())
             if self.closed_loop:
                 self.drawn.pose(hand_pose(state, control=self.control, hand=self.hand), self._joints(state))
         for name, node in self.images.items():
             image = np.asarray(self.observation[name])
             node.image = image if image.dtype == np.uint8 else depth_picture(image[..., 0])
         ended = ""
-        if self.done:
+        if self.done or (self.clears and self.steps):
             ended = "**success**" if self.info["is_success"] else f"**{self.info['failure'] or 'time limit'}**"
         name = "" if self.policy is None else f", policy {self.policy.name}"
+        left = f", {self.info['cleared']} cleared, {self.info['remaining']} left" if self.clears else ""
         self.canvas.say(
-            f"**{self.content}**{name}  \nseed {self._seed}: {self._object}  \nstep {self.steps}, reward "
+            f"**{self.content}**{name}  \nseed {self._seed}: {self.info['object']}{left}  \nstep {self.steps}, reward "
             f"{self.reward:.2f}, lift {100 * float(self.info.get('lift') or 0):.1f} cm  \n{ended}"
         )
 
