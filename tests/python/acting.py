@@ -9,9 +9,21 @@ from graspbox import object_sets, planning
 from graspbox.configs import CamerasConfig
 from graspbox.envs.coding import encode_action, object_pose
 from graspbox.envs.expert import Expert, planned
+from graspbox.layouts import Arrangement
 
 #: Objects whose convex parts are known exactly: they are ready within milliseconds.
 OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")
+#: Every kind of task: an id, and keywords of the environment.
+TASKS: dict[str, tuple[str, dict[str, Any]]] = {
+    "Grasp": ("graspbox/Grasp-v0", {}),
+    "Grasp, target": ("graspbox/Grasp-v0", {"layout": "pile", "objects_per_scene": (2, 3)}),
+    "GraspPose": ("graspbox/GraspPose-v0", {}),
+    "GraspPose, target": ("graspbox/GraspPose-v0", {"layout": "packed", "objects_per_scene": (2, 3)}),
+    "Clear": ("graspbox/Clear-v0", {"layout": "packed", "objects_per_scene": (2, 3)}),
+}
+#: Those that are stepped in closed loop, and those whose step is a decision.
+LOOPS = tuple(name for name, (env_id, _) in TASKS.items() if env_id == "graspbox/Grasp-v0")
+DECISIONS = tuple(name for name in TASKS if name not in LOOPS)
 #: Small images; 36 pixels are the least that Stable-Baselines3 takes without a warning.
 CAMERAS = CamerasConfig(image_size=(36, 40), voxels=16)
 
@@ -63,3 +75,24 @@ def best_grasp(objects: object_sets.ObjectSet, name: str, state: NDArray[np.floa
     """Name the planner's first pose as an action of GraspPose-v0, for an object as its state says that it lies."""
     plan = planning.plan(objects[objects.names.index(name)].load(), world_from_object=object_pose(state))
     return encode_action(object_pose(state) @ plan.poses[0], plan.preshape[0])
+
+
+def over_the_highest(scene: Arrangement, hand: str = "reflex") -> NDArray[np.float32]:
+    """Name the planner's first pose, of the target or of the object that reaches highest, as a decision.
+
+    Zeros, which are infeasible, where nothing is left or there is no pose.
+    """
+    if not len(scene):
+        return np.zeros_like(encode_action(np.eye(4), 0.0, hand=hand))
+    tops = [
+        float((mesh.vertices @ pose[2, :3]).max() + pose[2, 3])
+        for mesh, pose in zip(scene.meshes, scene.world_from_objects, strict=True)
+    ]
+    index = int(np.argmax(tops)) if scene.target is None else scene.target
+    pose = scene.world_from_objects[index]
+    plan = planning.plan(scene.meshes[index], hand=hand, world_from_object=pose, neighbours=scene.without(index)).best(
+        1
+    )
+    if not len(plan):
+        return np.zeros_like(encode_action(np.eye(4), 0.0, hand=hand))
+    return encode_action(pose @ plan.poses[0], float(plan.preshape[0]), hand=hand)

@@ -9,7 +9,8 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 import graspbox
-from graspbox.envs.coding import encode_action
+from graspbox.configs import Randomization
+from graspbox.envs.coding import codec, encode_action
 from graspbox.envs.settings import ClearSettings, keywords
 from graspbox.errors import ConfigError
 
@@ -120,6 +121,56 @@ def test_vector_environments_equal_single_ones() -> None:
         assert (single.reset(seed=11 + index)[0] == seen[index]).all()
         scene, other = single.unwrapped.arrangement(), many.unwrapped.arrangement(index)
         assert (scene.world_from_objects == other.world_from_objects).all()
+
+
+def test_randomization_gives_every_object_the_same_factor_on_its_mass() -> None:
+    """The state tells the mass of the object that reaches highest, which changes as the round goes on."""
+    env = clear(layout="packed", obs="state", randomization=Randomization(mass=(0.5, 2.0)))
+    lists: list[list[float]] = []
+    for seed in (3, 4, 5, 3):
+        state, _ = env.reset(seed=seed)
+        factors, objects, ended = [], set(), False
+        while not ended:
+            scene = env.unwrapped.arrangement()
+            distances = np.linalg.norm(scene.world_from_objects[:, :3, 3] - state[:3], axis=1)
+            top = int(distances.argmin())
+            assert distances[top] < 1e-5
+            factors.append(float(state[-1]) / scene.meshes[top].mass)
+            objects.add(scene.objects[top])
+            state, _, ended, _, _ = env.step(planned(env))
+        assert len(objects) > 1
+        np.testing.assert_allclose(factors, factors[0], rtol=1e-5)
+        assert 0.5 <= factors[0] <= 2.0
+        lists.append(factors)
+    assert lists[0] == lists[3]
+    assert len({round(factors[0], 3) for factors in lists}) == 3
+
+
+def test_friction_and_mass_of_an_attempt_are_those_of_every_object() -> None:
+    """Attempts on each object end as those of a scene whose objects all have these factors, and not as without them."""
+    for friction, mass in ((0.1, 10.0), (1.0, 1.0)):
+        fixed = clear(layout="packed", randomization=Randomization(friction=(friction,) * 2, mass=(mass,) * 2))
+        asked = clear(layout="packed")
+        asked.reset(seed=3, options={"friction": friction, "mass": mass})
+        found = asked.unwrapped.arrangement()
+        scene = graspbox.Scene.of(found, hand="panda_gripper")
+        for index in range(len(found)):
+            around, rest = found.without(index), found.world_from_objects[index]
+            (best,) = graspbox.plan(
+                found.meshes[index], hand="panda_gripper", world_from_object=rest, neighbours=around
+            ).best(1)
+            action = encode_action(rest @ best.pose, best.preshape, hand="panda_gripper")
+            pose, preshape = codec("grasp_pose", "panda_gripper").decode_grasp(action)
+            pose = np.linalg.inv(scene.world_from_object) @ pose
+            asked.reset(seed=3, options={"friction": friction, "mass": mass})
+            fixed.reset(seed=3)
+            ours, theirs = asked.step(action), fixed.step(action)
+            assert data_equivalence(ours, theirs, exact=True)
+            expected = scene.simulate(pose[None], preshape, friction=friction, mass=mass)
+            assert ours[4]["lift"] == pytest.approx(float(expected.lift[0]), abs=1e-6)
+            assert ours[4]["is_success"] == bool(expected.success[0])
+            plain = scene.simulate(pose[None], preshape)
+            assert (abs(float(plain.lift[0]) - ours[4]["lift"]) > 1e-5) == (friction != 1.0)
 
 
 def test_scales_and_numbers_vary_within_their_ranges() -> None:

@@ -32,9 +32,16 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     *[(CLEAR, {"obs": name}) for name in TABLES["clear"]["observations"] if name != "tactile"],
     (CLEAR, {"obs": ("depth", "segmentation", "rgb", "state"), "image_size": 36, "layout": "packed"}),
     (CLEAR, {"obs": "segmentation", "image_size": (40, 48), "layout": "bin", "objects_per_scene": (2, 4)}),
+    (CLEAR, {"obs": (*spaces.IMAGES, "rgb_palm"), "image_size": 36, "randomization": "standard", "layout": "bin"}),
+    (CLEAR, {"obs": ("state", "proprio"), "hand": "panda_gripper", "reward": "dense", "randomization": "standard"}),
+    (CLEAR, {"obs": ("state", "proprio"), "hand": "leap", "layout": "packed"}),
     ("graspbox/GraspPose-v0", {"obs": ("state", "segmentation"), "image_size": 36, "layout": "packed"}),
     *[(GRASP, {"obs": name}) for name in TABLES["observations"]["twist"]],
     (GRASP, {"obs": ("state", "segmentation"), "image_size": 36, "layout": "packed", "objects_per_scene": (2, 4)}),
+    *[
+        (env_id, {"obs": ("state", *spaces.IMAGES), "image_size": 36, "layout": "pile", "randomization": "standard"})
+        for env_id in ("graspbox/GraspPose-v0", GRASP)
+    ],
     *[(GRASP, {"obs": name, "image_size": 36}) for name in spaces.IMAGES],
     (GRASP, {"obs": ("depth_palm", "proprio"), "randomization": "standard", "image_size": (40, 48)}),
     (GRASP, {"obs": ("proprio", "tactile"), "reward": "dense", "randomization": "standard"}),

@@ -146,6 +146,22 @@ def test_decisions_are_recorded_too(tmp_path: Path) -> None:
     assert episode.tolist() == [0, 1]
 
 
+def test_rounds_and_targets_are_recorded_and_done_again(tmp_path: Path) -> None:
+    """The actions of a round lead an environment of its seed and settings through it again."""
+    layout: dict[str, Any] = {"layout": "packed", "objects_per_scene": 2, "hand": "panda_gripper"}
+    for policy, env_id in (("scene_planner", "graspbox/Clear-v0"), ("planner", "graspbox/GraspPose-v0")):
+        found = record(policy, tmp_path / policy, env_id, OBJECTS, 2, ("state",), keep="all", **layout)
+        env: Any = gymnasium.make(env_id, **{**found.environment()[1], "obs": "state"})
+        for one in found.read():
+            observation, _ = env.reset(seed=one.episode.seed)
+            for step, action in enumerate(one.actions):
+                assert (observation == one.observations["state"][step]).all()
+                observation, reward, terminated, truncated, _ = env.step(action)
+                assert reward == one.rewards[step]
+                assert (terminated, truncated) == (one.terminated[step], one.truncated[step])
+        assert max(row.steps for row in found.episodes) > 1 or env_id == "graspbox/GraspPose-v0"
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -27,7 +27,7 @@ from graspbox.envs import spaces
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.remote import EnvironmentServer, ServerSettings
 
-GRASP, POSE = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
+GRASP, POSE, CLEAR = "graspbox/Grasp-v0", "graspbox/GraspPose-v0", "graspbox/Clear-v0"
 IDS, HANDS, MODES = (GRASP, POSE), tuple(graspbox.Hand.names()), tuple(AutoresetMode)
 #: Every vector and image, and several at once; `tactile` is of the reflex hand alone.
 OBSERVATIONS: tuple[Any, ...] = (
@@ -64,6 +64,14 @@ def same(ours: Any, theirs: Any) -> bool:
     return bool(repr(ours) == repr(theirs) if isinstance(ours, float) else ours == theirs)
 
 
+#: A target among others, and rounds of clearing.
+AMONG: dict[str, dict[str, Any]] = {
+    GRASP: {"layout": "pile", "objects_per_scene": (2, 3)},
+    POSE: {"layout": "bin", "objects_per_scene": (2, 3)},
+    CLEAR: {"layout": "packed", "objects_per_scene": (2, 3)},
+}
+
+
 def defaults(env_id: str) -> dict[str, Any]:
     own = {"frame_skip": 2} if env_id == GRASP else {}
     return {"objects": OBJECTS, "reward": "dense", "image_size": 20, **own}
@@ -82,7 +90,7 @@ def acting(env: Any, steps: int, seed: int = 0) -> NDArray[np.float32]:
     """Actions (steps, *shape) that press the hand on objects and close it; decisions near the middle of the table."""
     shape = env.action_space.shape
     actions = np.random.default_rng(seed).uniform(-0.2, 0.2, (steps, *shape))
-    if env.spec.id == POSE:
+    if env.spec.id != GRASP:
         actions[..., :9] = [0.1, 0.1, 0.2, 0, 0, 0, 0, 0, 0] * actions[..., :9] + [0, 0, -0.42, 1, 0, 0, 0, -1, 0]
     else:
         actions[..., 2] = 1.0
@@ -155,11 +163,11 @@ PRODUCT: list[Case] = [
 ]
 
 
-def check_equality(urls: Urls, case: Case) -> None:
+def check_equality(urls: Urls, case: Case, **keywords: Any) -> None:
     obs, hand, mode, env_id = case
-    settings: dict[str, Any] = {"env_id": env_id, "obs": obs, "hand": hand}
+    settings: dict[str, Any] = {"env_id": env_id, "obs": obs, "hand": hand, **keywords}
     limit: dict[str, Any] = {"max_episode_steps": 7} if env_id == GRASP else {}
-    steps, place = (16, None) if env_id == GRASP else (6, [0.0, 0.0, 0.3])
+    steps, place = (16, None) if env_id == GRASP else (6, None if keywords else [0.0, 0.0, 0.3])
     local = make(autoreset_mode=mode, **settings)
     expected = rollout(local, steps, place=place)
     assert contact(expected) > 0
@@ -185,6 +193,14 @@ def check_equality(urls: Urls, case: Case) -> None:
 def test_equals_environments_of_this_process(urls: Urls, case: Case) -> None:
     """Over one server, over two, with lost connections, and alone; with contact, and ends of episodes everywhere."""
     check_equality(urls, case)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("env_id", AMONG)
+def test_scenes_of_several_objects_equal_those_of_this_process(urls: Urls, env_id: str, mode: AutoresetMode) -> None:
+    hand = HANDS[MODES.index(mode)]
+    obs = ("state", "proprio", "depth", "segmentation", "amodal")
+    check_equality(urls, (obs, hand, mode, env_id), randomization="standard", **AMONG[env_id])
 
 
 @pytest.mark.slow
@@ -297,10 +313,13 @@ def test_seeds_that_nobody_gives_are_those_of_the_client(urls: Urls) -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_states_pass_between_here_and_there(urls: Urls, mode: AutoresetMode) -> None:
+@pytest.mark.parametrize(("env_id", "keywords"), [(GRASP, {}), (CLEAR, AMONG[CLEAR])], ids=["Grasp", "Clear"])
+def test_states_pass_between_here_and_there(
+    urls: Urls, mode: AutoresetMode, env_id: str, keywords: dict[str, Any]
+) -> None:
     """Into another environment, of another server or none, in every step of an episode and at its end."""
-    local, there, single = make(5, autoreset_mode=mode), make(5, autoreset_mode=mode, remote=urls), make_single()
-    remote = make_single(remote=urls[1])
+    local, there = (make(5, env_id, autoreset_mode=mode, remote=remote, **keywords) for remote in (None, urls))
+    single, remote = (make_single(env_id, remote=url, **keywords) for url in (None, urls[1]))
     rollout(local, 7), rollout(there, 7)
     for step, action in enumerate(acting(local, 10, seed=1)):
         source, target = step % 5, (3 * step + 1) % 5

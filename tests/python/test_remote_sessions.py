@@ -20,6 +20,9 @@ from graspbox import errors, load_hand
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.remote import EnvironmentServer, ServerSettings
 from test_remote import (
+    AMONG,
+    CLEAR,
+    GRASP,
     POSE,
     Urls,
     acting,
@@ -142,10 +145,13 @@ LOST: list[tuple[AutoresetMode, int, int, float]] = [
 
 
 @pytest.mark.parametrize("lost", LOST, ids=str)
-def test_environments_are_restored_on_another_server(urls: Urls, lost: Any) -> None:
+@pytest.mark.parametrize("env_id", [GRASP, CLEAR])
+def test_environments_are_restored_on_another_server(urls: Urls, lost: Any, env_id: str) -> None:
     """As if nothing had happened: also partial resets, states and settings since the states were saved."""
     mode, which, checkpoint, grace = lost
+    among = {} if env_id == GRASP else AMONG[env_id]
     settings: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 4, "obs": ("state", "depth")}
+    settings |= {"env_id": env_id, **among}
     with served() as server:
         order = (server.url, urls[0]) if which == 0 else (urls[0], server.url)
         config = RemoteConfig(order, reconnect="restore", checkpoint=checkpoint, grace=grace)

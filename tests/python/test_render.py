@@ -11,7 +11,7 @@ from gymnasium.wrappers import RecordVideo
 from gymnasium.wrappers.vector import RecordVideo as RecordVideos
 from moviepy import VideoFileClip
 
-from acting import OBJECTS, pressing
+from acting import OBJECTS, TASKS, pressing
 from graspbox import errors
 from graspbox.configs import FRONT, PALM, CameraConfig, CamerasConfig, PictureConfig
 from graspbox.envs.grasp import GraspEnv
@@ -24,13 +24,13 @@ pytestmark = pytest.mark.filterwarnings(
 )
 
 
-def make(**settings: Any) -> Any:
-    return gymnasium.make(ID, **{"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL, **settings})
+def make(env_id: str = ID, **settings: Any) -> Any:
+    return gymnasium.make(env_id, **{"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL, **settings})
 
 
-def make_vec(num_envs: int, **settings: Any) -> Any:
+def make_vec(num_envs: int, env_id: str = ID, **settings: Any) -> Any:
     return gymnasium.make_vec(
-        ID, num_envs=num_envs, **{"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL, **settings}
+        env_id, num_envs=num_envs, **{"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL, **settings}
     )
 
 
@@ -50,13 +50,15 @@ def test_pictures_follow_the_world() -> None:
     assert env.metadata["render_modes"] == ["human", "rgb_array"]
 
 
-def test_vector_pictures_are_those_of_the_single_environments() -> None:
-    envs = make_vec(3)
+@pytest.mark.parametrize("task", TASKS)
+def test_vector_pictures_are_those_of_the_single_environments(task: str) -> None:
+    env_id, keywords = TASKS[task]
+    envs = make_vec(3, env_id, **keywords)
     envs.reset(seed=5)
     frames = envs.render()
     assert len(frames) == 3
     for i, frame in enumerate(frames):
-        env = make()
+        env = make(env_id, **keywords)
         env.reset(seed=5 + i)
         np.testing.assert_array_equal(env.render(), frame)
 

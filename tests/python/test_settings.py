@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from mypy import api as mypy
 
-from acting import OBJECTS, best_grasp, expert_actions, pressing
+from acting import OBJECTS, TASKS, best_grasp, expert_actions, pressing
 from graspbox import errors
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs import settings
+from graspbox.envs.clear import ClearEnv, ClearVectorEnv
 from graspbox.envs.grasp import GraspEnv
 from graspbox.envs.grasp_pose import GraspPoseEnv, GraspPoseVectorEnv
 from graspbox.envs.vector import GraspVectorEnv
@@ -23,8 +24,10 @@ KINDS = {
     GraspPoseEnv: settings.GraspPoseSettings,
     GraspVectorEnv: settings.GraspVectorSettings,
     GraspPoseVectorEnv: settings.GraspPoseVectorSettings,
+    ClearEnv: settings.ClearSettings,
+    ClearVectorEnv: settings.ClearVectorSettings,
 }
-GRASP, POSE = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
+GRASP, POSE, CLEAR = "graspbox/Grasp-v0", "graspbox/GraspPose-v0", "graspbox/Clear-v0"
 
 
 @pytest.mark.parametrize("env", KINDS, ids=lambda env: env.__name__)
@@ -37,13 +40,15 @@ def test_signatures_name_every_keyword_with_its_default(env: Any) -> None:
     hints = get_type_hints(KINDS[env])
     assert all(found[name].annotation == hints[name] for name in rows)
     assert found["objects"].default == "procedural"
-    assert ("control" in found, "trial" in found) == (("Pose" not in env.__name__), "Pose" in env.__name__)
+    closed_loop = env in (GraspEnv, GraspVectorEnv)
+    assert ("control" in found, "trial" in found) == (closed_loop, not closed_loop)
     assert found["physics"].default == PhysicsConfig()
 
 
 def test_defaults_are_those_that_environments_have() -> None:
     """Omitted keywords and explicit defaults give the same environment."""
-    for env_id, kind in ((GRASP, settings.GraspSettings), (POSE, settings.GraspPoseSettings)):
+    kinds = ((GRASP, settings.GraspSettings), (POSE, settings.GraspPoseSettings), (CLEAR, settings.ClearSettings))
+    for env_id, kind in kinds:
         given = {name: row.default for name, row in settings.keywords(kind).items()}
         plain: Any = gymnasium.make(env_id).unwrapped
         full: Any = gymnasium.make(env_id, **given).unwrapped
@@ -61,6 +66,7 @@ def test_defaults_are_those_that_environments_have() -> None:
         (POSE, False, "control", "choose from split, scale, mass, obs"),
         (POSE, True, "auto_reset_mode", "'autoreset_mode'"),
         (POSE, False, "copy", "choose from"),
+        (CLEAR, True, "max_failure", "'max_failures'"),
     ],
 )
 def test_a_misspelt_keyword_names_the_nearest_one(env_id: str, vector: bool, wrong: str, near: str) -> None:
@@ -128,11 +134,12 @@ def flat_numbers(info: dict[str, Any]) -> bool:
     return all(isinstance(value, bool | int | float | np.bool_ | np.number) for value in info.values())
 
 
-@pytest.mark.parametrize("env_id", [GRASP, POSE])
-def test_numeric_infos_say_the_same_in_numbers(env_id: str) -> None:
+@pytest.mark.parametrize("task", TASKS)
+def test_numeric_infos_say_the_same_in_numbers(task: str) -> None:
     """No string and no nested dictionary, so that wrappers can make tensors."""
-    full: Any = gymnasium.make(env_id, objects=OBJECTS, reward="dense").unwrapped
-    numeric: Any = gymnasium.make(env_id, objects=OBJECTS, reward="dense", info="numeric").unwrapped
+    env_id, keywords = TASKS[task]
+    full: Any = gymnasium.make(env_id, objects=OBJECTS, reward="dense", **keywords).unwrapped
+    numeric: Any = gymnasium.make(env_id, objects=OBJECTS, reward="dense", info="numeric", **keywords).unwrapped
     failures, seen = full._core.tables["failures"], set()
     for seed in range(3):
         pairs = [(full.reset(seed=seed)[1], numeric.reset(seed=seed)[1])]

@@ -12,7 +12,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import graspbox
-from acting import CAMERAS, OBJECTS, Experts, best_grasp, pressing
+from acting import CAMERAS, DECISIONS, OBJECTS, TASKS, Experts, over_the_highest, pressing
 from graspbox import errors
 from graspbox.envs import spaces
 
@@ -26,13 +26,18 @@ COUNTS_SAME_STEP = tuple(map(int, gymnasium.__version__.split(".")[:2])) >= (1, 
 MISCOUNTED = "RecordEpisodeStatistics of gymnasium below 1.4 counts the episodes of SAME_STEP one step short"
 
 
-def make(num_envs: int = 3, **settings: Any) -> Any:
+def make(num_envs: int = 3, task: str = "Grasp", **settings: Any) -> Any:
+    env_id, keywords = TASKS[task]
     defaults = {"objects": OBJECTS, "reward": "dense", "cameras": CAMERAS}
-    return gymnasium.make_vec(ID, num_envs=num_envs, **{**defaults, **settings})
+    return gymnasium.make_vec(env_id, num_envs=num_envs, **{**defaults, **keywords, **settings})
 
 
 def make_sync(mode: AutoresetMode, num_envs: int = 3, **settings: Any) -> Any:
     return make(num_envs, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **settings)
+
+
+#: Tasks whose environments have to do the same in all ways to step them: a motion, a target, and rounds.
+ALL_WAYS = pytest.mark.parametrize("task", ["Grasp", "Grasp, target", "Clear"])
 
 
 @pytest.mark.parametrize(("mode", "which"), list(itertools.product(AutoresetMode, OBSERVATIONS)), ids=str)
@@ -94,40 +99,30 @@ def test_episodes_that_succeed_equal_sync_too(control: str, mode: AutoresetMode)
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-def test_decisions_equal_sync_of_single_environments(mode: AutoresetMode) -> None:
-    """Random and planned poses; every step ends every episode."""
+@pytest.mark.parametrize("task", DECISIONS)
+def test_decisions_equal_sync_of_single_environments(task: str, mode: AutoresetMode) -> None:
+    """Planned poses, far ones, and ones that hit the table; a step ends an episode, or takes something away."""
     obs = (*VECTORS, "depth", "depth_palm", "voxels")
-    settings: dict[str, Any] = {"objects": OBJECTS, "reward": "dense", "obs": obs, "image_size": 24}
-    single: Any = gymnasium.make_vec(
-        "graspbox/GraspPose-v0",
-        num_envs=3,
-        vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": mode},
-        randomization="standard",
-        **settings,
-    )
-    native: Any = gymnasium.make_vec(
-        "graspbox/GraspPose-v0", num_envs=3, autoreset_mode=mode, randomization="standard", **settings
-    )
+    settings: dict[str, Any] = {"task": task, "obs": obs, "randomization": "standard"}
+    single, native = make_sync(mode, **settings), make(autoreset_mode=mode, **settings)
     assert native.observation_space == single.observation_space
     assert native.metadata == single.metadata
-    shown, theirs = native.reset(seed=3), single.reset(seed=3)
-    assert data_equivalence(shown, theirs, exact=True)
-    successes = 0
-    for step in range(5):
-        rows = zip(shown[1]["object"], shown[0]["state"], strict=True)
-        action = np.stack([best_grasp(native.objects, name, state) for name, state in rows])
+    assert data_equivalence(native.reset(seed=3), single.reset(seed=3), exact=True)
+    successes = ends = 0
+    for step in range(8 if task == "Clear" else 5):
+        action = np.stack([over_the_highest(native.arrangement(index)) for index in range(3)])
         # The second pose of each three is far above; the third hits the table.
         action[:, 2] += [0.0, 0.8, -0.9][step % 3]
         ours, theirs = native.step(action), single.step(action)
         assert data_equivalence(ours, theirs, exact=True)
         successes += int((ours[1] > 1.0).sum())
-        shown = (ours[0], ours[4])
-        if mode == AutoresetMode.DISABLED:
-            done = ours[2] | ours[3]
+        done = ours[2] | ours[3]
+        ends += int(done.sum())
+        if mode == AutoresetMode.DISABLED and done.any():
             shown = native.reset(options={"reset_mask": done})
             assert data_equivalence(shown, single.reset(options={"reset_mask": done.copy()}), exact=True)
     assert successes >= 1
+    assert ends >= 3
 
 
 def test_decisions_by_other_ways_are_the_same() -> None:
@@ -176,13 +171,16 @@ def test_a_held_action_is_that_action_again() -> None:
     assert touches
 
 
+@ALL_WAYS
 @pytest.mark.parametrize("mode", AutoresetMode)
-def test_partial_resets_equal_those_of_sync(mode: AutoresetMode) -> None:
+def test_partial_resets_equal_those_of_sync(mode: AutoresetMode, task: str) -> None:
     """In the middle of episodes, with seeds and options, and where an autoreset is due."""
-    native, single = make(autoreset_mode=mode, max_episode_steps=9), make_sync(mode, max_episode_steps=9)
+    native = make(task=task, autoreset_mode=mode, max_episode_steps=9)
+    single = make_sync(mode, task=task, max_episode_steps=9)
     native.reset(seed=0)
     single.reset(seed=0)
-    kinds: list[dict[str, Any]] = [{}, {"seed": 8}, {"seed": [7, None, 9]}, {"options": {"place": [0.0, 0.0, 0.5]}}]
+    option = {"place": [0.0, 0.0, 0.5]} if task == "Grasp" else {"friction": 0.5}
+    kinds: list[dict[str, Any]] = [{}, {"seed": 8}, {"seed": [7, None, 9]}, {"options": option}]
     asked = itertools.cycle(kinds)
     rng = np.random.default_rng(0)
     for step, action in enumerate(pressing(40, 3)):
@@ -204,11 +202,12 @@ def rollout(native: Any, steps: int = 40) -> list[Any]:
     return [native.reset(seed=1), *(native.step(action) for action in pressing(steps, native.num_envs, seed=4))]
 
 
-def test_results_depend_neither_on_neighbours_nor_on_threads() -> None:
-    many = rollout(make(5, num_threads=2, max_episode_steps=15))
-    assert data_equivalence(rollout(make(5, num_threads=1, max_episode_steps=15)), many, exact=True)
+@ALL_WAYS
+def test_results_depend_neither_on_neighbours_nor_on_threads(task: str) -> None:
+    many = rollout(make(5, task, num_threads=2, max_episode_steps=15))
+    assert data_equivalence(rollout(make(5, task, num_threads=1, max_episode_steps=15)), many, exact=True)
     actions = pressing(40, 5, seed=4)
-    alone = make(1, max_episode_steps=15)
+    alone = make(1, task, max_episode_steps=15)
     observation, _ = alone.reset(seed=1 + 3)
     np.testing.assert_array_equal(observation[0], many[0][0][3])
     for action, step in zip(actions, many[1:], strict=True):
@@ -294,9 +293,10 @@ def test_statistics_of_episodes(mode: AutoresetMode) -> None:
     assert env.episode_count == episodes
 
 
-def test_send_and_recv_give_what_step_gives() -> None:
+@ALL_WAYS
+def test_send_and_recv_give_what_step_gives(task: str) -> None:
     """In any order of arrival, each environment gets the observations of a common step."""
-    together, apart = make(4, max_episode_steps=10), make(4, max_episode_steps=10)
+    together, apart = make(4, task, max_episode_steps=10), make(4, task, max_episode_steps=10)
     together.reset(seed=2)
     apart.reset(seed=2)
     for action in pressing(25, 4):
@@ -335,10 +335,13 @@ def test_final_observations_arrive_through_recv() -> None:
     np.testing.assert_array_equal(infos["final_info"]["lift"], expected[4]["final_info"]["lift"][arrived])
 
 
-def test_states_pass_between_single_and_vector() -> None:
-    objects = "procedural:box:0-1"
-    single: Any = gymnasium.make(ID, objects=objects, reward="dense").unwrapped
-    env = make(2, objects=objects, max_episode_steps=50)
+@ALL_WAYS
+def test_states_pass_between_single_and_vector(task: str) -> None:
+    """In the middle of an episode: of a round, after an attempt that failed."""
+    objects, (env_id, keywords) = "procedural:box:0-1", TASKS[task]
+    keywords = {**keywords, **({"max_failures": 40} if task == "Clear" else {})}
+    single: Any = gymnasium.make(env_id, objects=objects, reward="dense", **keywords).unwrapped
+    env = make(2, task, objects=objects, max_episode_steps=50, **keywords)
     actions = pressing(30, 2)
     env.reset(seed=6)
     for action in actions[:15]:
@@ -346,7 +349,7 @@ def test_states_pass_between_single_and_vector() -> None:
     shown = env.set_state(1, env.get_state(1))
     # Where the others have no episode yet.
     for count in (2, 3):
-        fresh: Any = make(count, objects=objects)
+        fresh: Any = make(count, task, objects=objects, **keywords)
         assert data_equivalence(fresh.set_state(1, env.get_state(1)), shown, exact=True)
     assert data_equivalence(single.set_state(env.get_state(1)), shown, exact=True)
     for action in actions[15:]:
