@@ -29,7 +29,7 @@ from graspbox.pictures import (
     sweeps,
     trials,
 )
-from graspbox.pictures.solids import FAILURE, NOT_SIMULATED, SUCCESS
+from graspbox.pictures.solids import FAILURE, NEIGHBOUR, NOT_SIMULATED, SUCCESS, WALL
 from program_files import imported
 from test_pictures import check_picture
 
@@ -223,6 +223,45 @@ def test_a_plan_that_was_not_simulated_says_so(
     pictures.save_plan(tmp_path / "none.png", scene.mesh, none)
     assert [axes.get_title() for axes in figures[1].axes][1:] == ["the best 0 poses, not simulated", "no feasible pose"]
     check_picture(tmp_path / "none.png")
+
+
+def test_neighbours_and_walls_are_grey_and_where_the_trial_left_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[list[Any]] = []
+    plain = View.__init__
+
+    def kept(self: View, solids: Any, *rest: Any, **settings: Any) -> None:
+        drawn.append(list(solids))
+        plain(self, solids, *rest, **settings)
+
+    monkeypatch.setattr(View, "__init__", kept)
+    meshes = [object_sets.load(f"procedural:{name}:1")[0].load() for name in ("box", "mug", "can")]
+    heap = graspbox.arrange(meshes, "bin", seed=3, hand="panda_gripper")
+    scene, others = graspbox.Scene.of(heap, target=0, hand="panda_gripper"), heap.without(0)
+    plan = graspbox.plan(
+        scene.mesh, hand="panda_gripper", world_from_object=scene.world_from_object, neighbours=others
+    ).best(2)
+    example = GraspExample.run(scene, plan)
+    assert example.trial is not None
+    settings: dict[str, Any] = {"trial": example.trial, "hand": "panda_gripper"}
+    pictures.save_plan(tmp_path / "plan.png", scene.mesh, plan, example.outcomes, neighbours=others, **settings)
+    check_picture(tmp_path / "plan.png")
+    rest, end = drawn
+    assert [solid.mesh.name for solid in rest[:3]] == ["box-000001", *(mesh.name for mesh in others.meshes)]
+    assert {solid.color for solid in rest[1:3]} == {NEIGHBOUR} != {rest[0].color}
+    assert [solid.color for solid in rest[3:]] == [WALL] * 4
+    trace = example.trial.trace
+    for solids, poses in ((rest, others.world_from_objects), (end, trace.world_from_others[-1])):
+        np.testing.assert_allclose([solid.world_from_mesh for solid in solids[1:3]], poses)
+    # A gallery takes them from the scene.
+    drawn.clear()
+    pictures.save_gallery(tmp_path / "gallery.png", [example], hand="panda_gripper")
+    assert [len(solids) for solids in drawn] == [len(rest), len(end)]
+    with pytest.raises(errors.ConfigError, match="1 neighbours of a trial with 2; give those of its scene"):
+        pictures.save_plan(
+            tmp_path / "few.png", scene.mesh, plan, example.outcomes, neighbours=others.without(0), **settings
+        )
 
 
 def test_captions_count_and_name_outcomes(bottle: tuple[graspbox.Scene, graspbox.Plan]) -> None:

@@ -2,7 +2,7 @@
 
 | function | picture |
 |---|---|
-| `save_plan`     | an object's boxes, its best grasp poses, and one grasp in simulation or the open hand |
+| `save_plan`     | an object's boxes, its best grasp poses, and a trial or the open hand; neighbours are grey |
 | `save_gallery`  | the same for several objects, one column per object |
 | `save_sweep`    | boxes for each pair of the planner's thresholds (figures 2.3 and 2.4 of the reference study) |
 | `save_kindness` | relative speed of hand and object in a failed and a firm grasp (its figures 3.17 and 3.18) |

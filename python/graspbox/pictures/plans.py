@@ -8,11 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from graspbox.errors import ConfigError
-from graspbox.meshes import Mesh
+from graspbox.meshes import Mesh, Surroundings
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hands import PosedHand, glyphs
 from graspbox.pictures.solids import (
     FAILURE,
+    NEIGHBOUR,
     NOT_SIMULATED,
     OBJECT,
     OBJECTS,
@@ -23,15 +24,30 @@ from graspbox.pictures.solids import (
     colored_boxes,
     place,
     place_box,
+    wall_solids,
 )
 from graspbox.pictures.sweeps import count_boxes
-from graspbox.pictures.trials import Trial
+from graspbox.pictures.trials import ABOVE, Trial
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import Plan
 from graspbox.simulation import Hand, Outcomes, Scene, load_hand
 
 #: Greatest number of objects in a gallery.
 _MOST = 8
+
+
+@dataclass(frozen=True, eq=False)
+class _Others:
+    """Everything in a scene beside its object; see `graspbox.meshes.Surroundings`."""
+
+    meshes: Sequence[Mesh]
+    world_from_objects: Floats
+    world_from_walls: Floats
+    wall_half_extents: Floats
+
+    @classmethod
+    def of(cls, scene: Scene) -> "_Others":
+        return cls(scene.others, scene.world_from_others, scene.world_from_walls, scene.wall_half_extents)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +62,15 @@ class GraspExample:
         Outcomes of the plan's first poses, in order; None if none was simulated.
     trial : Trial or None
         The trial to show; None to show the open hand at the first pose.
+    neighbours : Surroundings or None
+        Other objects and walls, those of the plan: drawn grey, the objects where the trial left them.
     """
 
     mesh: Mesh
     plan: Plan
     outcomes: Outcomes | None = None
     trial: Trial | None = None
+    neighbours: Surroundings | None = None
 
     @classmethod
     def run(cls, scene: Scene, plan: Plan) -> "GraspExample":
@@ -62,7 +81,15 @@ class GraspExample:
     def of(cls, scene: Scene, plan: Plan, outcomes: Outcomes) -> "GraspExample":
         """Use known outcomes of a plan; the example shows the best-ranked success, else the first pose."""
         trial = Trial.run(scene, plan, int(np.argmax(outcomes.success))) if len(outcomes) else None
-        return cls(scene.mesh, plan, outcomes, trial)
+        return cls(scene.mesh, plan, outcomes, trial, _Others.of(scene))
+
+    def around(self, poses: Floats | None = None) -> list[Solid]:
+        """Return the neighbours at rest, or at `poses` (k, 4, 4), and the walls."""
+        if self.neighbours is None:
+            return []
+        rest = self.neighbours.world_from_objects if poses is None else poses
+        solids = [Solid(mesh, NEIGHBOUR, pose) for mesh, pose in zip(self.neighbours.meshes, rest, strict=True)]
+        return solids + wall_solids(self.neighbours.world_from_walls, self.neighbours.wall_half_extents)
 
     def captions(self, count: int) -> tuple[str, str, str]:
         """Return the captions of the panels: boxes, the best `count` poses, the grasp."""
@@ -100,6 +127,7 @@ def save_plan(
     hand: str | Hand = "reflex",
     count: int = 20,
     camera: Camera | None = None,
+    neighbours: Surroundings | None = None,
 ) -> None:
     """Save three panels: the boxes of an object at rest, its best poses, and a grasp.
 
@@ -119,11 +147,14 @@ def save_plan(
         Greatest number of poses to show.
     camera : Camera, optional
         Viewing direction; by default one in which the first hand is next to the object, not in front of it.
+    neighbours : Surroundings, optional
+        Other objects and walls, as for `graspbox.plan`; of a trial, those of its scene, in the order of its others.
 
     Raises
     ------
     ConfigError
-        If the path is not that of a picture, or there are fewer outcomes than poses to show.
+        If the path is not that of a picture, there are fewer outcomes than poses to show, or a trial has another number
+        of neighbours.
     FileError
         If the file cannot be written.
     """
@@ -131,7 +162,7 @@ def save_plan(
     figure = Figure(figsize=(11, 4.1), dpi=130)
     panels = figure.subplots(1, 3)
     figure.subplots_adjust(left=0.005, right=0.995, bottom=0.065, top=0.84, wspace=0.03)
-    _column(panels, GraspExample(mesh, plan, outcomes, trial), OBJECT, load_hand(hand), count, camera)
+    _column(panels, GraspExample(mesh, plan, outcomes, trial, neighbours), OBJECT, load_hand(hand), count, camera)
     figure.suptitle(mesh.name, fontsize=12, weight="bold")
     _legend(figure, simulated=outcomes is not None)
     write(figure, target, palette=False)
@@ -185,15 +216,17 @@ def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: i
         )
     world_from_object = example.plan.world_from_object
     poses = world_from_object @ best.poses
-    posed, at_end = _grasp(example, poses, best.preshape, hand)
+    posed, at_end, around_at_end = _grasp(example, poses, best.preshape, hand)
+    around = example.around()
     if camera is None:
-        camera = Camera() if posed is None else Camera.across(posed.world_from_hand[:3, 2])
+        elevation = {"elevation": ABOVE} if around else {}
+        camera = Camera() if posed is None else Camera.across(posed.world_from_hand[:3, 2], **elevation)
     surface, size = Solid(example.mesh, color, world_from_object), pixels(panels[0])
     boxes = [place_box(box, world_from_object) for box in example.plan.tree]
     lines = glyphs(hand, poses, best.preshape)
-    corners = np.concatenate([*(box.corners() for box in boxes), lines.reshape(-1, 3)])
-    at_rest = place(example.mesh.vertices, world_from_object)
-    view = View([surface], camera, shown=corners, size=size, table=at_rest)
+    corners = np.concatenate([*(box.corners() for box in boxes), lines.reshape(-1, 3), _points(around)])
+    at_rest = np.concatenate([place(example.mesh.vertices, world_from_object), _points(around)])
+    view = View([surface, *around], camera, shown=corners, size=size, table=at_rest)
     for axes in panels[:2]:
         view.show(axes)
     for box, ink in colored_boxes(boxes):
@@ -205,21 +238,35 @@ def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: i
         width, hidden = (2.6, 0.5) if index == simulated else (1.3, 0.2)
         view.lines(panels[1], lines[index], inks[index], width=width, hidden=hidden, halo=0.8)
     held = Solid(example.mesh, color, at_end)
-    reach = place(example.mesh.vertices, at_end)
+    reach = np.concatenate([place(example.mesh.vertices, at_end), _points(around_at_end)])
     if posed is not None:
         reach = np.concatenate([reach, posed.corners()])
-    View([held], camera, shown=reach, size=pixels(panels[2]), hand=posed, table=reach).show(panels[2])
+    View([held, *around_at_end], camera, shown=reach, size=pixels(panels[2]), hand=posed, table=reach).show(panels[2])
     for axes, caption in zip(panels, example.captions(count), strict=True):
         axes.set_title(caption, fontsize=9.5, pad=3)
 
 
-def _grasp(example: GraspExample, poses: Floats, preshape: Floats, hand: Hand) -> tuple[PosedHand | None, Floats]:
-    """Return the hand to show and the object's pose: the trial's last sample, else the open hand at the first pose."""
+def _points(solids: Sequence[Solid]) -> Floats:
+    """Return the vertices of solids, (n, 3), world frame."""
+    return np.concatenate([np.zeros((0, 3)), *(place(solid.mesh.vertices, solid.world_from_mesh) for solid in solids)])
+
+
+def _grasp(
+    example: GraspExample, poses: Floats, preshape: Floats, hand: Hand
+) -> tuple[PosedHand | None, Floats, list[Solid]]:
+    """Return the hand to show, the object's pose and the neighbours.
+
+    They are those of the trial's last sample, else of the open hand at the first pose.
+    """
     trial = example.trial
     if trial is not None and len(trial.trace.time):
-        return trial.posed(hand, -1), trial.trace.world_from_object[-1]
-    at_rest = example.plan.world_from_object
-    return (PosedHand.open(hand, poses[0], float(preshape[0])) if len(poses) else None), at_rest
+        others = trial.trace.world_from_others[-1]
+        known = 0 if example.neighbours is None else len(example.neighbours.meshes)
+        if example.neighbours is not None and known != len(others):
+            raise ConfigError(f"{known} neighbours of a trial with {len(others)}; give those of its scene")
+        return trial.posed(hand, -1), trial.trace.world_from_object[-1], example.around(others)
+    posed = PosedHand.open(hand, poses[0], float(preshape[0])) if len(poses) else None
+    return posed, example.plan.world_from_object, example.around()
 
 
 def _inks(count: int, outcomes: Outcomes | None) -> list[str]:

@@ -14,7 +14,8 @@ Floats = NDArray[np.float64]
 OBJECT = "#d8b78c"
 #: One colour per object in pictures of several objects.
 OBJECTS = ("#e2b77d", "#8fb3d9", "#a9c08f", "#d9a3a0", "#b9a9d4", "#c9c4b8")
-WALL = "#b9bcc2"
+#: Of objects beside the one that a picture is about, and of walls.
+NEIGHBOUR, WALL = "#c6c9ce", "#b9bcc2"
 SUCCESS, FAILURE, NOT_SIMULATED = "#009e73", "#d55e00", "#444444"
 #: Okabe and Ito's colours, which colour-blind readers can distinguish; the first ones contrast most with `OBJECT`.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d1f")

@@ -26,7 +26,7 @@ KINDNESS = (
 #: Greatest number of rows of stages.
 _MOST_ROWS = 8
 #: Elevation of the camera, degrees: beside a hand, and above it where other objects or walls are in the way.
-_BESIDE, _ABOVE = 18.0, 35.0
+_BESIDE, ABOVE = 18.0, 35.0
 #: Seconds of a trial from one picture of a video to the next.
 _PERIOD = 0.1
 
@@ -277,7 +277,7 @@ def _views(
 ) -> Iterator[View]:
     """Draw samples of a trial one by one, all from the same place."""
     trace = trial.trace
-    elevation = _ABOVE if scene.others or len(scene.world_from_walls) else _BESIDE
+    elevation = ABOVE if scene.others or len(scene.world_from_walls) else _BESIDE
     eye = camera or Camera.across(trace.world_from_hand[0, :3, 2], elevation=elevation)
     hands = [trial.posed(scene.hand, int(sample)) for sample in samples]
     drawn = [objects_at(scene, trace, int(sample)) for sample in samples]
