@@ -86,6 +86,11 @@ class Arrangement:
     wall_half_extents: NDArray[np.float64]
     target: int | None = None
 
+    @classmethod
+    def of_one(cls, mesh: Mesh, world_from_object: NDArray[np.float64]) -> "Arrangement":
+        """Place a single object at a pose (4, 4), metres, without walls."""
+        return cls("packed", (0,), (mesh,), world_from_object[None], np.zeros((0, 4, 4)), np.zeros((0, 3)))
+
     def __len__(self) -> int:
         return len(self.objects)
 

@@ -18,7 +18,7 @@ from graspbox.perception import HandGrid, PoseNoise, ProposalConfig
 from graspbox.perception.configs import CropConfig, FinderConfig, RehearsalConfig
 from graspbox.perception.crops import OCCUPIED
 from graspbox.perception.finder import FoundGrasp, GraspFinder
-from graspbox.perception.shapes import Rehearsal, rehearsed_score, surface_of
+from graspbox.perception.shapes import Rehearsal, rehearsed_score, rehearsed_success, surface_of
 
 CROP = CropConfig()
 CONFIG = FinderConfig(ProposalConfig(most=48), predicted=0, refinements=0, rehearsal=RehearsalConfig(grasps=48))
@@ -33,16 +33,16 @@ def scene() -> RenderedScene:
     return seen
 
 
-def lowest(
+def highest(
     volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Prefer grasps with the palm up high, which fingers of this hand reach badly."""
+    """Prefer grasps with the palm up high, from where the fingers hardly reach the object."""
     del volume, preshapes
     return np.asarray(np.clip(poses[:, 2, 3], 0.0, 1.0))
 
 
 def decide(scene: RenderedScene, config: FinderConfig) -> FoundGrasp:
-    finder = GraspFinder(HandGrid(), scene.true_occupancy, lowest, config)
+    finder = GraspFinder(HandGrid(), scene.true_occupancy, highest, config)
     assert scene.crops is not None
     found = finder.decide(scene.crops)
     assert found is not None
@@ -218,6 +218,16 @@ def test_only_policies_that_score_grasps_of_single_objects_rehearse(tmp_path: Pa
         policy.bind(policies.Task.of(envs))
     envs.close()
     policies.load(tmp_path / "depth", rehearsed=0)
+
+
+def test_the_probability_of_a_grasp_without_trials_is_that_of_the_scorer(scene: RenderedScene) -> None:
+    config, success = RehearsalConfig(), np.array([0.9, 0.9, 0.2])
+    stated = rehearsed_success(success, np.array([np.nan, 0.0, 1.0]), config)
+    assert stated[0] == 0.9
+    np.testing.assert_array_equal(stated[1:], rehearsed_score(success[1:], np.array([0.0, 1.0]), config))
+    finder = GraspFinder(HandGrid(), scene.true_occupancy, highest, CONFIG)
+    with pytest.raises(ConfigError, match="takes all that is seen for one object; rehearse none, or give no target"):
+        finder.targeting(np.ones((CROP.resolution,) * 3, dtype=np.bool_))
 
 
 def test_the_command_line_rehearses(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ pub(crate) const MOST_OF_MESHES: u64 = 256 << 20;
 pub struct Kind {
     /// Its name in warnings, a plural.
     pub what: &'static str,
-    /// A suffix that no other kind has.
+    /// A suffix that no other kind has; one of `trim::SUFFIXES`.
     pub suffix: &'static str,
     /// Leads every entry; its number changes whenever the format or the algorithm does.
     pub magic: &'static [u8; 8],

@@ -53,6 +53,9 @@ HandOfPolicy = Annotated[
     str | None,
     typer.Option("--hand", help="The hand, by its name or as hand.urdf,hand.toml; by default that of the policy."),
 ]
+PerScene = Annotated[
+    int | None, typer.Option("--objects-per-scene", min=1, max=40, help="Number of objects of a layout; 5 by default.")
+]
 Scale = Annotated[float, typer.Option("--scale", help="Metres per unit of the mesh files.")]
 Mass = Annotated[float | None, typer.Option("--mass", help="Kilograms of the object, where there is just one.")]
 

@@ -47,9 +47,6 @@ Lies = Annotated[
         help=f"How objects lie: {', '.join(get_args(SceneLayout))}; except in the first, a target lies among others.",
     ),
 ]
-PerScene = Annotated[
-    int | None, typer.Option("--objects-per-scene", min=1, max=40, help="Number of objects of a layout; 5 by default.")
-]
 Remote = Annotated[
     list[str] | None,
     typer.Option("--remote", help="Server that steps the environments: ws://HOST:PORT; repeatable."),
@@ -120,7 +117,7 @@ def evaluate(
     rehearse: common.Rehearse = None,
     hand: common.HandOfPolicy = None,
     layout: Lies = "single",
-    objects_per_scene: PerScene = None,
+    objects_per_scene: common.PerScene = None,
     seed: common.Seed = 0,
     num_envs: NumEnvs = 16,
     threads: common.Threads = None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from graspbox.cli.common import HandName, Scale, Seed, console, find_hand
+from graspbox.cli.common import HandName, PerScene, Scale, Seed, console, find_hand
 
 Source = Annotated[
     str,
@@ -24,9 +24,6 @@ Objects = Annotated[str | None, typer.Option("--objects", help="Objects of an en
 LayoutName = Annotated[
     str | None,
     typer.Option("--layout", help="How the objects of an environment lie: single, packed, pile or bin."),
-]
-PerScene = Annotated[
-    int | None, typer.Option("--objects-per-scene", min=1, max=40, help="Number of objects of a layout; 5 by default.")
 ]
 Intrinsics = Annotated[
     tuple[float, float, float, float] | None,

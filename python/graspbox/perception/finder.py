@@ -26,7 +26,7 @@ from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.outputs import check_finite
 from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.perception.reachability import Reachability, belonging
-from graspbox.perception.shapes import Rehearsal, rehearsed_score
+from graspbox.perception.shapes import Rehearsal, rehearsed_score, rehearsed_success
 
 __all__ = [
     "LOOKED_AT",
@@ -353,7 +353,9 @@ class GraspFinder(Finder):
         self._obstacles = np.zeros((0, 3))
 
     def targeting(self, visible: NDArray[np.bool_]) -> Self:
-        """Give a finder for one of several objects: see `Finder.targeting`."""
+        """Give a finder for one of several objects: see `Finder.targeting`; raises also if it rehearses grasps."""
+        if self.config.rehearsal is not None:
+            raise ConfigError("a rehearsal takes all that is seen for one object; rehearse none, or give no target")
         found = copy(self)
         found._target = visible
         return found
@@ -430,7 +432,7 @@ class GraspFinder(Finder):
         success = self.score.judge(found.volume, found.poses[rows], found.preshapes[rows]).success
         check_finite(success, "scorer")
         if found.rehearsed is not None and self.config.rehearsal is not None:
-            success = rehearsed_score(success, found.rehearsed[rows], self.config.rehearsal)
+            success = rehearsed_success(success, found.rehearsed[rows], self.config.rehearsal)
         return float(success[0])
 
     def _avoiding(self, score: Score, world_from_crop: NDArray[np.float64]) -> Score:

@@ -63,6 +63,8 @@ class FeelThenLift(Policy):
         The hand opens below this probability: 0 never, more than 1 always. By default the folder's.
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
+    rehearsed : int, optional
+        As of `DepthGrasp`.
     backend : {"onnx", "torch"}
         Runs the networks of `DepthGrasp`; onnxruntime runs the grasp-stability networks.
     num_threads : int, optional

@@ -33,7 +33,7 @@ from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder import Clock, GraspFinder, Ranked, TrainedScore
 from graspbox.perception.outputs import check_finite
 from graspbox.perception.perturbations import PoseNoise
-from graspbox.perception.shapes import rehearsed_score
+from graspbox.perception.shapes import rehearsed_success
 from graspbox.policies.depth import load_finder
 
 __all__ = ["ImageGrasper", "ImageGrasps", "grasp_image"]
@@ -298,7 +298,7 @@ def _ranked(
         check_finite(values, "scorer")
     success = judged.success
     if ranked.rehearsed is not None and finder.config.rehearsal is not None:
-        success = rehearsed_score(success, np.nan_to_num(ranked.rehearsed), finder.config.rehearsal)
+        success = rehearsed_success(success, ranked.rehearsed, finder.config.rehearsal)
     elif finder.config.hand_error is None:
         ranked = ranked._replace(scores=judged.choice)
     order = ranked.best(count)

@@ -156,8 +156,8 @@ def objects_of(scene: Scene) -> tuple[ObjectData, ...]:
     """Describe the objects of a scene, in the order of `graspbox.Scene.of`; they need not fit the hand."""
     found = []
     for mesh, pose in zip(scene.others, scene.world_from_others, strict=True):
-        alone = Arrangement("packed", (0,), (mesh,), pose[None], np.zeros((0, 4, 4)), np.zeros((0, 3)))
-        found.append(object_data(Scene.of(alone, hand=scene.hand, physics=scene.physics)))
+        alone = Scene.of(Arrangement.of_one(mesh, pose), hand=scene.hand, physics=scene.physics)
+        found.append(object_data(alone))
     found.insert(scene.target, object_data(scene))
     return tuple(found)
 

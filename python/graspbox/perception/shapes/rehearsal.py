@@ -21,7 +21,7 @@ from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.perception.shapes.surface import surface_of
 from graspbox.simulation import Scene
 
-__all__ = ["Rehearsal", "rehearsed_score"]
+__all__ = ["Rehearsal", "rehearsed_score", "rehearsed_success"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -135,6 +135,13 @@ def rehearsed_score(
     return np.asarray(1.0 / (1.0 + np.exp(-logits)))
 
 
+def rehearsed_success(
+    success: NDArray[np.float64], shares: NDArray[np.float64], config: RehearsalConfig
+) -> NDArray[np.float64]:
+    """Join probabilities of success (m,) with shares (m,); those of grasps without trials, NaN, stay as they are."""
+    return np.where(np.isnan(shares), success, rehearsed_score(success, np.nan_to_num(shares), config))
+
+
 def _at_rest(occupancy: NDArray[np.uint8], crop: CropConfig, hand: Hand, threshold: int, mass: float) -> Scene | None:
     """Stand the shape that a threshold makes of a volume on the table; None if it cannot be simulated."""
     surface = surface_of(occupancy, crop, threshold=threshold)
@@ -145,8 +152,7 @@ def _at_rest(occupancy: NDArray[np.uint8], crop: CropConfig, hand: Hand, thresho
     vertices[:, 2] = np.maximum(vertices[:, 2] - max(vertices[:, 2].min(), 0.0), 0.0)
     try:
         mesh = mesh_from_arrays(vertices, faces, mass=mass, name="completed", clean=None)
-        alone = Arrangement("packed", (0,), (mesh,), np.eye(4)[None], np.zeros((0, 4, 4)), np.zeros((0, 3)))
-        return Scene.of(alone, hand=hand, cached=False)
+        return Scene.of(Arrangement.of_one(mesh, np.eye(4)), hand=hand, cached=False)
     except (MeshError, SimulationError) as error:
         _LOG.info("no grasp is rehearsed with the shape of threshold %d: %s", threshold, error)
         return None
