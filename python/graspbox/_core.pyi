@@ -566,6 +566,7 @@ class SceneArrays(ArrangementArrays):
 def arrange(
     meshes: Sequence[Mesh],
     most: int | None,
+    spread: float,
     hand: Hand,
     layout: str,
     physics: str,

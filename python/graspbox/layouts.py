@@ -133,6 +133,7 @@ def arrange(
     layout: Layout = "pile",
     *,
     most: int | None = None,
+    spread: float = 1.0,
     seed: int = 0,
     inside: Sequence[float] = (0.3, 0.25, 0.12),
     hand: HandLike = "reflex",
@@ -150,6 +151,9 @@ def arrange(
         The objects were drawn at random for a scene of so many (`graspbox.layouts.draw_objects`): they are taken in
         order, one attempt each, until so many stand or lie. By default all of them are wanted, and each has up to 12
         attempts to stand in a packed scene.
+    spread : float
+        Objects are put or dropped within this many times the distance of the table above from the middle, 0.25 to 2:
+        below 1 they lie closer together.
     seed : int
         Seed of places and orientations.
     inside : (3,) sequence of float
@@ -162,7 +166,7 @@ def arrange(
     Raises
     ------
     ConfigError
-        For another layout, a wrong `most`, or sides out of range.
+        For another layout, a wrong `most`, or a spread or sides out of range.
     SimulationError
         For no object, too many objects, or one that cannot be simulated.
     """
@@ -172,6 +176,7 @@ def arrange(
     found = _core.arrange(
         meshes,
         None if most is None else natural(most, "most"),
+        spread,
         load_hand(hand),
         json.dumps(shape),
         to_json(physics, PhysicsConfig, "physics"),

@@ -198,6 +198,8 @@ def test_scales_and_numbers_vary_within_their_ranges() -> None:
         ({"objects_per_scene": 41}, "objects_per_scene"),
         ({"object_scale": (0.0, 1.0)}, "scale"),
         ({"max_failures": 0}, "max_failures"),
+        ({"spread": 3.0}, "spread"),
+        ({"spread": "dense"}, "spread"),
         ({"layout": "bin", "bin_size": (0.3, 5.0, 0.1)}, "inside"),
         ({"control": "twist"}, "control"),
     ],
@@ -246,4 +248,6 @@ def test_neighbours_make_poses_infeasible() -> None:
 
 
 def test_the_keywords_of_scenes_are_listed() -> None:
-    assert {"layout", "objects_per_scene", "object_scale", "bin_size", "max_failures"} <= set(keywords(ClearSettings))
+    assert {"layout", "objects_per_scene", "object_scale", "bin_size", "spread", "max_failures"} <= set(
+        keywords(ClearSettings)
+    )

@@ -53,9 +53,32 @@ def test_a_bin_has_its_sides(meshes: list[graspbox.Mesh]) -> None:
     assert np.allclose(2 * found.wall_half_extents[:, 2], 0.1)
 
 
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_objects_lie_as_far_apart_as_they_are_spread(meshes: list[graspbox.Mesh], layout: Layout) -> None:
+    """Packed objects stand within 7 cm of the middle times the spread; a dropped banana hardly rolls."""
+
+    def places(spread: float) -> np.ndarray:
+        small = [mesh.scaled(0.4, None) for mesh in (meshes[:3] if layout == "packed" else meshes[-1:])]
+        scenes = [graspbox.arrange(small, layout, spread=spread, seed=seed) for seed in range(12)]
+        found = [
+            pose[:2, :3] @ mesh.center_of_mass + pose[:2, 3]
+            for scene in scenes
+            for mesh, pose in zip(scene.meshes, scene.world_from_objects, strict=True)
+        ]
+        return np.abs(found)
+
+    near, usual, far = (places(spread) for spread in (0.5, 1.0, 2.0))
+    assert near.mean() < usual.mean() < far.mean()
+    if layout == "packed":
+        assert near.max() < 0.5 * 0.07 + 0.01 < far.max() < 2 * 0.07 + 0.01
+
+
 def test_wrong_arguments_are_named(meshes: list[graspbox.Mesh]) -> None:
     with pytest.raises(ConfigError, match="layout is 'heap'; choose from packed, pile, bin"):
         graspbox.arrange(meshes, "heap")  # type: ignore[arg-type]
+    for spread in (0.2, 2.1, float("nan")):
+        with pytest.raises(ConfigError, match="spread"):
+            graspbox.arrange(meshes, spread=spread)
     with pytest.raises(SimulationError, match="there is no object"):
         graspbox.arrange([])
     with pytest.raises(SimulationError, match="65 objects are too many"):

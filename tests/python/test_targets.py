@@ -222,6 +222,7 @@ def test_policies_that_cannot_see_a_scene_say_so() -> None:
         ({"layout": "heap"}, "layout is 'heap'; choose from single, packed"),
         ({"layout": "single", "objects_per_scene": 3}, "objects_per_scene is 3, but layout='single'"),
         ({"layout": "single", "object_scale": (0.5, 1.0), "objects_per_scene": 5}, "object_scale is"),
+        ({"layout": "single", "spread": 0.5, "objects_per_scene": 5}, "spread is 0.5, but layout='single'"),
         ({"objects_per_scene": 41}, "objects_per_scene"),
         ({"max_failures": 3}, "no keyword 'max_failures'"),
     ],

@@ -3,7 +3,7 @@
 use crate::AgentError;
 use crate::actions::control::Control;
 use crate::observations::observation::Observation;
-use graspbox_episode::{Layout, SuccessCriterion, TrialConfig};
+use graspbox_episode::{Layout, SPREADS, SuccessCriterion, TrialConfig};
 use graspbox_mesh::in_range;
 use graspbox_sim::Wall;
 use graspbox_vision::CamerasConfig;
@@ -81,7 +81,7 @@ impl Randomization {
     }
 }
 
-/// Scenes of several objects. Where a single object lies, `objects_per_scene` and `scale` mean nothing.
+/// Scenes of several objects. Where a single object lies, `objects_per_scene`, `scale` and `spread` mean nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ClutterConfig {
@@ -91,13 +91,15 @@ pub struct ClutterConfig {
     pub objects_per_scene: [usize; 2],
     /// Least and greatest scale of an object.
     pub scale: [f64; 2],
+    /// Distance of the objects from the middle ([`graspbox_episode::Draw::spread`]).
+    pub spread: f64,
     /// Failures in a row after which an episode of [`Control::Clear`] is over.
     pub max_failures: u32,
 }
 
 impl Default for ClutterConfig {
     fn default() -> Self {
-        Self { layout: None, objects_per_scene: [5, 5], scale: [1.0, 1.0], max_failures: 2 }
+        Self { layout: None, objects_per_scene: [5, 5], scale: [1.0, 1.0], spread: 1.0, max_failures: 2 }
     }
 }
 
@@ -112,6 +114,7 @@ impl ClutterConfig {
         in_range("objects_per_scene[1]", high as f64, low as f64..=MOST_OBJECTS, "")?;
         in_range("scale[0]", self.scale[0], 0.1..=10.0, "")?;
         in_range("scale[1]", self.scale[1], self.scale[0]..=10.0, "")?;
+        in_range("spread", self.spread, SPREADS, "")?;
         in_range("max_failures", f64::from(self.max_failures), 1.0..=1e6, "")?;
         self.walls()?;
         Ok(())

@@ -20,7 +20,7 @@
 //! Differences: an object that would be dropped into others is raised above them, where VGN lets them overlap. One that still moves when the
 //! next is added starts again from rest. VGN's repository has no mesh of its box: the width follows from the place of its corner, 2 cm inside
 //! the workspace, and the height is our choice. [`Layout::Bin`] is ours: a pile in a bin, which stays; objects are dropped over the middle
-//! third of its floor, and may lie at any height in it.
+//! third of its floor, and may lie at any height in it. [`Draw::spread`] multiplies the ranges of places: below 1 objects lie closer together.
 
 use crate::scene::OUT_OF_THE_WAY;
 use crate::{Body, EpisodeError, layout_cache};
@@ -32,6 +32,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -59,6 +60,22 @@ const REST_PERIODS: usize = 8;
 /// The box of a pile: inside, and thickness of its walls, metres.
 const PILE_BOX: [f64; 3] = [0.26, 0.26, 0.3];
 const WALL: f64 = 0.02;
+
+/// Range of [`Draw::spread`]: at its end packed objects stand within 14 cm of the middle of the workspace, whose half side is 15 cm.
+pub const SPREADS: RangeInclusive<f64> = 0.25..=2.0;
+
+/// What is random in an arrangement, and how much.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Draw {
+    /// The bodies were drawn at random for a scene of so many ([`Layout::draws`]); they are taken in order, one attempt each, until so many stand
+    /// or lie. `None`: all of them are wanted, and packed ones have 12 attempts each.
+    pub most: Option<usize>,
+    /// The places at which objects are put or dropped lie within this many times the distance of VGN's from the middle, dimensionless, in
+    /// [`SPREADS`].
+    pub spread: f64,
+    /// Seed of places and orientations.
+    pub seed: u64,
+}
 
 /// How several objects lie on the table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -89,33 +106,30 @@ pub struct Arrangement {
 impl Layout {
     /// Lets `bodies` come to rest; equal seeds give equal bits.
     ///
-    /// * `most`: the bodies were drawn at random for a scene of so many ([`Layout::draws`]); they are taken in order, one attempt each, until so
-    ///   many stand or lie. `None`: all of them are wanted, and packed ones have 12 attempts each.
-    ///
     /// * `cache`: folder in which arrangements are kept, if there is one; it changes no bit.
     ///
     /// # Errors
-    /// [`EpisodeError::Sim`] for no object, too many, or a setting out of range; [`EpisodeError::OutOfRange`] for the sides of a bin;
+    /// [`EpisodeError::Sim`] for no object, too many, or a setting out of range; [`EpisodeError::OutOfRange`] for the sides of a bin or the spread;
     /// [`EpisodeError::NoRest`] if the simulation diverges.
     pub fn arrange(
         &self,
         bodies: &[&Body],
-        most: Option<usize>,
+        draw: &Draw,
         hand: &Arc<Hand>,
         physics: PhysicsConfig,
-        seed: u64,
         cache: Option<&Path>,
     ) -> Result<Arrangement, EpisodeError> {
         let walls = self.walls()?;
+        in_range("spread", draw.spread, SPREADS, "")?;
         let heap = Heap { bodies, hand, physics, walls: Vec::new(), objects: Vec::new(), poses: Vec::new() };
         // For no object, or too many of them.
         let template = heap.template(&(0..bodies.len()).collect::<Vec<_>>())?;
-        let entry = cache.map(|folder| layout_cache::entry(folder, self, &template, bodies, most, seed));
+        let entry = cache.map(|folder| layout_cache::entry(folder, self, &template, bodies, draw));
         let found = entry.as_ref().and_then(|entry| layout_cache::read(entry, bodies.len(), walls.clone()));
         if let Some(found) = found {
             return Ok(found);
         }
-        let made = self.make(Heap { walls, ..heap }, most, &mut ChaCha8Rng::seed_from_u64(seed))?;
+        let made = self.make(Heap { walls, ..heap }, draw)?;
         if let Some(entry) = &entry {
             layout_cache::write(entry, &made);
         }
@@ -123,19 +137,20 @@ impl Layout {
     }
 
     /// Adds the bodies to `heap`, which has the walls that stay.
-    fn make(&self, mut heap: Heap, most: Option<usize>, random: &mut ChaCha8Rng) -> Result<Arrangement, EpisodeError> {
+    fn make(&self, mut heap: Heap, draw: &Draw) -> Result<Arrangement, EpisodeError> {
+        let random = &mut ChaCha8Rng::seed_from_u64(draw.seed);
         let space = self.space();
-        let dropped = most.unwrap_or(heap.bodies.len()).min(heap.bodies.len());
+        let dropped = draw.most.unwrap_or(heap.bodies.len()).min(heap.bodies.len());
         match *self {
-            Self::Packed => heap.pack(most, &space, random)?,
+            Self::Packed => heap.pack(draw, &space, random)?,
             Self::Pile => {
                 heap.walls = bin(Vector3::from(PILE_BOX), WALL);
-                heap.drop_all(dropped, WORKSPACE, random)?;
+                heap.drop_all(dropped, draw.spread * WORKSPACE, random)?;
                 heap.walls.clear();
                 heap.rest_inside(&space)?;
             }
             Self::Bin { inside } => {
-                heap.drop_all(dropped, inside[0].min(inside[1]), random)?;
+                heap.drop_all(dropped, draw.spread * inside[0].min(inside[1]), random)?;
                 heap.rest_inside(&space)?;
             }
         }
@@ -261,7 +276,7 @@ impl Heap<'_> {
         (0..3).all(|axis| (low[axis]..=high[axis]).contains(&center[axis]))
     }
 
-    /// Drops the first `count` objects over the middle of an area of side `side`.
+    /// Drops the first `count` objects over the middle third of an area of side `side`.
     fn drop_all(&mut self, count: usize, side: f64, random: &mut ChaCha8Rng) -> Result<(), EpisodeError> {
         for index in 0..count {
             let turn = any_rotation(random);
@@ -306,19 +321,15 @@ impl Heap<'_> {
     }
 
     /// Stands objects up where they touch no others: each has one attempt until `most` stand, or 12 attempts.
-    fn pack(
-        &mut self,
-        most: Option<usize>,
-        space: &[Vector3<f64>; 2],
-        random: &mut ChaCha8Rng,
-    ) -> Result<(), EpisodeError> {
+    fn pack(&mut self, draw: &Draw, space: &[Vector3<f64>; 2], random: &mut ChaCha8Rng) -> Result<(), EpisodeError> {
+        let (most, reach) = (draw.most, draw.spread * PACKED_REACH);
         let attempts = if most.is_some() { 1 } else { PACKED_ATTEMPTS };
         for index in 0..self.bodies.len() {
             if most.is_some_and(|most| self.objects.len() == most || index == PACKED_ATTEMPTS) {
                 break;
             }
             for _ in 0..attempts {
-                if self.stand(index, random)? {
+                if self.stand(index, reach, random)? {
                     self.rest_inside(space)?;
                     break;
                 }
@@ -327,10 +338,10 @@ impl Heap<'_> {
         Ok(())
     }
 
-    /// Places an object upright at random, unless it touches something there.
-    fn stand(&mut self, index: usize, random: &mut ChaCha8Rng) -> Result<bool, EpisodeError> {
+    /// Places an object upright at random within `reach` of the middle, unless it touches something there.
+    fn stand(&mut self, index: usize, reach: f64, random: &mut ChaCha8Rng) -> Result<bool, EpisodeError> {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.random_range(0.0..TAU));
-        let [x, y] = [0; 2].map(|_| random.random_range(-PACKED_REACH..=PACKED_REACH));
+        let [x, y] = [0; 2].map(|_| random.random_range(-reach..=reach));
         let body = self.bodies[index];
         let upright = self.about_center(index, turn * graspbox_mesh::default_pose(body.mesh()).rotation);
         let bounds = body.mesh().transformed(&upright).aabb();

@@ -1,9 +1,9 @@
 //! Arrangements on disk: the pose of every object, bit by bit.
 //!
 //! The key is everything on which an arrangement depends: the bodies (collision geometry, mass, surface), the hand, the physics, layout, number
-//! of objects, seed, and the code of the simulation (`build.rs`).
+//! of objects, spread, seed, and the code of the simulation (`build.rs`).
 
-use crate::layout::Layout;
+use crate::layout::{Draw, Layout};
 use crate::{Arrangement, Body};
 use graspbox_mesh::cache::{Entry, Kind};
 use graspbox_sim::{Template, Wall};
@@ -24,17 +24,10 @@ static KIND: Kind = Kind {
 /// The entry of an arrangement.
 ///
 /// * `template`: of all bodies, without walls.
-pub(crate) fn entry(
-    cache: &Path,
-    layout: &Layout,
-    template: &Template,
-    bodies: &[&Body],
-    most: Option<usize>,
-    seed: u64,
-) -> Entry {
+pub(crate) fn entry(cache: &Path, layout: &Layout, template: &Template, bodies: &[&Body], draw: &Draw) -> Entry {
     let mut input = template.identity().to_vec();
     // The debug format writes every number exactly.
-    input.extend(format!("{} {layout:?} {most:?} {seed}", env!("GRASPBOX_SIMULATION")).bytes());
+    input.extend(format!("{} {layout:?} {draw:?}", env!("GRASPBOX_SIMULATION")).bytes());
     bodies.iter().for_each(|body| input.extend(body.mesh().content_hash()));
     Entry::new(&cache.join(FOLDER), &KIND, &input)
 }

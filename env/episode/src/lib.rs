@@ -62,7 +62,7 @@ pub use episode::Episode;
 pub use error::EpisodeError;
 pub use forces::{ForceConfig, ForceOutcome, Motion, Moved, run_forces};
 pub use judge::{FailureKind, Judge, SuccessCriterion, Verdict};
-pub use layout::{Arrangement, Layout};
+pub use layout::{Arrangement, Draw, Layout, SPREADS};
 pub use observer::Observer;
 pub use sample::Sample;
 pub use scene::Scene;

@@ -5,7 +5,7 @@ use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
 use crate::mesh::Mesh;
-use graspbox_episode::{Body, Layout};
+use graspbox_episode::{Body, Draw, Layout};
 use graspbox_sim::{PhysicsConfig, Wall};
 use nalgebra::{Isometry3, Vector3};
 use pyo3::prelude::*;
@@ -14,14 +14,15 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Lets the meshes come to rest in a layout. Indices of those that stayed (k,), their poses (k, 4, 4), and poses (w, 4, 4) and half extents (w, 3)
-/// of the walls; `layout` and `physics` are JSON; `most` as of [`Layout::arrange`].
+/// of the walls; `layout` and `physics` are JSON; `most` and `spread` as of [`Draw`].
 #[pyfunction]
-#[pyo3(signature = (meshes, most, hand, layout, physics, seed, cache))]
+#[pyo3(signature = (meshes, most, spread, hand, layout, physics, seed, cache))]
 #[expect(clippy::too_many_arguments, reason = "every setting crosses by itself")]
 pub fn arrange<'py>(
     py: Python<'py>,
     meshes: Vec<PyRef<'py, Mesh>>,
     most: Option<usize>,
+    spread: f64,
     hand: &Hand,
     layout: &str,
     physics: &str,
@@ -30,12 +31,12 @@ pub fn arrange<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let layout: Layout = config(layout, "layout")?;
     let physics: PhysicsConfig = config(physics, "PhysicsConfig")?;
-    let seed = crate::convert::seed(seed)?;
+    let draw = Draw { most, spread, seed: crate::convert::seed(seed)? };
     let (data, hand): (Vec<_>, _) = (meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect(), Arc::clone(&hand.0));
     let found = detached(py, None, move || {
         let bodies = data.iter().map(|mesh| mesh.body(cache.as_deref())).collect::<Result<Vec<_>, _>>()?;
         let bodies: Vec<&Body> = bodies.iter().map(|body| &**body).collect();
-        Ok::<_, crate::errors::CoreError>(layout.arrange(&bodies, most, &hand, physics, seed, cache.as_deref())?)
+        Ok::<_, crate::errors::CoreError>(layout.arrange(&bodies, &draw, &hand, physics, cache.as_deref())?)
     })?;
     let dict = PyDict::new(py);
     let objects: Vec<i64> = found.objects.iter().map(|index| *index as i64).collect();

@@ -56,6 +56,12 @@ HandOfPolicy = Annotated[
 PerScene = Annotated[
     int | None, typer.Option("--objects-per-scene", min=1, max=40, help="Number of objects of a layout; 5 by default.")
 ]
+Spread = Annotated[
+    float,
+    typer.Option(
+        "--spread", help="Distance of the objects from the middle, 0.25 to 2 times that of VGN; below 1: closer."
+    ),
+]
 Scale = Annotated[float, typer.Option("--scale", help="Metres per unit of the mesh files.")]
 Mass = Annotated[float | None, typer.Option("--mass", help="Kilograms of the object, where there is just one.")]
 

@@ -87,6 +87,7 @@ def dataset(
         str, typer.Option("--layout", help="single, packed, pile or bin: the target alone, or among other objects.")
     ] = _DEFAULT.layout,
     per_scene: PerScene = _DEFAULT.objects_per_scene,
+    spread: common.Spread = _DEFAULT.spread,
     views: Annotated[int, typer.Option("--views", min=0, help="Cameras per scene.")] = _DEFAULT.views,
     replays: Replays = _DEFAULT.replays,
     shake: Annotated[bool, typer.Option("--shake", help="Shake every success on six axes with 2 g.")] = False,
@@ -115,6 +116,7 @@ def dataset(
         rests=rests,
         layout=layouts.scene_layout_named(layout),
         objects_per_scene=per_scene,
+        spread=spread,
         views=views,
         seed=seed,
         replays=replays,

@@ -15,6 +15,7 @@ from graspbox.cli.common import (
     Scale,
     Seed,
     Split,
+    Spread,
     Threads,
     end_with,
     find,
@@ -84,6 +85,7 @@ def scenes(
     inside: Annotated[
         tuple[float, float, float], typer.Option("--inside", help="Length, width and height of the bin, metres.")
     ] = (0.3, 0.25, 0.12),
+    spread: Spread = 1.0,
     picture: Annotated[
         Path | None, typer.Option("--picture", help="Write a picture of the first 12 scenes into this file.")
     ] = None,
@@ -109,7 +111,10 @@ def scenes(
         task = bar.add_task("scenes", total=count)
         for number in range(seed, seed + count):
             meshes = [spec.load() for spec in layouts.draw_objects(found, each, named, number)]
-            made.append(layouts.arrange(meshes, named, most=each, seed=number, inside=inside, hand=hand_like(hand)))
+            at_rest = layouts.arrange(
+                meshes, named, most=each, spread=spread, seed=number, inside=inside, hand=hand_like(hand)
+            )
+            made.append(at_rest)
             bar.update(task, completed=len(made))
     if as_json:
         print_json([_scene_row(scene, each, seed + n) for n, scene in enumerate(made)])

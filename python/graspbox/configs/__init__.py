@@ -321,6 +321,8 @@ class ClutterConfig:
         Least and greatest number of objects.
     scale : (float, float)
         Least and greatest scale of an object.
+    spread : float
+        Distance of the objects from the middle: see `graspbox.arrange`.
     max_failures : int
         Failed attempts in a row after which an episode of ``clear`` ends.
     """
@@ -328,6 +330,7 @@ class ClutterConfig:
     layout: str | Mapping[str, Mapping[str, Sequence[float]]] | None = None
     objects_per_scene: tuple[int, int] = (5, 5)
     scale: tuple[float, float] = (1.0, 1.0)
+    spread: float = 1.0
     max_failures: int = 2
 
     @property

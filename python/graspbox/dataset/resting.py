@@ -123,6 +123,7 @@ def settle_among(
             [meshes[index] for index in order],
             layout,
             seed=seed,
+            spread=config.spread,
             inside=config.bin_size,
             hand=hand,
             physics=config.physics,

@@ -63,6 +63,8 @@ class DatasetConfig:
         Least and greatest number of objects in scenes of several, 1 to 40.
     bin_size : three float
         Sides of the floor of a bin along x and y, and height of its walls, metres.
+    spread : float
+        Distance of the objects from the middle, times that of VGN, 0.25 to 2 (`graspbox.arrange`).
     views : int
         Cameras per scene, 0 to 1,000.
     seed : int
@@ -94,6 +96,7 @@ class DatasetConfig:
     layout: SceneLayout = "single"
     objects_per_scene: tuple[int, int] = (5, 5)
     bin_size: tuple[float, float, float] = (0.3, 0.25, 0.12)
+    spread: float = 1.0
     views: int = 4
     seed: int = 0
     replays: int = 0

@@ -378,7 +378,7 @@ def _clutter(settings: Settings) -> ClutterConfig:
         layout = scene_layout_named(settings["layout"])
     failures = natural(settings.get("max_failures", ClutterConfig.max_failures), "max_failures")
     if layout == "single":
-        for name in ("objects_per_scene", "object_scale"):
+        for name in ("objects_per_scene", "object_scale", "spread"):
             if settings[name] != keywords(Settings)[name].default:
                 with about(name):
                     raise ConfigError(
@@ -394,6 +394,7 @@ def _clutter(settings: Settings) -> ClutterConfig:
         layout={"bin": {"inside": tuple(map(float, settings["bin_size"]))}} if layout == "bin" else layout,
         objects_per_scene=(low, high),
         scale=(float(scale[0]), float(scale[1])),
+        spread=settings["spread"],
         max_failures=failures,
     )
 

@@ -49,6 +49,7 @@ The last column names the environments that take a keyword: the single one, the 
 | objects_per_scene | 5 | both |
 | object_scale | None | both |
 | bin_size | (0.3, 0.25, 0.12) | both |
+| spread | 1.0 | both |
 | autoreset_mode | AutoresetMode.NEXT_STEP | vector |
 | max_episode_steps | None | vector |
 | prepare_files | 128 | vector |
@@ -366,6 +367,8 @@ class GraspEnv(SingleEnv):
         Least and greatest scale of an object; by default those of the layout in `graspbox.layouts.SCALES`.
     bin_size : three float
         Sides of the floor of a bin along x and y, and height of its walls, metres.
+    spread : float
+        Distance of the objects from the middle, times that of VGN, 0.25 to 2: below 1 they lie closer together.
 
     Raises
     ------

@@ -246,6 +246,14 @@ class _Scene(TypedDict, total=False):
             "Sides of the floor of a bin along x and y, and height of its walls, metres.",
         ),
     ]
+    spread: Annotated[
+        float,
+        Keyword(
+            1.0,
+            "float",
+            "Distance of the objects from the middle, times that of VGN, 0.25 to 2: below 1 they lie closer together.",
+        ),
+    ]
 
 
 class _Clear(TypedDict, total=False):

@@ -12,7 +12,7 @@ use crate::pool::env_spec::EnvSpec;
 use crate::starts::initial_samples::InitialSamples;
 use crate::starts::random_stream::RandomStream;
 use crate::starts::reset_options::{ResetOptions, bad_option};
-use graspbox_episode::{Body, EpisodeError, Layout, Scene};
+use graspbox_episode::{Body, Draw, EpisodeError, Layout, Scene};
 use graspbox_mesh::range::{OutOfRange, in_range, is_pose};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -110,6 +110,8 @@ pub struct ClutterSamples {
     pub objects: Vec<(usize, f64)>,
     /// Number of objects wanted.
     pub wanted: usize,
+    /// Distance of the objects from the middle ([`Draw::spread`]).
+    pub spread: f64,
     /// Seed of the layout.
     pub seed: u64,
     /// Uniform in [0, 1): the target among the objects that lie in the scene.
@@ -124,7 +126,7 @@ impl ClutterSamples {
         let wanted = low + stream.sample_index(high - low + 1);
         let draw = |_| (stream.sample_index(count), stream.sample_range(config.scale[0], config.scale[1]));
         let objects = (0..layout.draws(wanted)).map(draw).collect();
-        Self { objects, wanted, seed: stream.sample_seed(), target: stream.sample_unit() }
+        Self { objects, wanted, spread: config.spread, seed: stream.sample_seed(), target: stream.sample_unit() }
     }
 
     /// The preparation that the scene needs of its objects.
@@ -142,14 +144,8 @@ impl ClutterSamples {
         let bodies: Vec<&Body> = all.iter().map(|prepared| prepared.body()).collect();
         for attempt in 0..ATTEMPTS {
             let seed = self.seed.wrapping_add(attempt);
-            let found = layout.arrange(
-                &bodies,
-                Some(self.wanted),
-                objects.hand(),
-                *objects.physics(),
-                seed,
-                objects.cache(),
-            )?;
+            let draw = Draw { most: Some(self.wanted), spread: self.spread, seed };
+            let found = layout.arrange(&bodies, &draw, objects.hand(), *objects.physics(), objects.cache())?;
             if found.objects.is_empty() {
                 continue;
             }

@@ -118,7 +118,7 @@ mod tests {
     }
 
     fn samples(object: usize, seed: u64) -> ClutterSamples {
-        ClutterSamples { objects: vec![(object, 1.0)], wanted: 1, seed, target: 0.0 }
+        ClutterSamples { objects: vec![(object, 1.0)], wanted: 1, spread: 1.0, seed, target: 0.0 }
     }
 
     /// A reset that needs another scene than the one that was made gets its own.

@@ -9,7 +9,7 @@ import typer
 
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox._common.progress import ProgressBar
-from graspbox.cli.common import Json, hand_like, print_json, print_table
+from graspbox.cli.common import Json, Spread, hand_like, print_json, print_table
 from graspbox.cli.serving.clients import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
 from graspbox.configs import FRONT, OVERHEAD, CamerasConfig
 from graspbox.envs.settings import HandArgument
@@ -74,6 +74,7 @@ def clutter(
     objects: Annotated[str, typer.Option(help="Object set.")] = "procedural:unseen:0-19",
     split: Annotated[str | None, typer.Option(help="Use only this split: train, validation or test.")] = None,
     objects_per_scene: Annotated[int, typer.Option(min=1, max=40, help="Number of objects.")] = 5,
+    spread: Spread = 1.0,
     rounds: Annotated[int, typer.Option(min=1, max=100_000, help="Rounds of each seed.")] = 40,
     seed: Annotated[list[int] | None, typer.Option(help="Seed; repeatable; by default 0, 1 and 2.")] = None,
     max_attempts: Annotated[int, typer.Option(min=1, help="Attempts after which a round ends.")] = 30,
@@ -114,6 +115,7 @@ def clutter(
         "objects": objects,
         "split": _split(split),
         "objects_per_scene": objects_per_scene,
+        "spread": spread,
         "rounds": rounds,
         "hand": named,
         "max_attempts": max_attempts,
