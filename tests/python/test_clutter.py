@@ -15,6 +15,7 @@ import pytest
 
 import graspbox
 from graspbox import object_sets, policies
+from graspbox.configs import PhysicsConfig
 from graspbox.envs.coding import encode_action
 from graspbox.errors import ConfigError, SimulationError
 from graspbox.evaluation.rounds import Rounds, clear_rounds
@@ -351,6 +352,11 @@ def test_training_scenes_are_simulated_and_rendered_again(layout: Any) -> None:
     assert max(counts) <= COUNTS[layout][1]
     single = render_scene(sampler, 1, np.random.default_rng(1), hand)
     assert not is_scene(single.source)
+    fine = SceneSampler(sampler.objects, WIDE, 0, (layout, "single"), PhysicsConfig(dt=0.001))
+    for number in (0, 1):
+        found = render_scene(fine, number, np.random.default_rng(number), hand)
+        assert found.scene is not None
+        assert found.scene.physics.dt == 0.001
 
 
 def test_a_trial_succeeds_with_any_object() -> None:

@@ -311,3 +311,6 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
     ):
         with pytest.raises(errors.ConfigError, match=said):
             DepthSettings(out=tmp_path, sizes=sizes)
+    for step in (0.0, 2.0, float("nan")):
+        with pytest.raises(errors.ConfigError, match=f"--time-step is {step}; give seconds"):
+            DepthSettings(out=tmp_path, time_step=step)

@@ -61,7 +61,7 @@ def render_scene(sampler: SceneSampler, number: int, rng: np.random.Generator, h
     index, mesh, start = sampler.rest(rng)
     source, crop = source_of(sampler.objects[index]), sampler.config.crop
     try:
-        scene = Scene(mesh, hand=hand, world_from_object=start)
+        scene = Scene(mesh, hand=hand, world_from_object=start, physics=sampler.physics)
     except (MeshError, SimulationError):
         return RenderedScene(source, PlacedObjects((mesh,), start[None]), start, None, None, crop)
     at_rest = scene.world_from_object
@@ -77,7 +77,7 @@ def _render_clutter(
     crop = sampler.config.crop
     try:
         heap = sampler.heap(rng, layout, hand)
-        scene = Scene.of(heap.arrangement, hand=hand)
+        scene = Scene.of(heap.arrangement, hand=hand, physics=sampler.physics)
     except (MeshError, SimulationError):
         return RenderedScene("[]", PlacedObjects((), np.zeros((0, 4, 4))), np.eye(4), None, None, crop)
     placed = PlacedObjects.of(heap.arrangement)

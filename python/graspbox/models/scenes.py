@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox._core import Mesh
+from graspbox.configs import PhysicsConfig
 from graspbox.errors import ConfigError, MeshError, SimulationError
 from graspbox.hands import HandLike, cache_folder
 from graspbox.layouts import SCALES, Arrangement, Layout, SceneLayout, arrange, draws, wall_points
@@ -234,6 +235,8 @@ class SceneSampler:
         Seed of all scenes.
     layouts : sequence of str
         Layouts that scenes of trials have in turn: ``single``, or those of `graspbox.layouts`.
+    physics : PhysicsConfig
+        Settings of the physics engine for the trials.
 
     Raises
     ------
@@ -247,10 +250,12 @@ class SceneSampler:
         config: SceneConfig,
         seed: int,
         layouts: Sequence[SceneLayout] = ("single",),
+        physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
     ) -> None:
         if not len(objects):
             raise ConfigError(f"the object set {objects.name!r} is empty; name objects to learn from")
         self.objects, self.config, self.seed, self.layouts = objects, config, seed, tuple(layouts)
+        self.physics = physics
 
         @lru_cache(_MESHES)
         def resting(index: int) -> Resting | None:

@@ -17,6 +17,7 @@ from graspbox.artifacts.exports import FINALISTS, export_depth_policy, write_com
 from graspbox.artifacts.folders import completion_folder, read_depth_policy
 from graspbox.artifacts.graphs import ScorerGraph
 from graspbox.artifacts.runtimes import Parts, Scorer, load_parts, torch_network
+from graspbox.configs import PhysicsConfig
 from graspbox.dataset.learned import evaluated_split, of_datasets, of_splits
 from graspbox.errors import ConfigError
 from graspbox.evaluation.rounds import clear_rounds
@@ -107,6 +108,7 @@ class _DepthTraining:
             settings.completion is not None and self.layouts != ("single",) and self.sizes.completion_steps > 0
         )
         several = self.layouts != ("single",)
+        self.physics = PhysicsConfig(dt=settings.time_step)
         self.scenes = SceneConfig(crop=CropConfig(gap=EVERYTHING if several else CropConfig.gap))
         hand = settings.load_hand()
         start = settings.start
@@ -120,7 +122,7 @@ class _DepthTraining:
 
     def sampler(self, objects: str | tuple[str, ...], split: object_sets.Split | None, seed: int) -> SceneSampler:
         """Sample scenes of a set of objects."""
-        return SceneSampler(object_sets.load(objects, split=split), self.scenes, seed, self.layouts)
+        return SceneSampler(object_sets.load(objects, split=split), self.scenes, seed, self.layouts, self.physics)
 
     def go(self, command: str) -> None:
         """Run the stages."""
@@ -183,7 +185,8 @@ class _DepthTraining:
 
     def make_data(self, stage: Run) -> dict[str, Any]:
         """Make the data set, as far as the time limit allows."""
-        config = dataset.DatasetConfig(poses=self.sizes.poses, rests=self.sizes.rests, views=0, seed=self.seed)
+        sizes, physics = self.sizes, self.physics
+        config = dataset.DatasetConfig(poses=sizes.poses, rests=sizes.rests, views=0, seed=self.seed, physics=physics)
 
         def report(progress: dataset.Progress) -> None:
             share = progress.trials / max(1, progress.total)

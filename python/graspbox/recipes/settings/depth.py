@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
+from graspbox.configs import PhysicsConfig
 from graspbox.errors import ConfigError
 from graspbox.layouts import SceneLayout
 from graspbox.training.options import HandOption, Options
@@ -209,6 +210,9 @@ class DepthSettings(HandOption):
     """Folder of the exported policy; by default ``policy`` in the run's folder."""
     name: str = "depth"
     """Name of the policy."""
+    time_step: float = PhysicsConfig.dt
+    """Time step of the simulation of all trials from which the policy learns, seconds, 0.0001 to 0.01. The evaluation
+    uses that of the environments, 0.002."""
     quick: bool = False
     """Run all stages in minutes."""
 
@@ -225,5 +229,7 @@ class DepthSettings(HandOption):
             raise ConfigError("--sizes.scorer-steps is 0; give more, or name the policy to keep by --start")
         if not self.sizes.completion_steps and self.completion is None:
             raise ConfigError("--sizes.completion-steps is 0; give more, or name the policy to keep by --completion")
+        if not 1e-4 <= self.time_step <= 0.01:
+            raise ConfigError(f"--time-step is {self.time_step}; give seconds, 0.0001 to 0.01")
         if not self.layout:
             raise ConfigError(f"--layout is empty; give one or more of {', '.join(known)}")
