@@ -1,7 +1,7 @@
 //! Time to make and settle piles, one thread: `cargo run --release -p graspbox-tests --example bench_heaps -- [OBJECTS] [PILES]`.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_episode::{Body, Layout};
+use graspbox_episode::{Body, Draw, Layout};
 use graspbox_hand::assets::asset;
 use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
@@ -20,7 +20,8 @@ fn main() {
             .collect();
         let all: Vec<&Body> = bodies.iter().collect();
         let begin = Instant::now();
-        let found = Layout::Pile.arrange(&all, None, &hand, PhysicsConfig::default(), pile as u64, None).unwrap();
+        let draw = Draw::seeded(pile as u64);
+        let found = Layout::Pile.arrange(&all, &draw, &hand, PhysicsConfig::default(), None).unwrap();
         times.push(begin.elapsed().as_secs_f64());
         println!("pile {pile}: {:.3} s, {} of {count} objects stay", times[pile], found.objects.len());
     }

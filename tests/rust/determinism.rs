@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use graspbox_episode::{
-    Body, Finished, Layout, Progress, Sample, Scene, Study, Trial, TrialConfig, run_observed_trials,
+    Body, Draw, Finished, Layout, Progress, Sample, Scene, Study, Trial, TrialConfig, run_observed_trials,
 };
 use graspbox_hand::{ActuatorCommand, GraspPose};
 use graspbox_objects::Family;
@@ -191,7 +191,8 @@ fn pile() -> Vec<(Arc<Scene>, Vec<GraspPose>)> {
     let families = [Family::Can, Family::Box, Family::Mug, Family::Bottle];
     let bodies: Vec<Body> = families.iter().zip(0..).map(|(family, seed)| procedural(*family, seed)).collect();
     let (hand, physics) = (Arc::new(reflex()), PhysicsConfig::default());
-    let heap = Layout::Pile.arrange(&bodies.iter().collect::<Vec<_>>(), None, &hand, physics, 1, None).unwrap();
+    let heap =
+        Layout::Pile.arrange(&bodies.iter().collect::<Vec<_>>(), &Draw::seeded(1), &hand, physics, None).unwrap();
     let kept: Vec<&Body> = heap.objects.iter().map(|index| &bodies[*index]).collect();
     assert!(kept.len() > 2, "only {} objects stayed", kept.len());
     let one = |target: Option<usize>| {

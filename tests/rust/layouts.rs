@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use graspbox_episode::layout::PACKED_ATTEMPTS;
-use graspbox_episode::{Arrangement, Body, EpisodeError, Layout};
+use graspbox_episode::{Arrangement, Body, Draw, EpisodeError, Layout};
 use graspbox_hand::Hand;
 use graspbox_objects::Family;
 use graspbox_sim::{ObjectModel, PhysicsConfig, Template, Wall, World};
@@ -27,12 +27,13 @@ fn bodies(count: usize) -> Vec<Body> {
 }
 
 fn arrange(layout: Layout, bodies: &[Body], seed: u64) -> Arrangement {
-    layout.arrange(&refs(bodies), None, &hand(), PhysicsConfig::default(), seed, None).unwrap()
+    layout.arrange(&refs(bodies), &Draw::seeded(seed), &hand(), PhysicsConfig::default(), None).unwrap()
 }
 
 /// A scene of `most` of the bodies, each of which is one attempt.
 fn drawn(layout: Layout, bodies: &[Body], most: usize, seed: u64) -> Arrangement {
-    layout.arrange(&refs(bodies), Some(most), &hand(), PhysicsConfig::default(), seed, None).unwrap()
+    let draw = Draw { most: Some(most), ..Draw::seeded(seed) };
+    layout.arrange(&refs(bodies), &draw, &hand(), PhysicsConfig::default(), None).unwrap()
 }
 
 fn refs(bodies: &[Body]) -> Vec<&Body> {
@@ -158,7 +159,7 @@ fn no_more_objects_than_wanted_are_placed() {
 #[test]
 fn a_scene_is_simulated_until_it_rests() {
     let settle = |bodies: &[Body], poses: &[Isometry3<f64>]| {
-        Layout::Pile.settle(&refs(bodies), poses.to_vec(), &hand(), PhysicsConfig::default()).unwrap()
+        Layout::Pile.settle(&refs(bodies), poses.to_vec(), [1.0; 2], &hand(), PhysicsConfig::default()).unwrap()
     };
     let poses_after = |bodies: &[Body], poses: &[Isometry3<f64>], seconds: f64| -> Vec<Isometry3<f64>> {
         simulated(bodies, poses, &[], seconds).world_from_objects().collect()
@@ -189,12 +190,28 @@ fn objects_outside_are_removed() {
     ];
     // The block's middle is 1 cm outside, that of the cube on it 1 cm inside, and the column's is above the workspace.
     let poses = [(0.16, 0.04), (0.14, 0.1), (-0.05, 0.26)].map(|(x, z)| Isometry3::translation(x, 0.0, z));
-    let found = Layout::Packed.settle(&refs(&bodies), poses.to_vec(), &hand(), PhysicsConfig::default()).unwrap();
+    let found =
+        Layout::Packed.settle(&refs(&bodies), poses.to_vec(), [1.0; 2], &hand(), PhysicsConfig::default()).unwrap();
     assert_eq!(found.objects, [1]);
     let height = found.world_from_objects[0].translation.z;
     assert!((height - 0.02).abs() < 2e-3, "the cube stays in the air, at {height} m");
-    let gone = Layout::Packed.settle(&refs(&bodies[..1]), poses[..1].to_vec(), &hand(), PhysicsConfig::default());
+    let gone =
+        Layout::Packed.settle(&refs(&bodies[..1]), poses[..1].to_vec(), [1.0; 2], &hand(), PhysicsConfig::default());
     assert!(gone.unwrap().objects.is_empty());
+}
+
+/// What rests with a factor on friction, as after an attempt in a randomized episode: a cube slides farther with less.
+#[test]
+fn objects_rest_with_their_friction() {
+    let cube = cubes(1, 0.04);
+    let end = |factors: [f64; 2]| {
+        let tilted = Isometry3::new(Vector3::new(0.0, 0.0, 0.04), Vector3::new(0.0, 0.6, 0.0));
+        let found = Layout::Pile.settle(&refs(&cube), vec![tilted], factors, &hand(), PhysicsConfig::default());
+        found.unwrap().world_from_objects[0].translation.x.abs()
+    };
+    let (usual, heavy, smooth) = (end([1.0; 2]), end([1.0, 3.0]), end([0.1, 1.0]));
+    assert!((usual - heavy).abs() < 1e-4, "mass alone changes nothing: {usual}, {heavy}");
+    assert!((smooth - usual).abs() > 2e-3, "{usual}, {smooth}");
 }
 
 /// Neither are packed objects placed into others, nor are objects dropped into a heap that is higher than the drop.
@@ -232,7 +249,8 @@ fn entries(cache: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn cached_scenes_have_the_same_bits() {
     let (bodies, folder) = (bodies(4), tempfile::tempdir().unwrap());
     let made = |layout: Layout, cache: Option<&Path>, seed: u64| {
-        layout.arrange(&refs(&bodies), Some(3), &hand(), PhysicsConfig::default(), seed, cache).unwrap()
+        let draw = Draw { most: Some(3), ..Draw::seeded(seed) };
+        layout.arrange(&refs(&bodies), &draw, &hand(), PhysicsConfig::default(), cache).unwrap()
     };
     let exact = |found: &Arrangement| format!("{found:?}");
     for (count, layout) in [Layout::Packed, Layout::Pile, BIN].into_iter().enumerate() {
@@ -271,30 +289,32 @@ fn another_scene_has_another_entry() {
     let panda = Arc::new(graspbox_hand::assets::asset("panda_gripper").unwrap().read().unwrap());
     let physics = PhysicsConfig::default();
     let count = |number: usize| assert_eq!(entries(folder.path()).len(), number);
-    let make = |layout: Layout, bodies: &[Body], most, hand: &Arc<Hand>, physics, seed| {
-        drop(layout.arrange(&refs(bodies), most, hand, physics, seed, cache).unwrap());
+    let make = |layout: Layout, bodies: &[Body], draw: Draw, hand: &Arc<Hand>, physics| {
+        drop(layout.arrange(&refs(bodies), &draw, hand, physics, cache).unwrap());
     };
-    make(Layout::Packed, &bodies, None, &hand(), physics, 0);
-    make(Layout::Packed, &bodies, None, &hand(), physics, 0);
+    let draw = Draw::seeded(0);
+    make(Layout::Packed, &bodies, draw, &hand(), physics);
+    make(Layout::Packed, &bodies, draw, &hand(), physics);
     count(1);
-    make(Layout::Packed, &bodies, None, &hand(), physics, 1);
-    make(Layout::Packed, &bodies, Some(3), &hand(), physics, 0);
-    make(BIN, &bodies, None, &hand(), physics, 0);
-    make(Layout::Bin { inside: [0.3, 0.25, 0.16] }, &bodies, None, &hand(), physics, 0);
-    make(Layout::Packed, &bodies, None, &panda, physics, 0);
-    make(Layout::Packed, &bodies, None, &hand(), PhysicsConfig { dt: 0.5 * physics.dt, ..physics }, 0);
-    make(Layout::Packed, &bodies[..2], None, &hand(), physics, 0);
-    count(8);
-    bodies[0] = bodies[0].scaled(0.9).unwrap();
-    make(Layout::Packed, &bodies, None, &hand(), physics, 0);
+    make(Layout::Packed, &bodies, Draw::seeded(1), &hand(), physics);
+    make(Layout::Packed, &bodies, Draw { most: Some(3), ..draw }, &hand(), physics);
+    make(Layout::Packed, &bodies, Draw { spread: 0.9, ..draw }, &hand(), physics);
+    make(BIN, &bodies, draw, &hand(), physics);
+    make(Layout::Bin { inside: [0.3, 0.25, 0.16] }, &bodies, draw, &hand(), physics);
+    make(Layout::Packed, &bodies, draw, &panda, physics);
+    make(Layout::Packed, &bodies, draw, &hand(), PhysicsConfig { dt: 0.5 * physics.dt, ..physics });
+    make(Layout::Packed, &bodies[..2], draw, &hand(), physics);
     count(9);
+    bodies[0] = bodies[0].scaled(0.9).unwrap();
+    make(Layout::Packed, &bodies, draw, &hand(), physics);
+    count(10);
 }
 
 #[test]
 fn impossible_layouts_are_refused() {
     let refused = |layout: Layout, bodies: &[Body]| {
         let found: Result<_, EpisodeError> =
-            layout.arrange(&refs(bodies), None, &hand(), PhysicsConfig::default(), 0, None);
+            layout.arrange(&refs(bodies), &Draw::seeded(0), &hand(), PhysicsConfig::default(), None);
         found.err().unwrap().to_string()
     };
     assert!(refused(Layout::Pile, &[]).contains("there is no object"));

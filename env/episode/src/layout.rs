@@ -77,6 +77,13 @@ pub struct Draw {
     pub seed: u64,
 }
 
+impl Draw {
+    /// All bodies are wanted, and VGN's distances.
+    pub fn seeded(seed: u64) -> Self {
+        Self { most: None, spread: 1.0, seed }
+    }
+}
+
 /// How several objects lie on the table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -121,7 +128,15 @@ impl Layout {
     ) -> Result<Arrangement, EpisodeError> {
         let walls = self.walls()?;
         in_range("spread", draw.spread, SPREADS, "")?;
-        let heap = Heap { bodies, hand, physics, walls: Vec::new(), objects: Vec::new(), poses: Vec::new() };
+        let heap = Heap {
+            bodies,
+            hand,
+            physics,
+            factors: [1.0; 2],
+            walls: Vec::new(),
+            objects: Vec::new(),
+            poses: Vec::new(),
+        };
         // For no object, or too many of them.
         let template = heap.template(&(0..bodies.len()).collect::<Vec<_>>())?;
         let entry = cache.map(|folder| layout_cache::entry(folder, self, &template, bodies, draw));
@@ -165,6 +180,7 @@ impl Layout {
     /// Lets `bodies` come to rest from `poses` without a hand, as after some of them were taken away.
     ///
     /// * `poses`: one for each of `bodies`.
+    /// * `factors`: on the friction and the mass of every object.
     ///
     /// # Errors
     /// As [`Layout::arrange`].
@@ -172,11 +188,12 @@ impl Layout {
         &self,
         bodies: &[&Body],
         poses: Vec<Isometry3<f64>>,
+        factors: [f64; 2],
         hand: &Arc<Hand>,
         physics: PhysicsConfig,
     ) -> Result<Arrangement, EpisodeError> {
         let objects = (0..bodies.len()).collect();
-        let mut heap = Heap { bodies, hand, physics, walls: self.walls()?, objects, poses };
+        let mut heap = Heap { bodies, hand, physics, factors, walls: self.walls()?, objects, poses };
         heap.rest_inside(&self.space())?;
         Ok(heap.done())
     }
@@ -206,6 +223,8 @@ struct Heap<'a> {
     bodies: &'a [&'a Body],
     hand: &'a Arc<Hand>,
     physics: PhysicsConfig,
+    /// Factors on the friction and the mass of every object.
+    factors: [f64; 2],
     walls: Vec<Wall>,
     objects: Vec<usize>,
     poses: Vec<Isometry3<f64>>,
@@ -227,9 +246,11 @@ impl Heap<'_> {
     fn world(&self, objects: &[usize], poses: &[Isometry3<f64>]) -> Result<World, EpisodeError> {
         let template = self.template(objects)?;
         let preshape = template.hand().preshape_limits()[0];
-        template
+        let mut world = template
             .spawn_objects(&away(), poses, preshape)
-            .map_err(|source| EpisodeError::Sim { object: self.names(objects), source })
+            .map_err(|source| EpisodeError::Sim { object: self.names(objects), source })?;
+        world.scale_objects(self.factors[0], self.factors[1]);
+        Ok(world)
     }
 
     fn run(&self, world: &mut World, seconds: f64) -> Result<(), EpisodeError> {

@@ -116,10 +116,7 @@ impl Scene {
         let mut poses: Vec<_> = self.objects.iter().map(|object| object.world_from_object).collect();
         poses[self.target] = *world_from_object;
         let mut world = self.template.place(world_from_hand, &poses, preshape);
-        for object in 0..poses.len() {
-            world.set_target(object);
-            world.scale_object(factors[0], factors[1]);
-        }
+        world.scale_objects(factors[0], factors[1]);
         world.set_target(self.target);
         world
     }

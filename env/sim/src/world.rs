@@ -331,6 +331,16 @@ impl World {
         self.state.mass_factors[self.state.target] *= mass;
     }
 
+    /// As [`World::scale_object`], for every object.
+    pub fn scale_objects(&mut self, friction: f64, mass: f64) {
+        let target = self.state.target;
+        for object in 0..self.object_count() {
+            self.set_target(object);
+            self.scale_object(friction, mass);
+        }
+        self.set_target(target);
+    }
+
     /// Makes an object the target, to which the other methods refer as "the object".
     ///
     /// * `object`: another index than that of an object changes nothing.

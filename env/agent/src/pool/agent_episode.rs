@@ -196,19 +196,19 @@ impl AgentEpisode {
     /// Takes the objects in the hand away after an attempt on a scene of several objects; the hand waits again while others remain.
     fn take_away(&mut self, outcome: Outcome, spec: &EnvSpec) -> Result<(), AgentError> {
         let Some(clearing) = &mut self.record.clearing else { return Ok(()) };
-        let waiting = &self.record.waiting;
+        let (waiting, factors) = (&self.record.waiting, [self.record.friction, self.record.mass]);
         if !outcome.moved {
             clearing.nothing_moved();
             self.arm.sync(waiting);
             return Ok(());
         }
         self.record.object = clearing.objects[outcome.episode.world().target()].object;
-        let Some((scene, prepared)) = clearing.attempted(&outcome, &self.prepared, spec)? else {
+        let Some((scene, prepared)) = clearing.attempted(&outcome, &self.prepared, factors, spec)? else {
             self.episode = outcome.episode;
             self.arm.sync(&self.episode.world().world_from_hand());
             return Ok(());
         };
-        let (object, factors) = (scene.world_from_object(), [self.record.friction, self.record.mass]);
+        let object = scene.world_from_object();
         let criterion = spec.config.success;
         self.episode = Episode::reset_at(&scene, waiting, object, self.record.preshape, factors, criterion);
         self.record.first_center = self.episode.world().object_center();

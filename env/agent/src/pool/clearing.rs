@@ -76,6 +76,7 @@ impl Clearing {
     /// Records an attempt, takes the objects in the hand away, and lets the others come to rest. Returns the next scene; `None` if nothing is left.
     ///
     /// * `prepared`: the objects of the scene, in its order.
+    /// * `factors`: on the friction and the mass of every object.
     ///
     /// # Errors
     /// An error of the simulation.
@@ -83,6 +84,7 @@ impl Clearing {
         &mut self,
         outcome: &Outcome,
         prepared: &[Arc<Prepared>],
+        factors: [f64; 2],
         spec: &EnvSpec,
     ) -> Result<Option<SceneObjects>, AgentError> {
         let world = outcome.episode.world();
@@ -107,7 +109,7 @@ impl Clearing {
         let bodies: Vec<&Body> = left.iter().map(|index| prepared[*index].body()).collect();
         let poses = left.iter().map(|index| after[*index]).collect();
         let physics = *spec.objects.physics();
-        let found = spec.config.clutter.workspace().settle(&bodies, poses, spec.hand(), physics)?;
+        let found = spec.config.clutter.workspace().settle(&bodies, poses, factors, spec.hand(), physics)?;
         self.lost += (left.len() - found.objects.len()) as u32;
         let stayed: Vec<usize> = found.objects.iter().map(|index| left[*index]).collect();
         if stayed.is_empty() {
