@@ -4,6 +4,7 @@ Each row is its own process with random actions. The first reset prepares a set 
 prepared while episodes run. Run it on an idle machine::
 
     python scripts/measure_stalls.py --objects ycb --num-envs 16
+    python scripts/measure_stalls.py --env graspbox/Clear-v0 --objects procedural:seen:0-19 --layout pile --num-envs 4
 """
 
 import argparse
@@ -21,10 +22,16 @@ import graspbox  # noqa: F401 (registers the environments)
 from graspbox.programs import run_program
 
 
-def measure(objects: str, num_envs: int, obs: str, steps: int, episode: int, prepare: bool) -> dict[str, float]:
-    """Step an environment; returns seconds of the preparation, the reset, and the median and slowest step."""
+def measure(args: argparse.Namespace, prepare: bool) -> dict[str, float]:
+    """Step an environment; returns seconds of the preparation, the reset, and the mean, median and slowest step."""
     envs = gym.make_vec(
-        "graspbox/Grasp-v0", num_envs=num_envs, objects=objects, obs=obs, image_size=64, max_episode_steps=episode
+        args.env,
+        num_envs=args.num_envs,
+        objects=args.objects,
+        obs=args.obs,
+        image_size=64,
+        layout=args.layout,
+        max_episode_steps=args.episode_steps,
     )
     start = time.perf_counter()
     if prepare:
@@ -34,7 +41,7 @@ def measure(objects: str, num_envs: int, obs: str, steps: int, episode: int, pre
     begun = time.perf_counter()
     rng = np.random.default_rng(0)
     times = []
-    for _ in range(steps):
+    for _ in range(args.steps):
         actions = rng.uniform(-1.0, 1.0, envs.action_space.shape).astype(np.float32)
         before = time.perf_counter()
         envs.step(actions)
@@ -42,6 +49,7 @@ def measure(objects: str, num_envs: int, obs: str, steps: int, episode: int, pre
     return {
         "prepare": prepared - start,
         "reset": begun - prepared,
+        "mean": float(np.mean(times)),
         "median": float(np.median(times)),
         "99 %": float(np.quantile(times, 0.99)),
         "slowest": max(times),
@@ -51,7 +59,9 @@ def measure(objects: str, num_envs: int, obs: str, steps: int, episode: int, pre
 def main() -> None:
     """Run every row and print a table, milliseconds."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--env", default="graspbox/Grasp-v0", help="environment")
     parser.add_argument("--objects", default="ycb", help="object set")
+    parser.add_argument("--layout", default="single", help="layout of the objects")
     parser.add_argument("--num-envs", type=int, default=16, help="environments")
     parser.add_argument("--obs", default="state", help="observation")
     parser.add_argument("--steps", type=int, default=400, help="steps of every environment")
@@ -59,11 +69,10 @@ def main() -> None:
     parser.add_argument("--row", choices=("plain", "prepared"), help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.row:
-        found = measure(args.objects, args.num_envs, args.obs, args.steps, args.episode_steps, args.row == "prepared")
-        print(json.dumps(found))
+        print(json.dumps(measure(args, args.row == "prepared")))
         return
     rows = {"empty cache": "plain", "filled cache": "plain", "prepared": "prepared"}
-    print(f"{'milliseconds':14}{'prepare':>10}{'reset':>10}{'median':>10}{'99 %':>10}{'slowest':>10}")
+    print(f"{'milliseconds':14}{'prepare':>10}{'reset':>10}{'mean':>10}{'median':>10}{'99 %':>10}{'slowest':>10}")
     with tempfile.TemporaryDirectory() as cache:
         for name, row in rows.items():
             command = [sys.executable, __file__, *sys.argv[1:], "--row", row]
