@@ -65,7 +65,7 @@ def alternatives(
 def attempts(policy: DepthGrasp, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Clear scenes, attempt by attempt."""
     hand = load_hand(args.hand or policy.settings["hand"])
-    objects = objects_that_fit(object_sets.load(args.objects), args.layout, hand)
+    objects = objects_that_fit(object_sets.load(args.objects, split=args.split), args.layout, hand)
     settings = {**policy.settings, "hand": hand, "obs": policy.obs, "objects_per_scene": args.objects_per_scene}
     with gymnasium.make("graspbox/Clear-v0", objects=objects, layout=args.layout, **settings) as made:
         policy.bind(Task.of(made))
@@ -128,6 +128,7 @@ def main() -> int:
     parser.add_argument("policy", help="a policy of one depth image that clears scenes, by folder or name")
     parser.add_argument("--hand", help="by default that of the policy")
     parser.add_argument("--objects", nargs="+", default=["procedural:unseen:0-19"])
+    parser.add_argument("--split", choices=("train", "validation", "test"), help="use only this split")
     parser.add_argument("--objects-per-scene", type=int, default=5)
     parser.add_argument("--layout", choices=("packed", "pile", "bin"), default="packed")
     parser.add_argument("--rounds", type=int, default=40)

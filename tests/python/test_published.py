@@ -18,6 +18,7 @@ LEAST = {
     "clone": (20, "graspbox/Grasp-v0", "clone"),
     "depth": (20, "graspbox/GraspPose-v0", "depth"),
     "feel": (22, "graspbox/Grasp-v0", "depth-feel"),
+    "feel_inspire": (17, "graspbox/Grasp-v0", "inspire-feel"),
     "head": (15, "graspbox/GraspPose-v0", "head"),
     "inspire": (14, "graspbox/GraspPose-v0", "inspire"),
     "leap": (9, "graspbox/GraspPose-v0", "leap"),

@@ -27,8 +27,8 @@ GROUP = "graspbox.policies"
 #: The package of the published policies, and their names.
 PACKAGE = "graspbox-policies"
 PUBLISHED = (
-    "any_hand", "clone", "depth", "feel", "head", "inspire", "leap", "panda", "panda_clutter",
-    "reflex_clutter", "robotiq", "soft_hand", "study", "tuned",
+    "any_hand", "clone", "depth", "feel", "feel_inspire", "head", "inspire", "leap", "panda",
+    "panda_clutter", "reflex_clutter", "robotiq", "soft_hand", "study", "tuned",
 )  # fmt: skip
 _BARE = re.compile(r"[A-Za-z0-9][\w.-]*")
 _DOTTED = re.compile(r"\w+(\.\w+)*")
