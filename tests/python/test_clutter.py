@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import pytest
 import graspbox
 from graspbox import object_sets, policies
 from graspbox.configs import PhysicsConfig
-from graspbox.envs.coding import encode_action
+from graspbox.envs.coding import codec, encode_action
 from graspbox.errors import ConfigError, SimulationError
 from graspbox.evaluation.rounds import Rounds, clear_rounds
 from graspbox.hands import load_hand
@@ -225,6 +226,22 @@ def test_a_scene_planner_pushes_neighbours_that_give_way(seed: int) -> None:
     assert (refused.touch, refused.press) == (0.0, 0.0)
     assert refused.score < grasp.score
     assert env.step(action)[-1]["is_success"]
+
+
+def test_a_scene_planner_tries_another_grasp() -> None:
+    """In a scene that did not change it does not repeat itself, until the next episode."""
+    env = gymnasium.make("graspbox/Clear-v0", objects=OBJECTS, layout="packed", hand=HAND)
+    policy = policies.load("scene_planner")
+    policy.bind(policies.Task.of(env))
+    _, info = env.reset(seed=3)
+    policy.reset(3, info=info)
+    decode = codec("grasp_pose", HAND).decode_grasp
+    poses = [decode(policy.act(None)[0])[0] for _ in range(4)]
+    for one, other in combinations(poses, 2):
+        turn = (np.trace(one[:3, :3].T @ other[:3, :3]) - 1.0) / 2.0
+        assert np.linalg.norm(one[:3, 3] - other[:3, 3]) > 0.0099 or turn < np.cos(0.199)
+    policy.reset(3, info=info)
+    np.testing.assert_array_equal(decode(policy.act(None)[0])[0], poses[0])
 
 
 def test_a_scene_planner_needs_a_scene() -> None:

@@ -4,7 +4,7 @@
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,13 @@ __all__ = ["ScenePlanner", "TopDown", "TsdfPlan", "TsdfPolicy"]
 #: (n,): see `TsdfPolicy`.
 TsdfPlan = Callable[[NDArray[np.float32], float], tuple[ArrayLike, ArrayLike, ArrayLike]]
 
+#: ``world_from_hand`` (4, 4), metres, and preshape.
+_Pose = tuple[NDArray[np.float64], float]
+
+#: Poses of an object that are compared with those that were tried.
+_RANKED = 16
+#: Distance (m) and angle (rad) up to which two poses are about the same grasp.
+_SAME = (0.01, 0.2)
 #: How far the closing hand reaches below the highest point, metres.
 _BELOW = 0.02
 #: Least distance of the open hand from the table, metres.
@@ -104,7 +111,8 @@ class TopDown(_OneLook):
 class ScenePlanner(_OneLook):
     """Plans for every object among its neighbours, and takes the first-ranked pose of all; **privileged**.
 
-    A pose may push neighbours aside where they give way (`graspbox.PlanConfig.max_press`).
+    A pose may push neighbours aside where they give way (`graspbox.PlanConfig.max_press`). Poses near ones that it has
+    tried in the same episode come last.
 
     It sees the scenes, which no observation holds, in environments of this process (`Task.scenes`).
     """
@@ -114,23 +122,42 @@ class ScenePlanner(_OneLook):
 
     def _bind(self, task: Task) -> None:
         self._hand = load_hand(task.hand)
+        self._tried: list[list[_Pose]] = [[] for _ in range(task.num_envs)]
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        del seed, info
+        self._tried[env] = []
 
     def _choose(self, env: int, observation: Any) -> NDArray[np.float32] | None:
         del observation
-        found = self._best(self.task.scene(env, self.name))
-        return None if found is None else encode_action(*found, hand=self._hand)
+        found = self._best(self.task.scene(env, self.name), self._tried[env])
+        if found is None:
+            return None
+        self._tried[env].append(found)
+        return encode_action(*found, hand=self._hand)
 
-    def _best(self, scene: Arrangement) -> tuple[NDArray[np.float64], float] | None:
+    def _best(self, scene: Arrangement, tried: Sequence[_Pose]) -> _Pose | None:
         """Find the first-ranked pose of all objects, and its preshape."""
-        best, found = -np.inf, None
+        best, found = (False, -np.inf), None
         for index, (mesh, pose) in enumerate(zip(scene.meshes, scene.world_from_objects, strict=True)):
             around = scene.without(index)
             plan = planning.plan(
                 mesh, hand=self._hand, world_from_object=pose, neighbours=around, max_press=MAX_PRESS
-            ).best(1)
-            if len(plan) and plan.score[0] > best:
-                best, found = float(plan.score[0]), (pose @ plan.poses[0], float(plan.preshape[0]))
+            ).best(_RANKED if tried else 1)
+            for row in range(len(plan)):
+                one = (pose @ plan.poses[row], float(plan.preshape[row]))
+                rank = (not any(_is_near(one, other) for other in tried), float(plan.score[row]))
+                if rank > best:
+                    best, found = rank, one
         return found
+
+
+def _is_near(one: _Pose, other: _Pose) -> bool:
+    """Tell whether two poses of the hand are about the same grasp."""
+    (first, preshape), (second, other_preshape) = one, other
+    way = np.linalg.norm(first[:3, 3] - second[:3, 3])
+    cosine = (np.sum(first[:3, :3] * second[:3, :3]) - 1.0) / 2.0
+    return bool(way < _SAME[0] and cosine > np.cos(_SAME[1]) and preshape == other_preshape)
 
 
 class TsdfPolicy(_OneLook):
