@@ -134,9 +134,9 @@ class Blinking(policies.ScenePlanner):
 
     looks = 0
 
-    def _best(self, scene: graspbox.Arrangement) -> Any:
+    def _best(self, scene: graspbox.Arrangement, tried: Any) -> Any:
         self.looks += 1
-        return None if self.looks % 2 else super()._best(scene)
+        return None if self.looks % 2 else super()._best(scene, tried)
 
 
 def test_failures_in_a_row_end_with_a_success() -> None:
