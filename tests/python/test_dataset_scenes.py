@@ -168,6 +168,8 @@ def test_data_sets_of_version_1_are_read(tmp_path: Path) -> None:
         ({"objects_per_scene": (3, 2)}, r"objects_per_scene is \(3, 2\)"),
         ({"objects_per_scene": (0, 2)}, "from 1 to 40"),
         ({"objects_per_scene": (1.0, 2)}, "from 1 to 40"),
+        ({"spread": 3.0}, "spread is 3.0"),
+        ({"layout": "single", "spread": 0.5}, "spread is 0.5, but layout 'single'"),
         ({"layout": "bin", "bin_size": (300.0, 200.0, 100.0)}, "300"),
     ],
 )

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, fields
 
+from graspbox._common.arguments import check_range
 from graspbox.configs import PhysicsConfig, PlanConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.layouts import SceneLayout, scene_layout_named
@@ -143,6 +144,9 @@ class DatasetConfig:
                 f"objects_per_scene is {self.objects_per_scene}; give the least and the greatest number, from 1 to "
                 f"{_MOST_OBJECTS}"
             )
+        check_range(self, "spread", 0.25, 2.0)
+        if self.layout == "single" and self.spread != 1.0:
+            raise ConfigError(f"spread is {self.spread!r}, but layout 'single' has one object; choose another")
         for name, most_error in {"hand_position": 0.1, "hand_rotation": math.pi}.items():
             if not 0.0 <= getattr(self, name) <= most_error:
                 raise ConfigError(f"{name} is {getattr(self, name)!r}; give a number from 0 to {most_error:.4g}")
