@@ -3,6 +3,7 @@
 use crate::engine::{Contact, Part};
 use crate::world::World;
 use nalgebra::{Point3, Vector3};
+use std::cell::Cell;
 
 /// Bodies touch if a contact presses, or if they are nearer than this, metres: half of `allowed_penetration` in
 /// [`crate::config::RapierConfig`].
@@ -79,11 +80,13 @@ impl World {
 
     /// True if the target object touches table, ground or a wall: `scenery` of [`World::contacts`], at less cost.
     pub fn object_on_scenery(&self) -> bool {
-        let mut found = false;
+        let found = Cell::new(false);
         let target = Part::Object(self.target());
-        let wanted = |parts: [Part; 2]| parts.contains(&target) && parts.into_iter().any(Part::is_scenery);
-        self.engine().contacts(&wanted, &mut |contact| found |= touches(contact));
-        found
+        // No further contact is wanted once one touches.
+        let wanted =
+            |parts: [Part; 2]| !found.get() && parts.contains(&target) && parts.into_iter().any(Part::is_scenery);
+        self.engine().contacts(&wanted, &mut |contact| found.set(touches(contact)));
+        found.get()
     }
 
     /// For each object, true if table, ground or walls carry it: it touches them, or another object that they carry.

@@ -76,6 +76,7 @@ pub struct Template {
 /// Data shared by all worlds of one template.
 struct Shared {
     hand: Arc<Hand>,
+    hand_from_base: Isometry3<f64>,
     config: PhysicsConfig,
     /// By object.
     masses: Vec<f64>,
@@ -122,6 +123,7 @@ impl Template {
         };
         let shared = Shared {
             identity: identity(&hand, objects, walls, &config)?,
+            hand_from_base: hand.base_from_hand.inverse(),
             hand,
             config,
             masses: objects.iter().map(ObjectModel::mass).collect(),
@@ -253,7 +255,7 @@ impl World {
         let dt = self.shared.config.dt;
         self.drive_actuators(commands, dt)?;
         let base_from_world = self.state.motion.world_from_base.inverse();
-        let target = world_from_hand * self.shared.hand.base_from_hand.inverse();
+        let target = world_from_hand * self.shared.hand_from_base;
         let frame = self.state.motion.advance(target, dt, &self.state.gravity);
         let base_from_world_after = target.inverse();
         self.forces.clear();

@@ -37,6 +37,7 @@ pub(crate) mod newton;
 pub(crate) mod objects;
 pub(crate) mod ordering;
 pub(crate) mod rows;
+pub(crate) mod sides;
 pub(crate) mod stiffness;
 
 use nalgebra::Vector3;
@@ -46,6 +47,7 @@ use crate::laws::{CableState, stop};
 use crate::model::{BodyKind, Model};
 use crate::problem::matrix::Matrix;
 use crate::problem::objects::{ObjectTerms, own_twist};
+use crate::problem::sides::Side;
 use crate::problem::stiffness::{Slope, Stiffness};
 
 /// A contact point during one step.
@@ -97,8 +99,14 @@ pub(crate) struct Patch {
     pub prescribed: Twist,
 }
 
-/// Signs of a relative twist, and of an impulse, on the two sides of a patch.
-const SIGNS: [f64; 2] = [-1.0, 1.0];
+/// A patch of the island.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Touching {
+    /// Index in [`Problem::patches`].
+    pub patch: usize,
+    /// What moves its bodies.
+    pub sides: [Side; 2],
+}
 
 /// How friction's bounds are treated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,6 +131,14 @@ pub(crate) struct HandTerms {
     /// Velocities at the beginning of the step, and once the step is solved at its end.
     pub velocity: Vec<f64>,
     pub cables: Vec<CableState>,
+}
+
+/// Results of an evaluation.
+#[derive(Clone, Default)]
+struct Evaluation {
+    residual: Vec<f64>,
+    points: Vec<Point>,
+    cables: Vec<CableState>,
 }
 
 /// The equations of one step, and of the island that is being solved; buffers are kept from step to step.
@@ -151,9 +167,11 @@ pub(crate) struct Problem {
     /// First unknown of each object, if it is a member.
     start: Vec<usize>,
     /// The island's patches.
-    touching: Vec<Patch>,
+    touching: Vec<Touching>,
     /// Friction bounds of the island's points, see [`Problem::keep_bounds`].
     kept_bounds: Vec<f64>,
+    /// See [`Problem::keep`].
+    kept: Evaluation,
 }
 
 impl Problem {
@@ -180,9 +198,14 @@ impl Problem {
         self.v.len()
     }
 
+    /// The patches of the island.
+    pub fn patches_of_island(&self) -> impl Iterator<Item = &Patch> {
+        self.touching.iter().map(|touching| &self.patches[touching.patch])
+    }
+
     /// Number of contact points of the island.
     pub fn point_count(&self) -> usize {
-        self.touching.iter().map(|patch| patch.last - patch.first).sum()
+        self.patches_of_island().map(|patch| patch.last - patch.first).sum()
     }
 
     /// Moves the objects with a twist at the reference point.
@@ -195,20 +218,27 @@ impl Problem {
 
     /// Whether an object of the island touches the scenery.
     pub fn rests_on_scenery(&self) -> bool {
-        let rests = |patch: &Patch| matches!(patch.sides, [BodyKind::Object(_), BodyKind::Scenery]);
-        self.touching.iter().any(rests)
+        self.touching.iter().any(|touching| matches!(touching.sides, [Side::Object { .. }, Side::Scenery]))
     }
 
-    /// Computes contact impulses and residual at `v`. Returns the size of the residual, `sum of r_i^2 / M_ii`, joules.
-    pub fn evaluate(&mut self, model: &Model, kinematics: &Kinematics, bounds: Bounds) -> f64 {
+    /// Computes contact impulses and residual at `v`.
+    pub fn evaluate(&mut self, model: &Model, kinematics: &Kinematics, bounds: Bounds) {
         self.smooth_residual(model);
-        for index in 0..self.touching.len() {
-            let patch = self.touching[index];
-            let twist = self.relative_twist(model, kinematics, &patch);
-            if let Some(wrench) = self.contact_impulses(&patch, &twist, bounds) {
-                self.apply(model, kinematics, &patch, &wrench);
+        for touching in &self.touching {
+            let patch = &self.patches[touching.patch];
+            let twist = touching.relative_twist(&patch.prescribed, kinematics, &self.v);
+            let points = &mut self.points[patch.first..patch.last];
+            if let Some(wrench) = contact_impulses(points, &twist, bounds, self.stick_speed) {
+                let [a, b] = &touching.sides;
+                a.apply(kinematics, &wrench, -1.0, &mut self.residual);
+                b.apply(kinematics, &wrench, 1.0, &mut self.residual);
             }
         }
+    }
+
+    /// The same with bounds that follow. Returns the size of the residual, `sum of r_i^2 / M_ii`, joules.
+    pub fn evaluate_size(&mut self, model: &Model, kinematics: &Kinematics) -> f64 {
+        self.evaluate(model, kinematics, Bounds::Follow);
         let mut size = 0.0;
         for (i, r) in self.residual[..self.free].iter().enumerate() {
             size += r * r / self.hand.mass.row(i)[i];
@@ -221,6 +251,33 @@ impl Problem {
             }
         }
         size
+    }
+
+    /// Keeps the results of the last evaluation for [`Problem::restore`].
+    pub fn keep(&mut self) {
+        self.kept.residual.clone_from(&self.residual);
+        self.kept.cables.clone_from(&self.hand.cables);
+        let mut points = std::mem::take(&mut self.kept.points);
+        points.clear();
+        for patch in self.patches_of_island() {
+            points.extend_from_slice(&self.points[patch.first..patch.last]);
+        }
+        self.kept.points = points;
+    }
+
+    /// Returns to the evaluation that was kept last for this island, at velocities `v`.
+    pub fn restore(&mut self, v: &[f64]) {
+        self.v.copy_from_slice(v);
+        self.residual.clone_from(&self.kept.residual);
+        self.hand.cables.clone_from(&self.kept.cables);
+        let mut kept = self.kept.points.as_slice();
+        for touching in &self.touching {
+            let patch = &self.patches[touching.patch];
+            let points = &mut self.points[patch.first..patch.last];
+            let (own, rest) = kept.split_at(points.len());
+            points.copy_from_slice(own);
+            kept = rest;
+        }
     }
 
     /// Largest change of an object's speed that the residual would cause if the objects were free, m/s; angular velocities count by their levers.
@@ -270,103 +327,26 @@ impl Problem {
         }
     }
 
-    /// Twist of the second body relative to the first, at `v`.
-    #[inline]
-    fn relative_twist(&self, model: &Model, kinematics: &Kinematics, patch: &Patch) -> Twist {
-        let mut twist = patch.prescribed;
-        for (body, sign) in patch.sides.into_iter().zip(SIGNS) {
-            match body {
-                BodyKind::Object(object) => {
-                    let own = self.objects[object].twist(&self.v[self.start[object]..]);
-                    twist.add_scaled(&own, sign);
-                }
-                BodyKind::Hand(body) => {
-                    let columns = model.columns[body].clone();
-                    for (column, v) in kinematics.columns(model, body).iter().zip(&self.v[columns]) {
-                        twist.add_scaled(column, sign * v);
-                    }
-                }
-                BodyKind::Scenery => {}
-            }
-        }
-        twist
-    }
-
-    /// Computes the impulses of a patch's points. Returns their sum on body b, and its moment about the reference point, if any point presses.
-    #[inline]
-    fn contact_impulses(&mut self, patch: &Patch, twist: &Twist, bounds: Bounds) -> Option<Twist> {
-        let mut sum = Twist::default();
-        let mut any = false;
-        let stick = self.stick_speed;
-        for point in &mut self.points[patch.first..patch.last] {
-            let normal_speed = point.normal.dot(&twist.linear) + point.moment.dot(&twist.angular);
-            point.normal_speed = normal_speed;
-            point.impulse = ((point.target - normal_speed) * point.stiffness).max(0.0);
-            match bounds {
-                Bounds::Follow => point.bound = point.friction * point.impulse,
-                Bounds::Halfway => point.bound = 0.5 * (point.bound + point.friction * point.impulse),
-                Bounds::Frozen => {}
-            }
-            if point.impulse <= 0.0 && point.bound <= 0.0 {
-                continue;
-            }
-            point.slip = twist.at(&point.arm) - point.normal * normal_speed;
-            point.slip_speed = point.slip.norm();
-            let force = point.normal * point.impulse + point.friction_impulse(stick);
-            sum.linear += force;
-            sum.angular += point.arm.cross(&force);
-            any = true;
-        }
-        any.then_some(sum)
-    }
-
-    /// Subtracts `J^T c` of one patch from the residual, with `wrench` the impulse and its moment on body b.
-    #[inline]
-    fn apply(&mut self, model: &Model, kinematics: &Kinematics, patch: &Patch, wrench: &Twist) {
-        for (body, sign) in patch.sides.into_iter().zip(SIGNS) {
-            match body {
-                BodyKind::Object(object) => {
-                    let start = self.start[object];
-                    let moment = self.objects[object].moment(wrench);
-                    for i in 0..3 {
-                        self.residual[start + i] -= sign * wrench.linear[i];
-                        self.residual[start + 3 + i] -= sign * moment[i];
-                    }
-                }
-                BodyKind::Hand(body) => {
-                    let columns = model.columns[body].clone();
-                    for (column, r) in kinematics.columns(model, body).iter().zip(&mut self.residual[columns]) {
-                        *r -= sign * (column.linear.dot(&wrench.linear) + column.angular.dot(&wrench.angular));
-                    }
-                }
-                BodyKind::Scenery => {}
-            }
-        }
-    }
-
     /// Computes the derivative of the residual at the velocities of the last evaluation.
     pub fn differentiate(&mut self, model: &Model, kinematics: &Kinematics, slope: Slope) {
         self.smooth_derivative(model);
-        for index in 0..self.touching.len() {
-            let patch = self.touching[index];
-            let points = &self.points[patch.first..patch.last];
+        for touching in &self.touching {
+            let patch = &self.patches[touching.patch];
             let mut sum = Stiffness::default();
             let mut any = false;
-            for point in points.iter().filter(|p| p.impulse > 0.0 || p.bound > 0.0) {
+            for point in self.points[patch.first..patch.last].iter().filter(|p| p.impulse > 0.0 || p.bound > 0.0) {
                 sum.add(point, self.stick_speed, slope);
                 any = true;
             }
             if any {
-                self.add_stiffness(model, kinematics, &patch, &sum);
+                sum.add_to(&mut self.derivative, kinematics, &touching.sides);
             }
         }
     }
 
     /// The derivative without contacts: `M + dt D` and the slopes of cables and stops.
     fn smooth_derivative(&mut self, model: &Model) {
-        for i in 0..self.v.len() {
-            self.derivative.row_mut(i).fill(0.0);
-        }
+        self.derivative.clear();
         if self.free > 0 {
             self.smooth_derivative_of_hand(model);
         }
@@ -401,120 +381,39 @@ impl Problem {
             }
         }
     }
+}
 
-    /// Adds `J^T K J` of one patch to the derivative, with `k` the patch's stiffness `K`.
-    fn add_stiffness(&mut self, model: &Model, kinematics: &Kinematics, patch: &Patch, k: &Stiffness) {
-        let sides = [(patch.sides[0], SIGNS[0]), (patch.sides[1], SIGNS[1])];
-        for (body, sign) in sides {
-            match body {
-                BodyKind::Hand(body) => self.add_columns_of_hand(model, kinematics, (body, sign), sides, k),
-                BodyKind::Object(object) => {
-                    let moved;
-                    let k = match &self.objects[object].lever {
-                        Some(lever) => {
-                            moved = k.by_velocity(lever);
-                            &moved
-                        }
-                        None => k,
-                    };
-                    self.add_columns_of_object(model, kinematics, (object, sign), sides, k);
-                }
-                BodyKind::Scenery => {}
-            }
-        }
+/// Computes the impulses of a patch's points. Returns their sum on body b, and its moment about the reference point, if any point presses.
+#[inline(always)]
+fn contact_impulses(points: &mut [Point], twist: &Twist, bounds: Bounds, stick: f64) -> Option<Twist> {
+    match bounds {
+        Bounds::Follow => impulses(points, twist, stick, |point| point.friction * point.impulse),
+        Bounds::Halfway => impulses(points, twist, stick, |point| 0.5 * (point.bound + point.friction * point.impulse)),
+        Bounds::Frozen => impulses(points, twist, stick, |point| point.bound),
     }
+}
 
-    /// Adds the columns of a body of the hand, in the rows of both sides.
-    #[inline(always)]
-    fn add_columns_of_hand(
-        &mut self,
-        model: &Model,
-        kinematics: &Kinematics,
-        (body, sign): (usize, f64),
-        sides: [(BodyKind, f64); 2],
-        k: &Stiffness,
-    ) {
-        let start = model.columns[body].start;
-        for (j, column) in kinematics.columns(model, body).iter().enumerate() {
-            let force = k.ll * column.linear + k.la * column.angular;
-            let moment = k.al * column.linear + k.aa * column.angular;
-            for (other, other_sign) in sides {
-                let s = sign * other_sign;
-                match other {
-                    BodyKind::Hand(other) => {
-                        let first = model.columns[other].start;
-                        for (i, row) in kinematics.columns(model, other).iter().enumerate() {
-                            let value = row.linear.dot(&force) + row.angular.dot(&moment);
-                            self.derivative.row_mut(first + i)[start + j] += s * value;
-                        }
-                    }
-                    BodyKind::Object(object) => {
-                        let first = self.start[object];
-                        let moment = self.objects[object].moment(&Twist { linear: force, angular: moment });
-                        for i in 0..3 {
-                            self.derivative.row_mut(first + i)[start + j] += s * force[i];
-                            self.derivative.row_mut(first + 3 + i)[start + j] += s * moment[i];
-                        }
-                    }
-                    BodyKind::Scenery => {}
-                }
-            }
+/// The same, with the friction bound of a point from its normal impulse.
+#[inline(always)]
+fn impulses(points: &mut [Point], twist: &Twist, stick: f64, bound: impl Fn(&Point) -> f64) -> Option<Twist> {
+    let mut sum = Twist::default();
+    let mut any = false;
+    for point in points {
+        let normal_speed = point.normal.dot(&twist.linear) + point.moment.dot(&twist.angular);
+        point.normal_speed = normal_speed;
+        point.impulse = ((point.target - normal_speed) * point.stiffness).max(0.0);
+        point.bound = bound(point);
+        if point.impulse <= 0.0 && point.bound <= 0.0 {
+            continue;
         }
+        point.slip = twist.at(&point.arm) - point.normal * normal_speed;
+        point.slip_speed = point.slip.norm();
+        let force = point.normal * point.impulse + point.friction_impulse(stick);
+        sum.linear += force;
+        sum.angular += point.arm.cross(&force);
+        any = true;
     }
-
-    /// Adds the columns of an object, in the rows of both sides; `k` is the stiffness by its velocity.
-    #[inline(always)]
-    fn add_columns_of_object(
-        &mut self,
-        model: &Model,
-        kinematics: &Kinematics,
-        (object, sign): (usize, f64),
-        sides: [(BodyKind, f64); 2],
-        k: &Stiffness,
-    ) {
-        let start = self.start[object];
-        for (other, other_sign) in sides {
-            let s = sign * other_sign;
-            match other {
-                BodyKind::Hand(other) => {
-                    let first = model.columns[other].start;
-                    for (i, row) in kinematics.columns(model, other).iter().enumerate() {
-                        let by_linear = k.ll.tr_mul(&row.linear) + k.al.tr_mul(&row.angular);
-                        let by_angular = k.la.tr_mul(&row.linear) + k.aa.tr_mul(&row.angular);
-                        let target = &mut self.derivative.row_mut(first + i)[start..];
-                        for c in 0..3 {
-                            target[c] += s * by_linear[c];
-                            target[3 + c] += s * by_angular[c];
-                        }
-                    }
-                }
-                BodyKind::Object(other) => {
-                    let moved;
-                    let k = match &self.objects[other].lever {
-                        Some(lever) => {
-                            moved = k.about_center(lever);
-                            &moved
-                        }
-                        None => k,
-                    };
-                    let first = self.start[other];
-                    for i in 0..3 {
-                        let row = &mut self.derivative.row_mut(first + i)[start..];
-                        for c in 0..3 {
-                            row[c] += s * k.ll[(i, c)];
-                            row[3 + c] += s * k.la[(i, c)];
-                        }
-                        let row = &mut self.derivative.row_mut(first + 3 + i)[start..];
-                        for c in 0..3 {
-                            row[c] += s * k.al[(i, c)];
-                            row[3 + c] += s * k.aa[(i, c)];
-                        }
-                    }
-                }
-                BodyKind::Scenery => {}
-            }
-        }
-    }
+    any.then_some(sum)
 }
 
 #[cfg(test)]

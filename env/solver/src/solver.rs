@@ -14,7 +14,7 @@ use crate::model::{BodyIndex, BodyKind, Model};
 use crate::problem::Problem;
 use crate::problem::islands::Islands;
 use crate::problem::newton::Newton;
-use crate::problem::objects::{ObjectTerms, own_twist};
+use crate::problem::objects::own_twist;
 use crate::problem::rows::{self, PointSource};
 use crate::scenery::Surface;
 use crate::search::{Moving, Opposite, Searcher, Situation};
@@ -226,6 +226,7 @@ impl Solver {
     }
 
     /// Solves the equations of the step, island by island. Returns false if the iteration did not converge for one of them.
+    #[inline(never)] // As for `find_contacts`.
     fn solve(&mut self, model: &Model, scenery: &Twist) -> bool {
         self.islands.find(model, &self.problem.patches, &self.asleep);
         self.newton.begin();
@@ -263,7 +264,7 @@ impl Solver {
     ///
     /// of which `-s x (I s)` is integrated implicitly (`gyroscopic`), the rest explicitly.
     fn object_momentum(&mut self, model: &Model, input: &StepInput, index: usize, reference: &Vector3<f64>) {
-        let center = &self.object_center(index);
+        let center = &if index == 0 { *reference } else { self.object_center(index) };
         let (state, own, frame, dt) = (&self.state.objects[index], &model.objects[index].own, &input.frame, input.dt);
         let turn = state.base_from_object.rotation.to_rotation_matrix();
         let inertia = turn.matrix() * (own.inertia * state.mass_factor) * turn.matrix().transpose();
@@ -281,14 +282,11 @@ impl Solver {
         if let Some(force) = input.forces.get(index).filter(|force| **force != Vector3::zeros()) {
             linear += dt * force;
         }
-        self.problem.objects[index] = ObjectTerms {
-            mass,
-            inertia,
-            center: *center,
-            lever: (index > 0).then(|| reference - center),
-            momentum: six(&linear, &momentum),
-            velocity: six(&state.linear, &state.angular),
-        };
+        let terms = &mut self.problem.objects[index];
+        (terms.mass, terms.inertia, terms.center) = (mass, inertia, *center);
+        terms.lever = (index > 0).then(|| reference - center);
+        terms.momentum = six(&linear, &momentum);
+        terms.velocity = six(&state.linear, &state.angular);
     }
 
     /// Momentum of the free coordinates at the end of the step without damping, cables, stops and contacts; adds the damping to the mass matrix.

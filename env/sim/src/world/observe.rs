@@ -70,7 +70,7 @@ impl World {
 
     /// An object, by its index, in the grasp frame.
     pub fn hand_from(&self, object: usize) -> Isometry3<f64> {
-        self.shared.hand.base_from_hand.inverse() * self.engine.base_from_object(object)
+        self.shared.hand_from_base * self.engine.base_from_object(object)
     }
 
     /// Centre of mass of the object in the world, metres.
@@ -91,7 +91,7 @@ impl World {
 
     /// The same of another object, by its index.
     pub fn velocity_in_hand(&self, object: usize) -> (Vector3<f64>, Vector3<f64>) {
-        let hand_from_base = self.shared.hand.base_from_hand.rotation.inverse();
+        let hand_from_base = &self.shared.hand_from_base.rotation;
         let (linear, angular) = self.engine.object_velocity(object);
         (hand_from_base * linear, hand_from_base * angular)
     }

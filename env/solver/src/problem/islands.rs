@@ -6,7 +6,9 @@
 use std::ops::Range;
 
 use super::ordering::{Set, only, order};
-use super::{Patch, Problem};
+use super::sides::Side;
+use super::{Patch, Problem, Touching};
+use crate::kinematics::Kinematics;
 use crate::model::{BodyKind, LEVER, Model};
 
 /// An island: ranges of the lists in [`Islands`].
@@ -40,12 +42,13 @@ impl Islands {
     /// Finds the islands that the patches connect: the hand's first, then by their first object. Sleepers are in none.
     pub fn find(&mut self, model: &Model, patches: &[Patch], asleep: &[bool]) {
         let objects = model.object_count();
+        if objects <= 1 {
+            self.all_in_one(objects, patches.len());
+            return;
+        }
         let hand = objects;
         self.earlier.clear();
         self.earlier.extend(0..=hand);
-        if objects == 1 {
-            self.join(0, hand);
-        }
         self.roots.clear();
         self.neighbours.clear();
         self.neighbours.resize(objects, 0);
@@ -68,6 +71,16 @@ impl Islands {
                 self.collect(model, object, false);
             }
         }
+    }
+
+    /// One island with the hand, all objects and all patches.
+    fn all_in_one(&mut self, objects: usize, patches: usize) {
+        self.objects.clear();
+        self.patches.clear();
+        self.all.clear();
+        self.objects.extend(0..objects);
+        self.patches.extend(0..patches);
+        self.all.push(Island { hand: true, objects: 0..objects, patches: 0..patches });
     }
 
     /// Objects of an island, in the order of their unknowns.
@@ -124,27 +137,57 @@ impl Islands {
 
 impl Problem {
     /// Makes the velocities of an island the unknowns, and starts at those of the beginning of the step.
-    pub fn enter(&mut self, model: &Model, with_hand: bool, objects: &[usize], patches: &[usize]) {
-        self.free = if with_hand { self.hand.q.len() } else { 0 };
+    pub fn enter(
+        &mut self,
+        model: &Model,
+        kinematics: &Kinematics,
+        (with_hand, objects, patches): (bool, &[usize], &[usize]),
+    ) {
+        let free = if with_hand { self.hand.q.len() } else { 0 };
+        if self.free != free || self.members != objects {
+            self.set_unknowns(model, free, objects);
+        }
         self.v.clear();
         self.momentum.clear();
-        self.levers.clear();
-        self.v.extend(&self.hand.velocity[..self.free]);
-        self.momentum.extend(&self.hand.momentum[..self.free]);
-        self.levers.extend(&model.levers[..self.free]);
-        self.start.fill(usize::MAX);
+        self.v.extend(&self.hand.velocity[..free]);
+        self.momentum.extend(&self.hand.momentum[..free]);
         for &object in objects {
-            self.start[object] = self.v.len();
             self.v.extend(&self.objects[object].velocity);
             self.momentum.extend(&self.objects[object].momentum);
-            self.levers.extend([1.0, 1.0, 1.0, LEVER, LEVER, LEVER]);
         }
+        self.touching.clear();
+        for &patch in patches {
+            let sides = self.patches[patch].sides.map(|body| self.side(model, kinematics, body));
+            self.touching.push(Touching { patch, sides });
+        }
+    }
+
+    /// Makes the hand's coordinates, all or none, and these objects the unknowns.
+    fn set_unknowns(&mut self, model: &Model, free: usize, objects: &[usize]) {
+        self.free = free;
         self.members.clear();
         self.members.extend(objects);
-        self.touching.clear();
-        self.touching.extend(patches.iter().map(|index| self.patches[*index]));
-        self.residual.resize(self.v.len(), 0.0);
-        self.derivative.resize(self.v.len());
+        self.levers.clear();
+        self.levers.extend(&model.levers[..free]);
+        self.start.fill(usize::MAX);
+        for &object in objects {
+            self.start[object] = self.levers.len();
+            self.levers.extend([1.0, 1.0, 1.0, LEVER, LEVER, LEVER]);
+        }
+        self.residual.resize(self.levers.len(), 0.0);
+        self.derivative.resize(self.levers.len());
+    }
+
+    /// The unknowns that move a body.
+    fn side(&self, model: &Model, kinematics: &Kinematics, body: BodyKind) -> Side {
+        match body {
+            BodyKind::Object(object) => Side::Object { start: self.start[object], lever: self.objects[object].lever },
+            BodyKind::Hand(body) => {
+                let first = kinematics.first[body];
+                Side::Hand { start: model.columns[body].start, first, last: first + model.columns[body].len() }
+            }
+            BodyKind::Scenery => Side::Scenery,
+        }
     }
 
     /// Hands the island's velocities back to hand and objects.
@@ -164,7 +207,8 @@ impl Problem {
     /// Keeps the friction bounds for [`Problem::restore_bounds`].
     pub fn keep_bounds(&mut self) {
         self.kept_bounds.clear();
-        for patch in &self.touching {
+        for touching in &self.touching {
+            let patch = &self.patches[touching.patch];
             self.kept_bounds.extend(self.points[patch.first..patch.last].iter().map(|point| point.bound));
         }
     }
@@ -172,7 +216,8 @@ impl Problem {
     /// Restores the friction bounds that were kept last for this island.
     pub fn restore_bounds(&mut self) {
         let mut kept = self.kept_bounds.iter();
-        for patch in &self.touching {
+        for touching in &self.touching {
+            let patch = &self.patches[touching.patch];
             for (point, bound) in self.points[patch.first..patch.last].iter_mut().zip(&mut kept) {
                 point.bound = *bound;
             }

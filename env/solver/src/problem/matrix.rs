@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 const LANES: usize = 4;
 /// Rows that Cholesky's method eliminates together: the unknowns of an object.
 const PANEL: usize = 6;
+/// Matrices of at most so many rows are treated as full ones, and as one panel: that of a hand and an object.
+const SMALL: usize = 24;
 
 /// A square matrix of `n` rows of fixed stride.
 #[derive(Clone, Default)]
@@ -34,6 +36,11 @@ impl Matrix {
         }
     }
 
+    /// Sets all entries to 0.
+    pub fn clear(&mut self) {
+        self.values.fill(0.0);
+    }
+
     #[inline]
     pub fn row(&self, i: usize) -> &[f64] {
         &self.values[i * self.stride..][..self.n]
@@ -42,6 +49,17 @@ impl Matrix {
     #[inline]
     pub fn row_mut(&mut self, i: usize) -> &mut [f64] {
         &mut self.values[i * self.stride..][..self.n]
+    }
+
+    /// Six entries of row `i` from column `j` on: those of an object.
+    #[inline(always)]
+    pub fn six_mut(&mut self, i: usize, j: usize) -> &mut [f64] {
+        &mut self.values[i * self.stride + j..][..6]
+    }
+
+    #[inline(always)]
+    pub fn entry_mut(&mut self, i: usize, j: usize) -> &mut f64 {
+        &mut self.values[i * self.stride + j]
     }
 
     /// Factors the matrix by Gaussian elimination with partial pivoting, and writes the result to `factors`. Returns false if it is singular.
@@ -67,7 +85,8 @@ impl Matrix {
             }
             factors.exchanges[i] = best;
             let (above, below) = self.values.split_at_mut((i + 1) * stride);
-            let pivot = &above[i * stride..][..occupied(&above[i * stride..][..n])];
+            let row = &above[i * stride..];
+            let pivot = if n <= SMALL { row } else { &row[..occupied(&row[..n])] };
             let inverse = 1.0 / pivot[i];
             let shares = &mut factors.shares[i * n..(i + 1) * n][i + 1..];
             for (row, share) in below.chunks_exact_mut(stride).zip(shares) {
@@ -91,6 +110,9 @@ impl Matrix {
     /// Rows are eliminated by panels of [`PANEL`]: each row below a panel is read and written once for all its rows.
     pub fn solve_definite(&mut self, b: &mut [f64]) -> bool {
         let (n, stride) = (self.n, self.stride);
+        if n <= SMALL {
+            return self.factor_panel(0, n) && self.substitute_definite(b);
+        }
         for first in (0..n).step_by(PANEL) {
             let last = n.min(first + PANEL);
             if !self.factor_panel(first, last) {
@@ -108,8 +130,7 @@ impl Matrix {
                 }
             }
         }
-        self.substitute_definite(b);
-        true
+        self.substitute_definite(b)
     }
 
     /// Eliminates the rows of a panel from each other. Returns false if a pivot is not positive.
@@ -135,8 +156,8 @@ impl Matrix {
         true
     }
 
-    /// Forward and back substitution with the triangle of [`Matrix::solve_definite`].
-    fn substitute_definite(&mut self, b: &mut [f64]) {
+    /// Forward and back substitution with the triangle of [`Matrix::solve_definite`]. Returns true.
+    fn substitute_definite(&mut self, b: &mut [f64]) -> bool {
         let n = self.n;
         let mut sums = std::mem::take(&mut self.sums);
         sums.clear();
@@ -150,6 +171,7 @@ impl Matrix {
         }
         self.sums = sums;
         back_substitute(&self.values, self.stride, b);
+        true
     }
 }
 

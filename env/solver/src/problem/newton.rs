@@ -66,16 +66,18 @@ pub(crate) struct Newton {
     convex: Vec<f64>,
     /// Velocities at the start of the iteration, kept for a step that does not converge.
     first_guess: Vec<f64>,
-    /// Of the island that is being solved.
-    last: FactoredDerivative,
     /// Of the islands of the last step, and of this one.
-    kept: Vec<FactoredDerivative>,
-    solved: Vec<FactoredDerivative>,
+    derivatives: Vec<FactoredDerivative>,
+    /// That of the island that is being solved.
+    now: usize,
 }
 
 /// The factors of an island's last derivative, kept from step to step.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct FactoredDerivative {
+    /// Whether an island of the last step has it, or one of this step that is solved.
+    #[serde(skip)]
+    used: bool,
     /// Whether the hand was among the unknowns of the island, and which objects.
     hand: bool,
     objects: Vec<usize>,
@@ -105,7 +107,7 @@ impl FactoredDerivative {
 impl Newton {
     /// The state that the next step depends on.
     pub fn save(&self) -> Vec<FactoredDerivative> {
-        self.solved.clone()
+        self.derivatives.iter().filter(|each| each.used).cloned().collect()
     }
 
     /// Restores the result of [`Newton::save`].
@@ -114,23 +116,32 @@ impl Newton {
     /// [`StateError`] for another number of unknowns, or factors that no matrix has; nothing changes then.
     pub fn load(&mut self, model: &Model, saved: Vec<FactoredDerivative>) -> Result<(), StateError> {
         saved.iter().try_for_each(|each| each.check(model))?;
-        self.solved = saved;
+        self.derivatives = saved;
+        self.derivatives.iter_mut().for_each(|each| each.used = true);
         Ok(())
     }
 
     /// Begins a step: the factors of the last one's islands are kept for islands of the same bodies.
     pub fn begin(&mut self) {
-        std::mem::swap(&mut self.kept, &mut self.solved);
-        self.solved.clear();
+        self.derivatives.retain(|each| each.used);
+        self.derivatives.iter_mut().for_each(|each| each.used = false);
     }
 
     /// Finds the kept factors of an island, or begins with none.
     fn recall(&mut self, hand: bool, objects: &[usize], unknowns: usize) {
         let same = |kept: &FactoredDerivative| kept.hand == hand && kept.objects == objects;
-        self.last = match self.kept.iter().position(same) {
-            Some(index) => self.kept.swap_remove(index),
-            None => FactoredDerivative { hand, objects: objects.to_vec(), points: 0, factors: Factors::new(unknowns) },
-        };
+        self.now = self.derivatives.iter().position(same).unwrap_or_else(|| {
+            let factors = Factors::new(unknowns);
+            self.derivatives.push(FactoredDerivative {
+                used: true,
+                hand,
+                objects: objects.to_vec(),
+                points: 0,
+                factors,
+            });
+            self.derivatives.len() - 1
+        });
+        self.derivatives[self.now].used = true;
         for buffer in [&mut self.direction, &mut self.from, &mut self.convex, &mut self.first_guess] {
             buffer.resize(unknowns, 0.0);
         }
@@ -151,12 +162,11 @@ impl Newton {
         island: (bool, &[usize], &[usize]),
         scenery: &Twist,
     ) -> bool {
-        let (hand, objects, patches) = island;
-        problem.enter(model, hand, objects, patches);
+        let (hand, objects, _) = island;
+        problem.enter(model, kinematics, island);
         self.recall(hand, objects, problem.unknowns());
         let solved = self.solve_island(model, kinematics, problem, scenery);
         problem.leave();
-        self.solved.push(std::mem::take(&mut self.last));
         solved
     }
 
@@ -179,13 +189,13 @@ impl Newton {
     /// Where the bounds swing from one solution to the next, the residual falls slowly or not at all; then they move halfway.
     fn solve_in_rounds(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, begun: f64) -> bool {
         let (mut bounds, mut last) = (Bounds::Follow, f64::INFINITY);
-        let without_hand = !self.last.hand && problem.has_several_objects();
+        let without_hand = !self.derivatives[self.now].hand && problem.has_several_objects();
         for round in 1..=ROUNDS {
             problem.evaluate(model, kinematics, bounds);
             let solved = self.solve_convex(model, kinematics, problem);
             self.convex.copy_from_slice(&problem.v);
             problem.keep_bounds();
-            let now = problem.evaluate(model, kinematics, Bounds::Follow);
+            let now = problem.evaluate_size(model, kinematics);
             if without_hand {
                 let near = problem.residual_speed() <= NEAR;
                 if solved && (near || round >= ROUNDS_WITHOUT_HAND) {
@@ -211,22 +221,24 @@ impl Newton {
     /// The last velocities are relative to the base. When the base accelerates, the velocities of objects that rest on the table change in that
     /// frame; with the last velocities they would seem to slide, and the iteration would have to find their friction anew.
     fn start(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem, scenery: &Twist) -> f64 {
-        let now = problem.evaluate(model, kinematics, Bounds::Follow);
+        let now = problem.evaluate_size(model, kinematics);
         if !problem.rests_on_scenery() {
             return now;
         }
         self.from.copy_from_slice(&problem.v);
         problem.set_twist_of_objects(scenery);
         self.direction.iter_mut().zip(&self.from).zip(&problem.v).for_each(|((d, from), v)| *d = v - from);
-        let same = self.step_size(problem) <= model.config.stick_speed;
-        if !same {
-            let then = problem.evaluate(model, kinematics, Bounds::Follow);
-            if then < now {
-                return then;
-            }
+        if self.step_size(problem) <= model.config.stick_speed {
+            problem.v.copy_from_slice(&self.from);
+            return now;
         }
-        problem.v.copy_from_slice(&self.from);
-        if same { now } else { problem.evaluate(model, kinematics, Bounds::Follow) }
+        problem.keep();
+        let then = problem.evaluate_size(model, kinematics);
+        if then < now {
+            return then;
+        }
+        problem.restore(&self.from);
+        now
     }
 
     /// Takes Newton steps with the factors of the last derivative, which is close to the present one unless contacts open, close, stick or slide.
@@ -239,23 +251,24 @@ impl Newton {
         first: f64,
     ) -> (f64, bool) {
         let mut now = first;
-        if !self.last.factors.is_valid() || self.last.points != problem.point_count() {
+        let last = &self.derivatives[self.now];
+        if !last.factors.is_valid() || last.points != problem.point_count() {
             return (now, false);
         }
         for _ in 0..model.config.max_iterations {
             self.negate_residual(problem);
-            if !self.last.factors.solve(&mut self.direction) {
+            if !self.derivatives[self.now].factors.solve(&mut self.direction) {
                 return (now, false);
             }
             let length = self.step_size(problem);
             self.from.copy_from_slice(&problem.v);
             self.move_by(problem, 1.0);
-            let then = problem.evaluate(model, kinematics, Bounds::Follow);
+            let then = problem.evaluate_size(model, kinematics);
             // Strictly less: a residual of 0 cannot fall, and `then / now` would be NaN.
             let falls = then < now * (1.0 - MIN_DECREASE);
             if !falls {
                 problem.v.copy_from_slice(&self.from);
-                return (problem.evaluate(model, kinematics, Bounds::Follow), false);
+                return (problem.evaluate_size(model, kinematics), false);
             }
             let shrunk = (then / now).sqrt();
             if length * shrunk <= EXPECTED_STEP * model.config.tolerance {
@@ -286,15 +299,17 @@ impl Newton {
         for _ in 0..model.config.max_iterations {
             problem.differentiate(model, kinematics, Slope::Follow);
             self.negate_residual(problem);
-            self.last.points = problem.point_count();
-            if !problem.derivative.factor(&mut self.last.factors) || !self.last.factors.solve(&mut self.direction) {
-                self.last.factors.forget();
+            let last = &mut self.derivatives[self.now];
+            last.points = problem.point_count();
+            if !problem.derivative.factor(&mut last.factors) || !last.factors.solve(&mut self.direction) {
+                last.factors.forget();
                 return false;
             }
             let length = self.step_size(problem);
             self.from.copy_from_slice(&problem.v);
+            problem.keep();
             self.move_by(problem, 1.0);
-            let then = problem.evaluate(model, kinematics, Bounds::Follow);
+            let then = problem.evaluate_size(model, kinematics);
             if length <= tolerance {
                 return true;
             }
@@ -309,12 +324,11 @@ impl Newton {
             if convex_steps > crossings {
                 return false;
             }
-            problem.v.copy_from_slice(&self.from);
-            problem.evaluate(model, kinematics, Bounds::Follow);
+            problem.restore(&self.from);
             if !self.convex_step(model, kinematics, problem) {
                 return false;
             }
-            now = problem.evaluate(model, kinematics, Bounds::Follow);
+            now = problem.evaluate_size(model, kinematics);
         }
         false
     }

@@ -39,16 +39,6 @@ impl Default for ObjectTerms {
 }
 
 impl ObjectTerms {
-    /// Twist at the reference point, of the object that moves at `velocity`.
-    #[inline(always)]
-    pub fn twist(&self, velocity: &[f64]) -> Twist {
-        let mut twist = own_twist(velocity);
-        if let Some(lever) = &self.lever {
-            twist.linear += twist.angular.cross(lever);
-        }
-        twist
-    }
-
     /// Velocities of the object that moves with a twist at the reference point.
     pub fn velocity_of(&self, twist: &Twist) -> [f64; 6] {
         let mut linear = twist.linear;
@@ -57,15 +47,6 @@ impl ObjectTerms {
         }
         let angular = &twist.angular;
         [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
-    }
-
-    /// The moment about the centre of mass, of a force and its moment about the reference point.
-    #[inline(always)]
-    pub fn moment(&self, wrench: &Twist) -> Vector3<f64> {
-        match &self.lever {
-            Some(lever) => wrench.angular + lever.cross(&wrench.linear),
-            None => wrench.angular,
-        }
     }
 }
 

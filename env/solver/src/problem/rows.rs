@@ -93,6 +93,9 @@ pub(crate) fn collect(
 
 /// A sleeper that a body which is awake may touch in this step.
 pub(crate) fn touched_sleeper(model: &Model, scene: &Scene, pairs: &[PairCache], asleep: &[bool]) -> Option<usize> {
+    if !asleep.contains(&true) {
+        return None;
+    }
     let sleeper = |side: &BodyKind| match side {
         BodyKind::Object(object) if asleep[*object] => Some(*object),
         _ => None,
@@ -143,6 +146,7 @@ struct Relative {
 }
 
 impl Relative {
+    #[inline(always)]
     fn new(scene: &Scene, pair: &Pair) -> Self {
         let (poses, turns) = (scene.now.poses, scene.now.turns);
         let (a, origin) = (&turns[pair.a], &poses[pair.a].translation.vector);

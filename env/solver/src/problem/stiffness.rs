@@ -2,7 +2,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::kinematics::{Kinematics, Twist};
 use crate::problem::Point;
+use crate::problem::matrix::Matrix;
+use crate::problem::sides::{Side, about_center};
 
 /// Slope of friction in the derivative of the residual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +76,83 @@ impl Stiffness {
         self.la += la;
     }
 
+    /// Adds `J^T K J` to the derivative of the residual, with `K` this stiffness and `J` the Jacobian of the twist of the second side relative to
+    /// the first.
+    pub fn add_to(&self, derivative: &mut Matrix, kinematics: &Kinematics, sides: &[Side; 2]) {
+        self.add_columns(derivative, kinematics, &sides[0], sides, [1.0, -1.0]);
+        self.add_columns(derivative, kinematics, &sides[1], sides, [-1.0, 1.0]);
+    }
+
+    /// Adds the columns of a side's unknowns, in the rows of both sides with these signs.
+    #[inline(always)]
+    fn add_columns(
+        &self,
+        derivative: &mut Matrix,
+        kinematics: &Kinematics,
+        columns: &Side,
+        [a, b]: &[Side; 2],
+        signs: [f64; 2],
+    ) {
+        match columns {
+            Side::Hand { start, first, last } => {
+                for (j, column) in kinematics.jacobian[*first..*last].iter().enumerate() {
+                    let force = self.ll * column.linear + self.la * column.angular;
+                    let moment = self.al * column.linear + self.aa * column.angular;
+                    let wrench = Twist { linear: force, angular: moment };
+                    a.add_to_column(derivative, kinematics, &wrench, signs[0], start + j);
+                    b.add_to_column(derivative, kinematics, &wrench, signs[1], start + j);
+                }
+            }
+            Side::Object { start, lever: Some(lever) } => {
+                let own = self.by_velocity(lever);
+                own.add_to_rows(derivative, kinematics, a, signs[0], *start);
+                own.add_to_rows(derivative, kinematics, b, signs[1], *start);
+            }
+            Side::Object { start, lever: None } => {
+                self.add_to_rows(derivative, kinematics, a, signs[0], *start);
+                self.add_to_rows(derivative, kinematics, b, signs[1], *start);
+            }
+            Side::Scenery => {}
+        }
+    }
+
+    /// Adds `J^T K` to the rows of a side's unknowns, in the six columns of an object from `start` on, with `K` this stiffness by its velocity.
+    #[inline(always)]
+    fn add_to_rows(&self, derivative: &mut Matrix, kinematics: &Kinematics, side: &Side, sign: f64, start: usize) {
+        match side {
+            Side::Hand { start: row, first, last } => {
+                for (i, column) in kinematics.jacobian[*first..*last].iter().enumerate() {
+                    let by_linear = self.ll.tr_mul(&column.linear) + self.al.tr_mul(&column.angular);
+                    let by_angular = self.la.tr_mul(&column.linear) + self.aa.tr_mul(&column.angular);
+                    let target = derivative.six_mut(row + i, start);
+                    for c in 0..3 {
+                        target[c] += sign * by_linear[c];
+                        target[3 + c] += sign * by_angular[c];
+                    }
+                }
+            }
+            Side::Object { start: row, lever: Some(lever) } => {
+                self.about_center(lever).add_block(derivative, sign, *row, start);
+            }
+            Side::Object { start: row, lever: None } => self.add_block(derivative, sign, *row, start),
+            Side::Scenery => {}
+        }
+    }
+
+    /// Adds itself times `sign` to six rows and six columns.
+    #[inline(always)]
+    fn add_block(&self, derivative: &mut Matrix, sign: f64, row: usize, column: usize) {
+        for (first, linear, angular) in [(row, &self.ll, &self.la), (row + 3, &self.al, &self.aa)] {
+            for i in 0..3 {
+                let target = derivative.six_mut(first + i, column);
+                for c in 0..3 {
+                    target[c] += sign * linear[(i, c)];
+                    target[3 + c] += sign * angular[(i, c)];
+                }
+            }
+        }
+    }
+
     /// The stiffness of twists at the reference point as one of the velocities of an object with this lever.
     #[inline(always)]
     pub fn by_velocity(&self, lever: &Vector3<f64>) -> Self {
@@ -85,5 +165,35 @@ impl Stiffness {
     pub fn about_center(&self, lever: &Vector3<f64>) -> Self {
         let turn = lever.cross_matrix();
         Self { al: self.al + turn * self.ll, aa: self.aa + turn * self.la, ..*self }
+    }
+}
+
+impl Side {
+    /// Adds `J^T w` times `sign` to the rows of its unknowns in one column, with `w` a force and its moment about the reference point.
+    #[inline(always)]
+    fn add_to_column(
+        &self,
+        derivative: &mut Matrix,
+        kinematics: &Kinematics,
+        wrench: &Twist,
+        sign: f64,
+        column: usize,
+    ) {
+        match self {
+            Side::Hand { start, first, last } => {
+                for (i, row) in kinematics.jacobian[*first..*last].iter().enumerate() {
+                    let value = row.linear.dot(&wrench.linear) + row.angular.dot(&wrench.angular);
+                    *derivative.entry_mut(start + i, column) += sign * value;
+                }
+            }
+            Side::Object { start, lever } => {
+                let moment = about_center(lever.as_ref(), wrench);
+                for i in 0..3 {
+                    *derivative.entry_mut(start + i, column) += sign * wrench.linear[i];
+                    *derivative.entry_mut(start + 3 + i, column) += sign * moment[i];
+                }
+            }
+            Side::Scenery => {}
+        }
     }
 }

@@ -37,7 +37,7 @@ fn ball() -> (Model, Problem) {
         patches: vec![patch],
         ..Problem::new(&model)
     };
-    problem.enter(&model, true, &[0], &[0]);
+    problem.enter(&model, &Kinematics::default(), (true, &[0], &[0]));
     (model, problem)
 }
 
@@ -48,7 +48,7 @@ fn impulses_follow_the_documented_laws() {
     let kinematics = Kinematics::default();
     problem.v.copy_from_slice(&[0.05, 0.0, -0.004, 0.3, -0.2, 0.1]);
     problem.evaluate(&model, &kinematics, Bounds::Follow);
-    let twist = problem.relative_twist(&model, &kinematics, &problem.patches[0]);
+    let twist = problem.touching[0].relative_twist(&problem.patches[0].prescribed, &kinematics, &problem.v);
     let mut force = Vector3::zeros();
     for point in &problem.points {
         let u = twist.at(&point.arm);
@@ -163,7 +163,7 @@ fn objects_and_hand_are_coupled_by_the_derivative() {
     for i in 0..2 {
         problem.hand.mass.row_mut(i)[i] = 1e-3;
     }
-    problem.enter(&model, true, &[0, 1], &[0, 1, 2, 3]);
+    problem.enter(&model, &kinematics, (true, &[0, 1], &[0, 1, 2, 3]));
     let v: Vec<f64> = (0..problem.unknowns()).map(|i| 0.1 * (1.7 * i as f64 + 0.3).sin()).collect();
     check_derivative(&mut problem, &model, &kinematics, &v, 1e-7);
 }

@@ -194,7 +194,9 @@ fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(
     if corners.points.len() <= FEW {
         for p in &corners.points {
             let z = plane.height(p);
-            least = least.min(z);
+            if z < least {
+                least = z;
+            }
             if z <= highest && plane.over(p, z) {
                 push(p);
             }
@@ -205,7 +207,9 @@ fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(
     let mut farthest = [(f64::MIN, usize::MAX); 8];
     for (index, p) in corners.points.iter().enumerate() {
         let z = plane.height(p);
-        least = least.min(z);
+        if z < least {
+            least = z;
+        }
         if z > highest || !plane.over(p, z) {
             continue;
         }

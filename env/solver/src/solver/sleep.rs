@@ -36,13 +36,13 @@ impl ObjectState {
 }
 
 /// Whether no contact of a pair changes: both bodies rest.
+#[inline]
 pub(crate) fn rests(asleep: &[bool], pair: &Pair) -> bool {
-    let still = |side: &BodyKind| match side {
-        BodyKind::Object(object) => asleep[*object],
-        BodyKind::Scenery => true,
-        BodyKind::Hand(_) => false,
-    };
-    pair.sides.iter().all(still)
+    match pair.sides {
+        [BodyKind::Object(a), BodyKind::Object(b)] => asleep[a] && asleep[b],
+        [BodyKind::Object(a), BodyKind::Scenery] => asleep[a],
+        _ => false,
+    }
 }
 
 impl Solver {
