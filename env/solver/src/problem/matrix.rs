@@ -16,14 +16,15 @@ pub(crate) struct Matrix {
     n: usize,
     stride: usize,
     values: Vec<f64>,
-    /// Buffer of the forward substitution.
+    /// Buffers of the substitution.
     sums: Vec<f64>,
+    ends: Vec<usize>,
 }
 
 impl Matrix {
     pub fn new(n: usize) -> Self {
         let stride = n.next_multiple_of(LANES);
-        Self { n, stride, values: vec![0.0; n * stride], sums: Vec::new() }
+        Self { n, stride, values: vec![0.0; n * stride], ..Self::default() }
     }
 
     /// Sets the number of rows; the entries are then arbitrary.
@@ -86,7 +87,7 @@ impl Matrix {
             factors.exchanges[i] = best;
             let (above, below) = self.values.split_at_mut((i + 1) * stride);
             let row = &above[i * stride..];
-            let pivot = if n <= SMALL { row } else { &row[..occupied(&row[..n])] };
+            let pivot = &row[..end(row, n)];
             let inverse = 1.0 / pivot[i];
             let shares = &mut factors.shares[i * n..(i + 1) * n][i + 1..];
             for (row, share) in below.chunks_exact_mut(stride).zip(shares) {
@@ -122,7 +123,7 @@ impl Matrix {
             let panel: [&[f64]; PANEL] =
                 std::array::from_fn(|i| &above[(first + i).min(last - 1) * stride..][..stride]);
             let rows = last - first;
-            let end = panel.iter().map(|row| occupied(&row[..n])).max().unwrap_or(0);
+            let end = panel.iter().map(|row| end(row, n)).max().unwrap_or(0);
             for (k, row) in (last..end.min(n)).zip(below.chunks_exact_mut(stride)) {
                 let shares: [f64; PANEL] = std::array::from_fn(|i| if i < rows { panel[i][k] } else { 0.0 });
                 if shares != [0.0; PANEL] {
@@ -142,14 +143,16 @@ impl Matrix {
                 return false;
             }
             let inverse = 1.0 / pivot.sqrt();
-            for x in &mut self.row_mut(i)[i..] {
+            let (above, below) = self.values.split_at_mut((i + 1) * stride);
+            let above = &mut above[i * stride..];
+            let end = end(above, self.n);
+            let above = &mut above[..end];
+            for x in &mut above[i..] {
                 *x *= inverse;
             }
-            let (above, below) = self.values.split_at_mut((i + 1) * stride);
-            let above = &above[i * stride..];
-            for (k, row) in (i + 1..last).zip(below.chunks_exact_mut(stride)) {
+            for (k, row) in (i + 1..last.min(end)).zip(below.chunks_exact_mut(stride)) {
                 if above[k] != 0.0 {
-                    subtract(row, above, above[k], k);
+                    subtract(&mut row[..end], above, above[k], k);
                 }
             }
         }
@@ -162,15 +165,22 @@ impl Matrix {
         let mut sums = std::mem::take(&mut self.sums);
         sums.clear();
         sums.resize(n, 0.0);
+        self.ends.clear();
         for i in 0..n {
-            let row = self.row(i);
+            let row = &self.values[i * self.stride..][..self.stride];
+            let end = end(row, n).min(n);
+            self.ends.push(end);
             b[i] = (b[i] - sums[i]) / row[i];
-            for (sum, x) in sums[i + 1..].iter_mut().zip(&row[i + 1..]) {
+            for (sum, x) in sums[i + 1..end].iter_mut().zip(&row[i + 1..end]) {
                 *sum += x * b[i];
             }
         }
         self.sums = sums;
-        back_substitute(&self.values, self.stride, b);
+        for i in (0..n).rev() {
+            let (row, end) = (&self.values[i * self.stride..], self.ends[i]);
+            let sum: f64 = row[i + 1..end].iter().zip(&b[i + 1..end]).map(|(a, x)| a * x).sum();
+            b[i] = (b[i] - sum) / row[i];
+        }
         true
     }
 }
@@ -241,9 +251,15 @@ fn back_substitute(values: &[f64], stride: usize, b: &mut [f64]) {
     }
 }
 
-/// Number of entries of a row up to the last one that is not 0, in whole [`LANES`]: distant objects of a heap do not touch each other.
-fn occupied(row: &[f64]) -> usize {
-    row.iter().rposition(|x| *x != 0.0).map_or(0, |last| last + 1).next_multiple_of(LANES)
+/// Number of entries of a row of `n` up to the last one that is not 0, in whole [`LANES`]: distant objects of a heap do not touch each other.
+/// All of them for a small matrix, see [`SMALL`].
+#[inline(always)]
+fn end(row: &[f64], n: usize) -> usize {
+    if n <= SMALL {
+        n.next_multiple_of(LANES)
+    } else {
+        row[..n].iter().rposition(|x| *x != 0.0).map_or(0, |last| last + 1).next_multiple_of(LANES)
+    }
 }
 
 /// `row -= x * other`, from entry `first` (see [`LANES`]).
