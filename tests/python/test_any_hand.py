@@ -36,7 +36,7 @@ from graspbox.policies.depth import load_finder  # noqa: E402
 from graspbox.policies.grasp_image import grasp_image  # noqa: E402
 from graspbox.recipes.collection import CollectConfig, collect  # noqa: E402
 from graspbox.recipes.depth_cards import any_hand_card  # noqa: E402
-from graspbox.recipes.networks import TrainedNetworks, scorer_width  # noqa: E402
+from graspbox.recipes.networks import TrainedNetworks, grid_shape, scorer_width  # noqa: E402
 from graspbox.recipes.settings.any_hand import AnyHandSettings  # noqa: E402
 from graspbox.recipes.settings.depth import Sizes  # noqa: E402
 
@@ -216,10 +216,12 @@ def test_the_scorer_of_the_last_round_is_adopted(grids: list[HandGrid], tmp_path
     assert all(torch.equal(found[name], value) for name, value in expected.items())
     assert scorer_width(run) == 8
     assert scorer_width(POLICIES / "any_hand") == 64
+    assert grid_shape(run) == SHARED_SHAPE
     torch.save(expected, run / "round-10" / "weights.pt")
     own = torch.load(networks.adopt_scorer(run), weights_only=True)
     assert own.keys() == expected.keys()
     assert all(torch.equal(own[name], value) for name, value in expected.items())
+    assert grid_shape(run) is None
     with pytest.raises(ConfigError, match="holds the weights of another network"):
         TrainedNetworks(out, Sizes(width=8), grids[0], SceneConfig()).adopt_scorer(run)
     (run / "round-10" / "weights.pt").write_bytes(b"nothing")
@@ -228,6 +230,21 @@ def test_the_scorer_of_the_last_round_is_adopted(grids: list[HandGrid], tmp_path
     torch.save({"other": torch.zeros(1)}, run / "round-10" / "weights.pt")
     with pytest.raises(ConfigError, match=r"round-10/weights\.pt holds the weights of another network"):
         networks.adopt_scorer(run)
+
+
+def test_a_scorer_that_began_with_that_of_many_hands_keeps_its_grid(grids: list[HandGrid], tmp_path: Path) -> None:
+    """A further training begins with it: of a published policy, and of a run, which names its own start."""
+    assert grid_shape(POLICIES / "leap") == SHARED_SHAPE
+    assert grid_shape(POLICIES / "panda") is None
+    shared, run = tmp_path / "shared", tmp_path / "run"
+    net = SharedScorerNet(grids, width=8)
+    for folder, weights in ((shared, net.state_dict()), (run, net.of_hand(grids[1]).state_dict())):
+        (folder / "scorer").mkdir(parents=True)
+        torch.save(weights, folder / "scorer" / "weights.pt")
+    (run / "settings.json").write_text(json.dumps({"start": str(shared)}))
+    assert grid_shape(run) == SHARED_SHAPE
+    (run / "settings.json").write_text(json.dumps({"start": str(tmp_path / "gone")}))
+    assert grid_shape(run) is None
 
 
 def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) -> None:

@@ -52,6 +52,14 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+def test_a_time_too_short_for_trials_of_both_splits_is_told(tmp_path: Path) -> None:
+    words = [*command(tmp_path / "run"), "--hours.data", "1e-6"]
+    found = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    assert found.returncode == 2
+    last = found.stderr.strip().splitlines()[-1]
+    assert re.search(r"has no trials of the split '\w+' after --hours.data 1e-06; run the same command with more", last)
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
     [

@@ -31,7 +31,6 @@ from graspbox.models.head.training import HeadData, load_head, train_head
 from graspbox.models.scene_views import SceneViews
 from graspbox.models.scenes import SceneConfig, SceneSampler
 from graspbox.models.scorer.inputs import ScorerInputs
-from graspbox.models.scorer.shared import SHARED_SHAPE
 from graspbox.models.scorer.training import train_scorer
 from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
@@ -43,7 +42,7 @@ from graspbox.recipes.cards import package_licence, write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
 from graspbox.recipes.collection import CollectConfig, check_hand, collect, load_trials
 from graspbox.recipes.depth_cards import depth_card
-from graspbox.recipes.networks import TrainedNetworks, is_published, is_shared, learned_before, scorer_width
+from graspbox.recipes.networks import TrainedNetworks, grid_shape, is_published, learned_before, scorer_width
 from graspbox.recipes.settings.depth import HEAD_OF_ROUNDS, QUICK, QUICK_OBJECTS, DepthSettings, Sizes
 from graspbox.training.configs import TrainConfig
 from graspbox.training.options import Outcome
@@ -111,8 +110,7 @@ class _DepthTraining:
         self.physics = PhysicsConfig(dt=settings.time_step)
         self.scenes = SceneConfig(crop=CropConfig(gap=EVERYTHING if several else CropConfig.gap))
         hand = settings.load_hand()
-        start = settings.start
-        shape = None if start is None or not is_shared(start) else SHARED_SHAPE
+        shape = None if settings.start is None else grid_shape(settings.start)
         fitted = settings_of(hand, FINDER.proposals, shape=shape)
         self.finder, self.anchors = replace(FINDER, proposals=fitted.proposals), fitted.anchors
         self.grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
@@ -199,7 +197,17 @@ class _DepthTraining:
             dataset.generate(objects, self.data[0], hand=hand, config=config, progress=report)
         except TimeUp:
             stage.log("time limit reached; continuing with the trials collected")
-        return {split: len(GraspTrials.from_datasets(self.data, split)) for split in ("train", "validation")}
+        return {split: self._count_trials(split) for split in ("train", "validation")}
+
+    def _count_trials(self, split: object_sets.Split) -> int:
+        try:
+            return len(GraspTrials.from_datasets(self.data, split))
+        except ConfigError:
+            spent = self.settings.hours.data
+            raise ConfigError(
+                f"{self.data[0]} has no trials of the split {split!r} after --hours.data {spent:g}; run the same "
+                "command with more, and it goes on"
+            ) from None
 
     def common(self, stage: Run) -> dict[str, Any]:
         """Return the settings that all trainings share."""

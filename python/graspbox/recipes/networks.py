@@ -19,7 +19,7 @@ from graspbox.models.head.network import AnchorNet
 from graspbox.models.head.training import load_head, save_head
 from graspbox.models.scenes import SceneConfig
 from graspbox.models.scorer.network import ScorerNet
-from graspbox.models.scorer.shared import SharedScorerNet
+from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet
 from graspbox.perception import HandGrid
 from graspbox.perception.anchors import Anchors
 from graspbox.recipes.settings.depth import HEAD_OF_ROUNDS, Sizes
@@ -28,6 +28,7 @@ from graspbox.training.trainer import load_weights, read_weights
 __all__ = [
     "HEAD_OF_ROUNDS",
     "TrainedNetworks",
+    "grid_shape",
     "is_published",
     "is_shared",
     "latest_weights",
@@ -88,6 +89,25 @@ def scorer_width(start: Path) -> int:
     if (stem := read_weights(weights).get("stem.weight")) is None:
         raise ConfigError(f"{weights} holds the weights of another network; name a run of graspbox train depth")
     return len(stem)
+
+
+def grid_shape(start: Path) -> tuple[int, int, int] | None:
+    """Return the shape of the grid of the scorer of a run or a published policy; None if it is what the hand needs.
+
+    That of many hands has one shape for all, which a scorer that began with it keeps.
+
+    Raises
+    ------
+    ConfigError, FileError
+        As `is_shared`, and if the settings of a run cannot be read.
+    """
+    if is_shared(start):
+        return SHARED_SHAPE
+    if is_published(start):
+        return read_depth_policy(start).grid.shape
+    path = start / "settings.json"
+    before = json.loads(read_bounded(path, _LARGEST_SETTINGS)).get("start") if path.exists() else None
+    return grid_shape(Path(before)) if before and Path(before).exists() else None
 
 
 def learned_before(start: Path) -> list[str]:
