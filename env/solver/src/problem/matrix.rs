@@ -107,12 +107,19 @@ impl Matrix {
 
     /// Solves `self x = b` in place for a symmetric positive definite matrix by Cholesky's method. Returns false if it is not positive definite.
     /// Reads only the upper triangle, and destroys it.
-    ///
-    /// Rows are eliminated by panels of [`PANEL`]: each row below a panel is read and written once for all its rows.
     pub fn solve_definite(&mut self, b: &mut [f64]) -> bool {
+        let definite = self.factor_definite();
+        if definite {
+            self.substitute_definite(b);
+        }
+        definite
+    }
+
+    /// Rows are eliminated by panels of [`PANEL`]: each row below a panel is read and written once for all its rows.
+    fn factor_definite(&mut self) -> bool {
         let (n, stride) = (self.n, self.stride);
         if n <= SMALL {
-            return self.factor_panel(0, n) && self.substitute_definite(b);
+            return self.factor_panel(0, n);
         }
         for first in (0..n).step_by(PANEL) {
             let last = n.min(first + PANEL);
@@ -131,7 +138,7 @@ impl Matrix {
                 }
             }
         }
-        self.substitute_definite(b)
+        true
     }
 
     /// Eliminates the rows of a panel from each other. Returns false if a pivot is not positive.
@@ -159,8 +166,8 @@ impl Matrix {
         true
     }
 
-    /// Forward and back substitution with the triangle of [`Matrix::solve_definite`]. Returns true.
-    fn substitute_definite(&mut self, b: &mut [f64]) -> bool {
+    /// Forward and back substitution with the triangle of [`Matrix::factor_definite`].
+    fn substitute_definite(&mut self, b: &mut [f64]) {
         let n = self.n;
         let mut sums = std::mem::take(&mut self.sums);
         sums.clear();
@@ -181,7 +188,6 @@ impl Matrix {
             let sum: f64 = row[i + 1..end].iter().zip(&b[i + 1..end]).map(|(a, x)| a * x).sum();
             b[i] = (b[i] - sum) / row[i];
         }
-        true
     }
 }
 
