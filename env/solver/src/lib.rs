@@ -11,7 +11,8 @@
 //! | `kinematics`, `dynamics` | poses and Jacobians; mass matrix and bias forces |
 //! | `search` | contact candidates between bodies |
 //! | `rows`, `laws`, `problem`, `newton` | the equations of a step, and Newton's method for them |
-//! | `islands`, `objects` | sets of bodies that touch each other; the objects among the unknowns |
+//! | `islands`, `objects`, `ordering` | sets of bodies that touch each other; the objects among the unknowns, and their order |
+//! | `sides`, `stiffness` | what moves the bodies of a contact; its part of the derivative |
 //! | `matrix`, `units` | dense matrices; parry's unit of length |
 //! | [`dispatch`] | a faster contact search for convex parts |
 //!
