@@ -1,5 +1,7 @@
 """Settings of perception that follow from a hand; symmetries of hands, in geometry, cells and simulation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ import graspbox
 from graspbox import object_sets
 from graspbox.hands import asymmetries_of, corners_of, load_hand, reach_of, symmetries_of
 from graspbox.models.scorer.inputs import ScorerInputs
-from graspbox.perception import HandGrid, HandGridConfig, ProposalConfig
+from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalConfig
 from graspbox.perception.anchors import AnchorConfig
 from graspbox.perception.hand_settings import settings_of
 from graspbox.simulation import Scene
@@ -57,6 +59,26 @@ def test_a_box_nearly_as_wide_as_the_opening_is_grasped() -> None:
 
     assert from_above(HandGrid("panda_gripper", fitted.grid)) > 0
     assert from_above(HandGrid("panda_gripper")) == 0
+
+
+def test_proposals_close_across_the_shorter_side_of_a_wide_box() -> None:
+    """68 mm across and 85 mm long, at any yaw: a narrow look sees no side of it, and closes anywhere."""
+    fitted, crop = settings_of("panda_gripper"), CropConfig()
+    grid, n = HandGrid("panda_gripper", fitted.grid), crop.resolution
+    cells = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1)
+    at = np.array(crop.origin) + (cells + 0.5) * crop.voxel_size
+
+    def aligned(yaw: float, radius: float) -> int:
+        long, short = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        inside = (np.abs(at @ long) < 0.0425) & (np.abs(at @ short) < 0.034) & (at[..., 2] > 0) & (at[..., 2] < 0.03)
+        proposals = replace(fitted.proposals, boxes=0, radius=radius)
+        poses = grid.propose((255 * inside).astype(np.uint8), proposals).poses
+        across = np.abs(poses[poses[:, 2, 2] < -0.99][:, :3, 0] @ short)
+        return int((across > np.cos(np.radians(15))).sum())
+
+    yaws = np.radians(np.arange(0.0, 90.0, 11.25))
+    wide, narrow = (sum(aligned(yaw, radius) for yaw in yaws) for radius in (fitted.proposals.radius, 0.026))
+    assert wide > 2 * narrow
 
 
 @pytest.mark.parametrize("hand", graspbox.Hand.names())

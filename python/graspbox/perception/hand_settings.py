@@ -7,6 +7,8 @@ them.
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from graspbox.hands import HandLike, corners_of, load_hand, reach_of
 from graspbox.perception.anchors import AnchorConfig
 from graspbox.perception.configs import HandGridConfig, ProposalConfig
@@ -19,6 +21,9 @@ _USUAL = 0.0896
 _FORWARD = 0.5
 #: Least size of cells beside the usual ones: those of a crop are hardly finer.
 _FINEST = 0.6
+#: Radius within which proposals measure the extent of an object: this share of the hand's widest opening, at most so
+#: much, metres. A hand must see both ends of a wide object to close across the shorter one.
+_EXTENT, _WIDEST_EXTENT = 0.9, 0.07
 #: Grasp point of the anchors, and least height of the hand over the table, as shares of the reach.
 _POINT, _LOWEST = 0.89, 0.39
 
@@ -78,6 +83,7 @@ def settings_of(
     if ahead >= _FORWARD * reach:
         grid = replace(grid, clearance=0.0)
     standoffs = tuple(round(size * standoff, 4) for standoff in proposals.standoffs)
-    return HandSettings(
-        grid, replace(proposals, standoffs=standoffs, radius=round(size * proposals.radius, 4)), anchors
-    )
+    radius = size * proposals.radius
+    if loaded.widest < np.inf:
+        radius = max(radius, min(_EXTENT * loaded.widest, _WIDEST_EXTENT))
+    return HandSettings(grid, replace(proposals, standoffs=standoffs, radius=round(radius, 4)), anchors)
