@@ -11,7 +11,7 @@ from graspbox.hands import asymmetries_of, corners_of, load_hand, reach_of, symm
 from graspbox.models.scorer.inputs import ScorerInputs
 from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalConfig
 from graspbox.perception.anchors import AnchorConfig
-from graspbox.perception.hand_settings import settings_of
+from graspbox.perception.hand_settings import seeing_both_sides, settings_of
 from graspbox.simulation import Scene
 
 MIRROR_Y, MIRROR_X, HALF_TURN = (1.0, -1.0, 1.0), (-1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)
@@ -64,21 +64,23 @@ def test_a_box_nearly_as_wide_as_the_opening_is_grasped() -> None:
 def test_proposals_close_across_the_shorter_side_of_a_wide_box() -> None:
     """68 mm across and 85 mm long, at any yaw: a narrow look sees no side of it, and closes anywhere."""
     fitted, crop = settings_of("panda_gripper"), CropConfig()
+    wide = seeing_both_sides(fitted.proposals, load_hand("panda_gripper"))
     grid, n = HandGrid("panda_gripper", fitted.grid), crop.resolution
     cells = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1)
     at = np.array(crop.origin) + (cells + 0.5) * crop.voxel_size
 
-    def aligned(yaw: float, radius: float) -> int:
+    def aligned(yaw: float, proposals: ProposalConfig) -> int:
         long, short = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
         inside = (np.abs(at @ long) < 0.0425) & (np.abs(at @ short) < 0.034) & (at[..., 2] > 0) & (at[..., 2] < 0.03)
-        proposals = replace(fitted.proposals, boxes=0, radius=radius)
-        poses = grid.propose((255 * inside).astype(np.uint8), proposals).poses
+        poses = grid.propose((255 * inside).astype(np.uint8), replace(proposals, boxes=0)).poses
         across = np.abs(poses[poses[:, 2, 2] < -0.99][:, :3, 0] @ short)
         return int((across > np.cos(np.radians(15))).sum())
 
     yaws = np.radians(np.arange(0.0, 90.0, 11.25))
-    wide, narrow = (sum(aligned(yaw, radius) for yaw in yaws) for radius in (fitted.proposals.radius, 0.026))
-    assert wide > 2 * narrow
+    found, others = (sum(aligned(yaw, proposals) for yaw in yaws) for proposals in (wide, fitted.proposals))
+    assert found > 2 * others
+    # The ReFlex states no opening.
+    assert seeing_both_sides(ProposalConfig(), load_hand("reflex")) == ProposalConfig()
 
 
 @pytest.mark.parametrize("hand", graspbox.Hand.names())

@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from graspbox._core import Hand
 from graspbox.hands import HandLike, corners_of, load_hand, reach_of
 from graspbox.perception.anchors import AnchorConfig
 from graspbox.perception.configs import HandGridConfig, ProposalConfig
 
-__all__ = ["HandSettings", "settings_of"]
+__all__ = ["HandSettings", "seeing_both_sides", "settings_of"]
 
 #: Reach of the ReFlex, whose lengths the default settings have, metres.
 _USUAL = 0.0896
@@ -21,8 +22,8 @@ _USUAL = 0.0896
 _FORWARD = 0.5
 #: Least size of cells beside the usual ones: those of a crop are hardly finer.
 _FINEST = 0.6
-#: Radius within which proposals measure the extent of an object: this share of the hand's widest opening, at most so
-#: much, metres. A hand must see both ends of a wide object to close across the shorter one.
+#: Radius within which proposals see both sides of an object: this share of the hand's widest opening, at most so much,
+#: metres.
 _EXTENT, _WIDEST_EXTENT = 0.9, 0.07
 #: Grasp point of the anchors, and least height of the hand over the table, as shares of the reach.
 _POINT, _LOWEST = 0.89, 0.39
@@ -83,7 +84,17 @@ def settings_of(
     if ahead >= _FORWARD * reach:
         grid = replace(grid, clearance=0.0)
     standoffs = tuple(round(size * standoff, 4) for standoff in proposals.standoffs)
-    radius = size * proposals.radius
-    if loaded.widest < np.inf:
-        radius = max(radius, min(_EXTENT * loaded.widest, _WIDEST_EXTENT))
-    return HandSettings(grid, replace(proposals, standoffs=standoffs, radius=round(radius, 4)), anchors)
+    return HandSettings(
+        grid, replace(proposals, standoffs=standoffs, radius=round(size * proposals.radius, 4)), anchors
+    )
+
+
+def seeing_both_sides(proposals: ProposalConfig, hand: Hand) -> ProposalConfig:
+    """Return proposals that measure the extent of an object as far around a point as the hand opens.
+
+    They close across the shorter side of an object nearly as wide as the opening, where others close anywhere; fewer of
+    them suit an object that is too wide for the hand. A head's grasps make up for these.
+    """
+    if hand.widest == np.inf:
+        return proposals
+    return replace(proposals, radius=max(proposals.radius, round(min(_EXTENT * hand.widest, _WIDEST_EXTENT), 4)))

@@ -36,7 +36,7 @@ from graspbox.models.trials import GraspTrials
 from graspbox.object_sets import learned_sets
 from graspbox.perception import CropConfig, HandGrid, ProposalConfig
 from graspbox.perception.configs import EVERYTHING, FinderConfig
-from graspbox.perception.hand_settings import settings_of
+from graspbox.perception.hand_settings import seeing_both_sides, settings_of
 from graspbox.policies import DepthGrasp
 from graspbox.recipes.cards import package_licence, write_card
 from graspbox.recipes.choices import SECURE_WEIGHTS, Choices, try_choices
@@ -112,7 +112,10 @@ class _DepthTraining:
         hand = settings.load_hand()
         shape = None if settings.start is None else grid_shape(settings.start)
         fitted = settings_of(hand, FINDER.proposals, shape=shape)
-        self.finder, self.anchors = replace(FINDER, proposals=fitted.proposals), fitted.anchors
+        # Where the head proposes less, among several objects, and without one, narrow proposals grasp more.
+        narrow = several or shape is not None
+        proposals = fitted.proposals if narrow else seeing_both_sides(fitted.proposals, hand)
+        self.finder, self.anchors = replace(FINDER, proposals=proposals), fitted.anchors
         self.grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
         self.networks = TrainedNetworks(self.out, self.sizes, self.grid, self.scenes)
