@@ -198,14 +198,10 @@ impl Problem {
         self.v.len()
     }
 
-    /// The patches of the island.
-    pub fn patches_of_island(&self) -> impl Iterator<Item = &Patch> {
-        self.touching.iter().map(|touching| &self.patches[touching.patch])
-    }
-
     /// Number of contact points of the island.
     pub fn point_count(&self) -> usize {
-        self.patches_of_island().map(|patch| patch.last - patch.first).sum()
+        let count = |patch: &Patch| patch.last - patch.first;
+        self.touching.iter().map(|touching| count(&self.patches[touching.patch])).sum()
     }
 
     /// Moves the objects with a twist at the reference point.
@@ -257,12 +253,11 @@ impl Problem {
     pub fn keep(&mut self) {
         self.kept.residual.clone_from(&self.residual);
         self.kept.cables.clone_from(&self.hand.cables);
-        let mut points = std::mem::take(&mut self.kept.points);
-        points.clear();
-        for patch in self.patches_of_island() {
-            points.extend_from_slice(&self.points[patch.first..patch.last]);
+        self.kept.points.clear();
+        for touching in &self.touching {
+            let patch = &self.patches[touching.patch];
+            self.kept.points.extend_from_slice(&self.points[patch.first..patch.last]);
         }
-        self.kept.points = points;
     }
 
     /// Returns to the evaluation that was kept last for this island, at velocities `v`.

@@ -112,7 +112,7 @@ class _DepthTraining:
         hand = settings.load_hand()
         shape = None if settings.start is None else grid_shape(settings.start)
         fitted = settings_of(hand, FINDER.proposals, shape=shape)
-        # Where the head proposes less, among several objects, and without one, narrow proposals grasp more.
+        # Among several objects wide proposals grasp less; a scorer of many hands learned from narrow ones.
         narrow = several or shape is not None
         proposals = fitted.proposals if narrow else seeing_both_sides(fitted.proposals, hand)
         self.finder, self.anchors = replace(FINDER, proposals=proposals), fitted.anchors
@@ -200,17 +200,22 @@ class _DepthTraining:
             dataset.generate(objects, self.data[0], hand=hand, config=config, progress=report)
         except TimeUp:
             stage.log("time limit reached; continuing with the trials collected")
-        return {split: self._count_trials(split) for split in ("train", "validation")}
+            late = True
+        else:
+            late = False
+        return {split: self._count_trials(split, late) for split in ("train", "validation")}
 
-    def _count_trials(self, split: object_sets.Split) -> int:
+    def _count_trials(self, split: object_sets.Split, late: bool) -> int:
         try:
             return len(GraspTrials.from_datasets(self.data, split))
-        except ConfigError:
+        except ConfigError as error:
+            if not late:
+                raise
             spent = self.settings.hours.data
             raise ConfigError(
                 f"{self.data[0]} has no trials of the split {split!r} after --hours.data {spent:g}; run the same "
                 "command with more, and it goes on"
-            ) from None
+            ) from error
 
     def common(self, stage: Run) -> dict[str, Any]:
         """Return the settings that all trainings share."""

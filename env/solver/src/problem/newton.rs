@@ -131,14 +131,8 @@ impl Newton {
     fn recall(&mut self, hand: bool, objects: &[usize], unknowns: usize) {
         let same = |kept: &FactoredDerivative| kept.hand == hand && kept.objects == objects;
         self.now = self.derivatives.iter().position(same).unwrap_or_else(|| {
-            let factors = Factors::new(unknowns);
-            self.derivatives.push(FactoredDerivative {
-                used: true,
-                hand,
-                objects: objects.to_vec(),
-                points: 0,
-                factors,
-            });
+            let (objects, factors) = (objects.to_vec(), Factors::new(unknowns));
+            self.derivatives.push(FactoredDerivative { hand, objects, factors, ..FactoredDerivative::default() });
             self.derivatives.len() - 1
         });
         self.derivatives[self.now].used = true;

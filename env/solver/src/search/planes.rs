@@ -207,6 +207,7 @@ fn extremes(corners: &Corners, plane: &Local, margin: f64, mut push: impl FnMut(
     let mut farthest = [(f64::MIN, usize::MAX); 8];
     for (index, p) in corners.points.iter().enumerate() {
         let z = plane.height(p);
+        // `f64::min` would also ask for NaN, in the loop that costs most of a search.
         if z < least {
             least = z;
         }
