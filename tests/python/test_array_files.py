@@ -1,5 +1,6 @@
 """Tables of arrays in files: saving, joining, resuming."""
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -69,3 +70,30 @@ def test_a_part_that_fails_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         load_or_make_parts(Marks, tmp_path, range(3), make)
     assert [path.name for path in tmp_path.iterdir()] == ["0000000.npz"]
+
+
+def test_parts_are_made_at_once_and_joined_in_order(tmp_path: Path) -> None:
+    together = threading.Barrier(3, timeout=60)
+
+    def make(number: int) -> Marks:
+        together.wait()
+        return marks(float(number))
+
+    seen: list[int] = []
+    whole = load_or_make_parts(Marks, tmp_path, range(6), make, workers=3, progress=seen.append)
+    np.testing.assert_array_equal(whole.mark, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    assert seen == [1, 2, 3, 4, 5, 6]
+
+
+def test_parts_that_were_begun_are_finished_when_one_fails(tmp_path: Path) -> None:
+    together = threading.Barrier(2, timeout=60)
+
+    def make(number: int) -> Marks:
+        together.wait()
+        if number == 0:
+            raise ConfigError("no scene")
+        return marks(float(number))
+
+    with pytest.raises(ConfigError, match="no scene"):
+        load_or_make_parts(Marks, tmp_path, range(2), make, workers=2)
+    assert [path.name for path in tmp_path.iterdir()] == ["0000001.npz"]

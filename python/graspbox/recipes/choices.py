@@ -14,7 +14,7 @@ from graspbox.models.scenes import SceneSampler
 from graspbox.perception.configs import FinderConfig
 from graspbox.perception.finder import Complete, GraspFinder, Head
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.training.array_files import ArrayTable, load_or_make_parts
+from graspbox.training.array_files import CORES, ArrayTable, load_or_make_parts
 
 __all__ = ["SECURE_WEIGHTS", "Choices", "try_choices"]
 
@@ -90,7 +90,7 @@ def try_choices(
     def attempt(number: int) -> Choices:
         return _try_scene(sampler, number, chosen, grid.hand, scorer, weights)
 
-    return load_or_make_parts(Choices, folder, scenes, attempt, progress=progress, stop=stop)
+    return load_or_make_parts(Choices, folder, scenes, attempt, workers=CORES, progress=progress, stop=stop)
 
 
 def _try_scene(

@@ -20,7 +20,7 @@ from graspbox.perception.configs import FinderConfig, ProposalConfig
 from graspbox.perception.finder import Complete, GraspFinder, Head, Score
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import PoseNoise, perturbed
-from graspbox.training.array_files import load_or_make_parts
+from graspbox.training.array_files import CORES, load_or_make_parts
 
 __all__ = ["CollectConfig", "check_hand", "collect", "load_trials"]
 
@@ -96,7 +96,7 @@ def collect(
     def collected(number: int) -> GraspTrials:
         return _collect_scene(sampler, number, grid, config, complete, score, head)
 
-    return load_or_make_parts(GraspTrials, folder, scenes, collected, progress=progress, stop=stop)
+    return load_or_make_parts(GraspTrials, folder, scenes, collected, workers=CORES, progress=progress, stop=stop)
 
 
 def check_hand(folders: Iterable[Path], hand: Hand) -> None:

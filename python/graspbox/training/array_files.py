@@ -5,11 +5,15 @@
 | `ArrayTable` | base of dataclasses whose fields are arrays: save, load, join |
 | `load_or_make` | one table and its file |
 | `load_or_make_parts` | a folder with a file per part |
+| `CORES` | number of parts to make at once |
 """
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Self, TypeVar
 
@@ -18,7 +22,10 @@ import numpy as np
 from graspbox._common.files import replacing
 from graspbox.errors import ConfigError
 
-__all__ = ["ArrayTable", "load_or_make", "load_or_make_parts"]
+__all__ = ["CORES", "ArrayTable", "load_or_make", "load_or_make_parts"]
+
+#: Number of parts that keep this machine busy.
+CORES = min(os.cpu_count() or 1, 32)
 
 
 class ArrayTable:
@@ -81,10 +88,14 @@ def load_or_make_parts(
     numbers: Iterable[int],
     make: Callable[[int], Table],
     *,
+    workers: int = 1,
     progress: Callable[[int], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Table:
     """Read the parts of a table, make those without a file, and join them.
+
+    Several parts are made at once, each in a thread. The result does not depend on their number, but for how far it
+    comes before `stop`.
 
     Parameters
     ----------
@@ -95,7 +106,9 @@ def load_or_make_parts(
     numbers : iterable of int
         Numbers of the parts.
     make : callable
-        Makes the part of a number.
+        Makes the part of a number, in any thread and in any order.
+    workers : int
+        Number of parts that are made at once.
     progress : callable
         Called with the number of parts so far.
     stop : callable
@@ -107,11 +120,21 @@ def load_or_make_parts(
         If there are no rows.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    parts = []
-    for number in numbers:
-        path = folder / f"{number:07d}.npz"
-        if not path.exists() and stop():
-            break
-        parts.append(load_or_make(kind, path, lambda number=number: make(number)))  # type: ignore[misc]
+    parts: list[Table] = []
+    begun: deque[Future[Table]] = deque()
+
+    def take() -> None:
+        parts.append(begun.popleft().result())
         progress(len(parts))
+
+    with ThreadPoolExecutor(workers) as pool:
+        for number in numbers:
+            path = folder / f"{number:07d}.npz"
+            if not path.exists() and stop():
+                break
+            begun.append(pool.submit(load_or_make, kind, path, partial(make, number)))
+            if len(begun) >= workers:
+                take()
+        while begun:
+            take()
     return kind.joined(parts)
