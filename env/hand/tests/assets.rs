@@ -299,24 +299,24 @@ fn the_thumb_of_the_inspire_hand_opposes_the_fingers() {
         let out = pad.hand_from_shape.rotation * out;
         (pad.hand_from_shape.translation.vector + out * depth, out)
     };
-    let openings: [[f64; 2]; 2] = [[0.118, 0.139], [0.024, 0.038]];
+    let openings: [[f64; 2]; 2] = [[0.114, 0.139], [0.094, 0.118]];
     for (preshape, [least, most]) in hand.preshapes().iter().zip(openings) {
         let open = hand.open_configuration(preshape.value);
         for part in ["pad", "tip"] {
             let (thumb, out) = face(&open, &format!("thumb_distal_{part}"));
             for finger in ["index", "middle", "ring", "pinky"] {
                 let (at, inward) = face(&open, &format!("{finger}_intermediate_{part}"));
-                assert!(out.x > 0.7 && inward.x < -0.7, "{}: {out} {inward}", preshape.name);
+                assert!(out.x > 0.7 && inward.x < -0.55, "{}: {out} {inward}", preshape.name);
                 let opening = at.x - thumb.x;
                 assert!(
                     (least..most).contains(&opening) && opening > preshape.face.width[1],
                     "{finger} {part}: {opening}"
                 );
-                assert!((at.z - thumb.z).abs() < 0.025, "{}: {thumb} {at}", preshape.name);
+                assert!((at.z - thumb.z).abs() < 0.04, "{}: {thumb} {at}", preshape.name);
             }
         }
     }
     let bent = configuration(&hand, &[("yaw", 1.3), ("pitch", 0.0), ("proximal", 0.3)]);
     let ((thumb, out), (at, inward)) = (face(&bent, "thumb_distal_pad"), face(&bent, "middle_intermediate_pad"));
-    assert!(out.dot(&inward) < -0.9 && (at.z - thumb.z).abs() < 0.007, "{out} {inward}, {thumb} {at}");
+    assert!(out.dot(&inward) < -0.9 && (at.z - thumb.z).abs() < 0.012, "{out} {inward}, {thumb} {at}");
 }

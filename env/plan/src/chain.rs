@@ -223,10 +223,20 @@ impl ChainModel {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use graspbox_hand::Hand;
+    use graspbox_hand::assets::asset;
     use nalgebra::Point3;
+
+    /// The LEAP hand with all flexions of a finger closing at once.
+    pub(crate) fn curling() -> Hand {
+        let leap = asset("leap").unwrap();
+        let outer = r#"closing = ["if_pip", "if_dip", "mf_pip", "mf_dip", "rf_pip", "rf_dip", "th_ipl", "if_mcp""#;
+        let toml = leap.toml.replace(r#"closing = ["if_mcp""#, outer);
+        assert_ne!(toml, leap.toml);
+        Hand::from_strs(leap.urdf, &toml, ["leap.urdf", "hand.toml"]).unwrap()
+    }
 
     fn finger_3() -> ChainModel {
         let mut fingers = ChainModel::all(Hand::reflex().unwrap(), 0.0).unwrap();
@@ -320,11 +330,10 @@ mod tests {
     /// A finger with a motor per joint closes them all at once; a tendon's joints wait for each other, and a jaw has one.
     #[test]
     fn joints_with_motors_of_their_own_close_together() {
-        let together = |name: &str| {
-            let hand = graspbox_hand::assets::asset(name).unwrap().read().unwrap();
-            ChainModel::all(&hand, 0.0).unwrap().iter().map(|chain| chain.together).collect::<Vec<_>>()
-        };
-        assert_eq!(together("leap"), vec![true; 4]);
+        let each =
+            |hand: &Hand| ChainModel::all(hand, 0.0).unwrap().iter().map(|chain| chain.together).collect::<Vec<_>>();
+        let together = |name: &str| each(&asset(name).unwrap().read().unwrap());
+        assert_eq!(each(&curling()), vec![true; 4]);
         assert!(
             ["reflex", "panda_gripper", "robotiq_2f_85", "soft_hand"]
                 .iter()

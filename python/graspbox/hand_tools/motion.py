@@ -58,6 +58,7 @@ def overlaps(checked: CheckedHand) -> Iterator[Finding]:
     if not len(pairs):
         return
     groups = np.sort(checked.chains[pairs], axis=1)
+    facing = checked.pads[pairs].all(axis=1) & (groups[:, 0] != groups[:, 1])
     seen: set[tuple[str, str, bool]] = set()
     for name, preshape in checked.preshapes:
         motion = np.stack([_gaps_at(checked, preshape, share, pairs) for share in _SHARES])
@@ -68,8 +69,9 @@ def overlaps(checked: CheckedHand) -> Iterator[Finding]:
                 continue
             step = int(np.flatnonzero(deep.any(axis=1))[0])
             pair = int(own[motion[step, own].argmin()])
-            padded = own[checked.pads[pairs[own]].all(axis=1)]
-            apart = float(motion[step, padded].min()) if len(padded) else np.inf
+            # A finger whose pad has met that of a third one is stopped as well.
+            involved = facing & np.isin(groups, group).any(axis=1)
+            apart = float(motion[: step + 1, involved].min()) if involved.any() else np.inf
             finding = _overlap(checked, pairs[pair], name, step, float(-motion[:, pair].min()), apart)
             key = (finding.subject, finding.severity, step == 0)
             if key not in seen:
@@ -78,7 +80,10 @@ def overlaps(checked: CheckedHand) -> Iterator[Finding]:
 
 
 def _overlap(checked: CheckedHand, pair: Ints, preshape: str, step: int, deepest: float, apart: float) -> Finding:
-    """Describe the first overlap of two chains, or of a chain and the palm; `apart` is how far their pads are then."""
+    """Describe the first overlap of two chains, or of a chain and the palm.
+
+    `apart` is the least distance of their pads from those of other chains until then, metres.
+    """
     i, j = pair.tolist()
     first, second = checked.shape_names[i], checked.shape_names[j]
     share = _SHARES[step]
