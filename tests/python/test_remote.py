@@ -91,7 +91,9 @@ def acting(env: Any, steps: int, seed: int = 0) -> NDArray[np.float32]:
     shape = env.action_space.shape
     actions = np.random.default_rng(seed).uniform(-0.2, 0.2, (steps, *shape))
     if env.spec.id != GRASP:
-        actions[..., :9] = [0.1, 0.1, 0.2, 0, 0, 0, 0, 0, 0] * actions[..., :9] + [0, 0, -0.42, 1, 0, 0, 0, -1, 0]
+        # The fingers of the LEAP hand reach farther: lower, they would touch the table.
+        height = -0.34 if env.spec.kwargs.get("hand") == "leap" else -0.42
+        actions[..., :9] = [0.1, 0.1, 0.2, 0, 0, 0, 0, 0, 0] * actions[..., :9] + [0, 0, height, 1, 0, 0, 0, -1, 0]
     else:
         actions[..., 2] = 1.0
         closing = np.where(np.arange(steps) % 8 > 3, 1.0, -1.0)
