@@ -11,8 +11,8 @@ proposes the candidates. Joints that should move alike are joined with ``+``::
         --vary index+middle+ring+pinky --vary thumb --vary rotation --turn
 
 Put what it prints into ``hand.toml``, then fit the planner's ranking again (``scripts/fit_ranking.py``). Without
-``--vary`` it measures the hand as it is. The hand keeps that preshape alone during the search. Needs the extras cli
-and train.
+``--vary`` it measures the hand as it is. The hand keeps that preshape alone during the search. Needs the extra
+dev.
 """
 
 import json
@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 import graspbox
 from graspbox import Hand, Mesh
 from graspbox.cli.common import console, find_hand, print_table
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, HandError
 from graspbox.perception import CropConfig, HandGrid, ProposalConfig
 from graspbox.perception.crops import solid_occupancy
 from graspbox.perception.hand_settings import seeing_both_sides, settings_of
@@ -121,7 +121,7 @@ class Text:
 def _put(toml: str, key: str, values: list[float]) -> str:
     """Replace the value of a key."""
     text = f"{values[0]:.4f}" if len(values) == 1 else "[" + ", ".join(f"{value:.5f}" for value in values) + "]"
-    return re.sub(rf"(?m)^({re.escape(key)} = {{ value = ){_NUMBER}", rf"\g<1>{text}", toml)
+    return re.sub(rf"(?m)^({re.escape(key)} = {{ value = ){_NUMBER}", rf"\g<1>{text}", toml, count=1)
 
 
 def _turned(rpy: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
@@ -189,9 +189,10 @@ def _prepare(objects: str, hand: Hand) -> None:
 
 def _judge(text: Text, values: NDArray[np.float64]) -> tuple[float, dict[str, Shares]]:
     try:
-        found = shares(text.hand(values), _worker)
-    except graspbox.GraspboxError:  # beyond a joint's limits
+        hand = text.hand(values)
+    except HandError:  # positions beyond limits
         return -1.0, {}
+    found = shares(hand, _worker)
     return value(found), found
 
 

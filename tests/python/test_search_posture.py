@@ -7,7 +7,6 @@ import graspbox
 from graspbox.errors import ConfigError
 from test_scripts import script
 
-pytest.importorskip("cmaes")
 search_posture = script("search_posture")
 Text = search_posture.Text
 
@@ -34,6 +33,12 @@ def test_the_numbers_of_one_preshape_and_of_the_frame_change() -> None:
     np.testing.assert_allclose(after[0, 2, :3], before[0, 0, :3], atol=1e-5)
 
 
+def test_positions_beyond_a_joint_are_worth_nothing() -> None:
+    text = Text.of(graspbox.load_hand("inspire"), "pinch", ["thumb"], turn=False)
+    start, _ = text.start()
+    assert search_posture._judge(text, start + np.array([9.0, 0.0, 0.0, 0.0])) == (-1.0, {})
+
+
 def test_what_a_file_does_not_have_is_named() -> None:
     hand = graspbox.load_hand("leap")
     with pytest.raises(ConfigError, match="--preshape is 'hook'; choose from pinch"):
@@ -43,7 +48,7 @@ def test_what_a_file_does_not_have_is_named() -> None:
 
 
 def test_shares_of_proposals_that_hold() -> None:
-    """A gripper holds most of a wooden block's proposals, and none of a plate's that is wider than it opens."""
+    """A gripper holds many of a wooden block's proposals; the value is the mean of roots over families."""
     hand = graspbox.load_hand("panda_gripper")
     found = search_posture.shares(hand, search_posture.subjects("procedural:wood_block:2", hand))
     held, firm = found["wood_block"]
