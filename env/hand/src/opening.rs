@@ -1,7 +1,10 @@
 //! The open and the closed hand: positions of actuators and joints at a preshape, and the units of both.
 
 use crate::grasp::Preshape;
-use crate::model::{Actuator, DrivenJoint, Hand, JointKind, Transmission, within};
+use crate::model::{Actuator, DrivenJoint, Hand, JointKind, Tendon, Transmission, within};
+
+/// Halvings of an interval of tensions: to a millionth of a millionth of it.
+const BISECTIONS: usize = 40;
 
 impl Hand {
     /// The preshapes that a planner should try; never empty.
@@ -77,15 +80,49 @@ impl Hand {
     }
 
     /// Positions of the independent joints of the open hand at `preshape`, in the order of [`Hand::coordinates`]: where their actuators
-    /// lead them, and otherwise at 0 or the nearest limit.
+    /// lead them, where a tendon that the preshape winds balances their springs, and otherwise at 0 or the nearest limit.
     #[must_use]
     pub fn open_configuration(&self, preshape: f64) -> Vec<f64> {
         let actuators = self.open_positions(preshape);
         let open = |joint: usize| {
             let driven = self.driver(joint).map(|(actuator, driven, _)| self.led(driven, actuators[actuator]));
-            driven.unwrap_or_else(|| self.joints[joint].within_limits(0.0))
+            driven.or_else(|| self.pulled(joint, &actuators)).unwrap_or_else(|| self.joints[joint].within_limits(0.0))
         };
         self.coordinates().map(open).collect()
+    }
+
+    /// Where a sprung joint of the free hand balances the tendon that a spool has wound, rad or m; `None` without such a tendon.
+    fn pulled(&self, joint: usize, actuators: &[f64]) -> Option<f64> {
+        let wound = self.actuators.iter().zip(actuators).find_map(|(actuator, position)| match actuator.transmission {
+            Transmission::Spool { tendon, radius } => {
+                let tendon = &self.tendons[tendon];
+                (tendon.arm(joint) != 0.0 && *position > 0.0).then_some((tendon, radius * position))
+            }
+            Transmission::Joints { .. } => None,
+        });
+        let (tendon, length) = wound?;
+        let sprung = self.joints[joint].stiffness > 0.0;
+        sprung.then(|| self.balanced(joint, tendon.arm(joint), self.free_tension(tendon, length)))
+    }
+
+    /// Where a tension balances the spring of a joint, within the joint's limits.
+    fn balanced(&self, joint: usize, arm: f64, tension: f64) -> f64 {
+        let joint = &self.joints[joint];
+        joint.within_limits(joint.spring_reference + arm * tension / joint.stiffness)
+    }
+
+    /// Tension of a tendon of which a length is wound while only springs and limits hold its joints, N.
+    fn free_tension(&self, tendon: &Tendon, length: f64) -> f64 {
+        let taken = |tension: f64| -> f64 {
+            let sprung = tendon.arms.iter().filter(|(joint, _)| self.joints[*joint].stiffness > 0.0);
+            sprung.map(|&(joint, arm)| arm * self.balanced(joint, arm, tension)).sum()
+        };
+        // What the joints and the tendon itself take up grows with the tension.
+        let halve = |[low, high]: [f64; 2], _| {
+            let middle = 0.5 * (low + high);
+            if taken(middle) + middle / tendon.stiffness < length { [middle, high] } else { [low, middle] }
+        };
+        (0..BISECTIONS).fold([0.0, tendon.max_tension], halve)[0]
     }
 
     /// Positions of the independent joints of a free hand that has closed by a share of the way, in the order of [`Hand::coordinates`]: a

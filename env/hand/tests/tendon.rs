@@ -1,6 +1,7 @@
 //! Statics of tendons and springs against virtual work.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use graspbox_hand::assets::asset;
 use graspbox_hand::{Hand, Joint, Tendon, Transmission};
 use nalgebra::Point3;
 use proptest::prelude::*;
@@ -89,4 +90,32 @@ fn a_fingertip_presses_with_8_to_15_newtons() {
     }
     assert_eq!(forces.len(), 4);
     assert!(forces.iter().all(|f| (8.0..=15.0).contains(f)), "fingertip forces {forces:?} N");
+}
+
+/// A preshape that winds the tendon: springs and tendon are in balance, or the joint is at its limit.
+#[test]
+fn a_preshape_that_winds_a_tendon_begins_in_balance() {
+    let files = asset("soft_hand").unwrap();
+    let preshape = "[[grasp.preshapes]]\nname = \"bent\"\n\
+        positions.motor = { value = 8.0, unit = \"rad\", source = \"test\" }\n\n[grasp.ranking]\n";
+    let toml = files.toml.replace("[grasp.ranking]\n", preshape);
+    let hand = Hand::from_strs(files.urdf, &toml, ["soft_hand.urdf", "hand.toml"]).unwrap();
+    let joints = hand.joint_positions(&hand.open_configuration(0.0)).unwrap();
+    let Transmission::Spool { tendon: 0, radius } = hand.actuators[0].transmission else {
+        panic!("the motor winds the tendon");
+    };
+    let tendon = &hand.tendons[0];
+    let stretch = 8.0 * radius - tendon.take_up(|joint| joints[joint]);
+    let tension = tendon.tension(stretch, 0.0);
+    assert!((1.0..tendon.max_tension).contains(&tension), "{tension} N");
+    let mut moved = 0;
+    for &(joint, arm) in &tendon.arms {
+        let (data, position) = (&hand.joints[joint], joints[joint]);
+        let [low, high] = data.limits;
+        let torque = arm * tension + data.spring_force(position);
+        let held = (position == low && torque <= 0.0) || (position == high && torque >= 0.0);
+        assert!(held || torque.abs() < 1e-6, "{}: {torque} N m at {position}", data.name);
+        moved += usize::from(position > low + 0.05 && position < high - 0.05);
+    }
+    assert!(moved > 10, "{moved} joints between their limits");
 }
