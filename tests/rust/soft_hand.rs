@@ -52,6 +52,29 @@ fn the_hand_closes_in_the_published_time() {
     assert!((time - 1.1).abs() < 0.2, "{time} s");
 }
 
+/// A preshape may wind the tendon: the hand begins where its springs balance it, and stays there.
+#[test]
+fn a_bent_preshape_stays_where_it_begins() {
+    let files = asset("soft_hand").unwrap();
+    let preshape = "[[grasp.preshapes]]\nname = \"bent\"\n\
+        positions.motor = { value = 6.0, unit = \"rad\", source = \"test\" }\n\n[grasp.ranking]\n";
+    let toml = files.toml.replace("[grasp.ranking]\n", preshape);
+    let bent = Hand::from_strs(files.urdf, &toml, ["soft_hand.urdf", "hand.toml"]).unwrap();
+    let template = template(bent, &Geometry::Ball { radius: 0.02 }, 0.1, PhysicsConfig::default());
+    let mut world = template.spawn(&palm_up(), &at(0.3, 0.0, 0.02), 0.0);
+    world.set_gravity(&Vector3::zeros());
+    let positions =
+        |world: &World| -> Vec<f64> { world.hand().coordinates().map(|joint| world.joint(joint).position).collect() };
+    let begin = positions(&world);
+    assert!(begin.iter().filter(|position| **position > 0.1).count() >= 14, "{begin:?}");
+    for _ in 0..250 {
+        world.step(&palm_up(), &[]).unwrap();
+    }
+    let moved = begin.iter().zip(positions(&world)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    println!("moved by at most {moved:.5} rad, tension {:.2} N", world.tension(0));
+    assert!(moved < 0.01, "{moved} rad");
+}
+
 /// A cylinder of 45 mm is pulled along its axis until it slips: 20 N, give or take a quarter.
 #[test]
 fn a_cylinder_is_held_with_the_published_force() {
