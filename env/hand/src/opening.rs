@@ -1,7 +1,7 @@
 //! The open and the closed hand: positions of actuators and joints at a preshape, and the units of both.
 
 use crate::grasp::Preshape;
-use crate::model::{Actuator, DrivenJoint, Hand, JointKind, Tendon, Transmission, within};
+use crate::model::{Actuator, DrivenJoint, Hand, Joint, JointKind, Tendon, Transmission, within};
 
 /// Halvings of an interval of tensions: to a millionth of a millionth of it.
 const BISECTIONS: usize = 40;
@@ -101,21 +101,17 @@ impl Hand {
             Transmission::Joints { .. } => None,
         });
         let (tendon, length) = wound?;
-        let sprung = self.joints[joint].stiffness > 0.0;
-        sprung.then(|| self.balanced(joint, tendon.arm(joint), self.free_tension(tendon, length)))
-    }
-
-    /// Where a tension balances the spring of a joint, within the joint's limits.
-    fn balanced(&self, joint: usize, arm: f64, tension: f64) -> f64 {
-        let joint = &self.joints[joint];
-        joint.within_limits(joint.spring_reference + arm * tension / joint.stiffness)
+        let data = &self.joints[joint];
+        let force = || tendon.arm(joint) * self.free_tension(tendon, length);
+        (data.stiffness > 0.0).then(|| data.within_limits(data.balanced(force())))
     }
 
     /// Tension of a tendon of which a length is wound while only springs and limits hold its joints, N.
     fn free_tension(&self, tendon: &Tendon, length: f64) -> f64 {
+        let sprung = tendon.arms.iter().map(|&(joint, arm)| (&self.joints[joint], arm));
+        let sprung: Vec<(&Joint, f64)> = sprung.filter(|(joint, _)| joint.stiffness > 0.0).collect();
         let taken = |tension: f64| -> f64 {
-            let sprung = tendon.arms.iter().filter(|(joint, _)| self.joints[*joint].stiffness > 0.0);
-            sprung.map(|&(joint, arm)| arm * self.balanced(joint, arm, tension)).sum()
+            sprung.iter().map(|(joint, arm)| arm * joint.within_limits(joint.balanced(arm * tension))).sum()
         };
         // What the joints and the tendon itself take up grows with the tension.
         let halve = |[low, high]: [f64; 2], _| {

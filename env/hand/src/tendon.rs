@@ -38,4 +38,10 @@ impl Joint {
     pub fn spring_force(&self, position: f64) -> f64 {
         -self.stiffness * (position - self.spring_reference)
     }
+
+    /// Position at which its spring balances a force, N m or N, rad or m; its limits are not looked at, and its stiffness must not be 0.
+    #[must_use]
+    pub fn balanced(&self, force: f64) -> f64 {
+        self.spring_reference + force / self.stiffness
+    }
 }

@@ -264,8 +264,7 @@ fn free_path(hand: &Hand, preshape: f64) -> Vec<Vec<f64>> {
         if rate == 0.0 {
             open
         } else if sprung(hand, joint) {
-            let balanced = data.spring_reference + rate * share * full / data.stiffness;
-            balanced.clamp(open.min(end), open.max(end))
+            data.balanced(rate * share * full).clamp(open.min(end), open.max(end))
         } else {
             open + share * (end - open)
         }
