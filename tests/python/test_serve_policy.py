@@ -23,12 +23,15 @@ from graspbox._common.rotations import rotation_from_quaternion
 from graspbox.artifacts import runtimes
 from graspbox.artifacts.folders import load, save
 from graspbox.errors import ConfigError, ConnectionLostError
+from graspbox.hand_tools import random_hand
+from graspbox.hands import load_hand
 from graspbox.policies.grasp_image import ImageGrasper, grasp_image
 from graspbox.remote import grasp_requests
 from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
 from graspbox.remote.remote_policy import RemotePolicy
 from test_serve import served
 
+POLICIES = Path(__file__).parents[2] / "policies"
 SETTINGS = PolicyServerSettings(port=0, threads=2)
 
 
@@ -312,8 +315,39 @@ def test_connections_share_networks_and_nothing_else(folder: Path, monkeypatch: 
 
 def test_a_hand_that_the_policy_on_a_server_does_not_know(server: PolicyServer) -> None:
     policy = RemotePolicy(server.url)
-    with pytest.raises(ConfigError, match="was trained for the hand 'reflex', not 'panda_gripper'"):
+    with pytest.raises(ConfigError, match=r"grasps with the hand 'reflex', and .* 'panda_gripper'; .*--hand"):
         graspbox.evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand="panda_gripper")
+
+
+def test_a_policy_for_any_hand_is_served_with_one(request_of_can: dict[str, Any]) -> None:
+    """Grasps and evaluations are those of the policy on this machine, which needs no word about a shipped hand."""
+    policy = str(POLICIES / "any_hand")
+    with PolicyServer(policy, SETTINGS, hand="panda_gripper") as running:
+        found = asked(running, {**request_of_can, "count": 1})
+        result = graspbox.evaluation.evaluate(RemotePolicy(running.url), objects="procedural:can:2000-2001", trials=2)
+    assert found["hand"] == "panda_gripper"
+    local = graspbox.evaluation.evaluate(policy, objects="procedural:can:2000-2001", trials=2, hand="panda_gripper")
+    assert [trial.confidence for trial in result.trials] == [trial.confidence for trial in local.trials]
+
+
+def test_a_policy_is_served_with_a_hand_from_files(tmp_path: Path) -> None:
+    """Clients see none of the server's files, and give those of their own."""
+    files = tmp_path / "own.urdf", tmp_path / "own.toml"
+    for path, text in zip(files, random_hand("fingers", 3).files, strict=True):
+        path.write_text(text)
+    arguments = ["--hand", ",".join(map(str, files))]
+    with served("partial_view_planner", *arguments, command="serve-policy") as (_, url):
+        policy = RemotePolicy(url)
+        assert str(tmp_path) not in json.dumps(policy.metadata)
+        with pytest.raises(ConfigError, match=f"grasps with the hand {load_hand(files).name!r}"):
+            graspbox.evaluation.evaluate(policy, objects="procedural:can:0", trials=1)
+        result = graspbox.evaluation.evaluate(policy, objects="procedural:can:0", trials=1, hand=files)
+    assert len(result.trials) == 1
+
+
+def test_a_policy_of_one_hand_is_not_served_with_another(folder: Path) -> None:
+    with pytest.raises(ConfigError, match="was trained for the hand 'reflex', not 'leap'"):
+        PolicyServer(folder, SETTINGS, hand="leap")
 
 
 def test_post_is_named_where_there_are_grasps(folder: Path) -> None:

@@ -23,7 +23,7 @@ from graspbox.artifacts.downloads import folder_of
 from graspbox.envs import IDS
 from graspbox.envs.settings import Settings, keywords
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.hands import load_hand
+from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.policies import DepthGrasp, Policy, Task
 from graspbox.policies.grasp_image import ImageGrasper
 from graspbox.remote import grasp_requests
@@ -47,14 +47,18 @@ class PolicyServer(RunningServer):
         A name for `graspbox.policies.load`: a folder, or a baseline that needs no mesh.
     settings : PolicyServerSettings, optional
         Address and bounds.
+    hand : str, Hand or pair of paths, optional
+        The hand, as `graspbox.load_hand` takes it, for a policy that grasps with any; by default the policy's own.
 
     Raises
     ------
     ConfigError, FileError, MissingExtraError
-        If the policy cannot be loaded, or a setting is wrong.
+        If the policy cannot be loaded or is of another hand, or a setting is wrong.
     """
 
-    def __init__(self, policy: str | Path, settings: PolicyServerSettings | None = None) -> None:
+    def __init__(
+        self, policy: str | Path, settings: PolicyServerSettings | None = None, *, hand: HandLike | None = None
+    ) -> None:
         settings = settings or PolicyServerSettings()
         settings.check()
         self._policy = str(policy)
@@ -66,10 +70,11 @@ class PolicyServer(RunningServer):
             raise ConfigError(f"there is no environment {self._env_id!r}; choose from {', '.join(IDS)}")
         # Subclasses do not decide on one image, or have no scorer.
         decides = type(prototype) is DepthGrasp
-        self._grasper = ImageGrasper(self._policy) if decides else None
+        self._grasper = ImageGrasper(self._policy, hand=hand) if decides else None
         self._name, self._folders = prototype.name, _folders(self._policy)
-        self._actors: _Actors | GraspboxError = self._made_of(prototype)
-        metadata = self._described(prototype)
+        own = dict(prototype.settings) if hand is None else {**prototype.settings, "hand": hand}
+        self._actors: _Actors | GraspboxError = self._made_of(prototype, own)
+        metadata = self._described(prototype, own)
         self._core = _core.PolicyServer(settings.to_json(), json.dumps(metadata))
         super().__init__(self._core, settings.tls_cert is not None, settings.num_threads)
 
@@ -78,17 +83,18 @@ class PolicyServer(RunningServer):
         """Whether it answers requests for grasps, and POST."""
         return self._grasper is not None
 
-    def _made_of(self, prototype: Policy) -> "_Actors | GraspboxError":
+    def _made_of(self, prototype: Policy, own: dict[str, Any]) -> "_Actors | GraspboxError":
         """Make the actors; return the error if the policy does not act but finds grasps in images."""
         try:
-            return _Actors(prototype, self._env_id)
+            return _Actors(prototype, self._env_id, own)
         except GraspboxError as error:
             if self._grasper is None:
                 raise
             return error
 
-    def _described(self, prototype: Policy) -> dict[str, Any]:
-        """Describe the policy to a client."""
+    def _described(self, prototype: Policy, own: dict[str, Any]) -> dict[str, Any]:
+        """Describe the policy to a client, which has the shipped hands, but no file of this machine."""
+        known = {name: value for name, value in own.items() if name != "hand" or value in Hand.names()}
         hand, confident = None if self._grasper is None else self._grasper.hand.name, False
         if isinstance(self._actors, _Actors):
             hand, confident = self._actors.hand, self._actors.confident
@@ -98,7 +104,7 @@ class PolicyServer(RunningServer):
             "policy": prototype.name,
             "environment": self._env_id,
             "observations": _names(prototype) or [keywords(Settings)["obs"].default],
-            "settings": plain(dict(prototype.settings), "settings"),
+            "settings": plain(known, "settings"),
             "hand": hand,
             "learned_from": list(prototype.learned_from),
             "confidence": confident,
@@ -173,8 +179,8 @@ class _Actors:
         If the policy does not act in the environment.
     """
 
-    def __init__(self, policy: Policy, env_id: str) -> None:
-        settings = {**policy.settings, **({} if policy.obs is None else {"obs": policy.obs})}
+    def __init__(self, policy: Policy, env_id: str, settings: dict[str, Any]) -> None:
+        settings = {**settings, **({} if policy.obs is None else {"obs": policy.obs})}
         # Made only for its spaces.
         env = gymnasium.make_vec(env_id, 1, objects="procedural:can:0", **settings)
         # Its observations come from clients.

@@ -131,7 +131,10 @@ class RemotePolicy(Policy):
         if self._ours:
             self._check_environments(task)
         if self._hand is not None and (hand := load_hand(task.hand).name) != self._hand:
-            raise ConfigError(f"the policy {self.name!r} was trained for the hand {self._hand!r}, not {hand!r}")
+            raise ConfigError(
+                f"the policy {self.name!r} at {self._url} grasps with the hand {self._hand!r}, and these environments "
+                f"have {hand!r}; give them its hand: hand (--hand), by its name or its two files"
+            )
         self._stated, self._nothing = [None] * task.num_envs, [False] * task.num_envs
         while len(self._clients) < task.num_envs:
             self._clients.append(self._connect())

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from graspbox.cli.common import HandOfPolicy, hand_like
 from graspbox.cli.serving.environments import (
     Host,
     IdleTimeout,
@@ -36,6 +37,7 @@ def serve_policy(
     env: Annotated[
         str | None, typer.Option("--env", help=f"Environment whose observations clients send: {' or '.join(IDS)}.")
     ] = None,
+    hand: HandOfPolicy = None,
     tls_cert: TlsCert = None,
     tls_key: TlsKey = None,
     token_file: TokenFile = None,
@@ -63,6 +65,6 @@ def serve_policy(
         threads=threads,
     )
     with options_named(PolicyServerSettings):
-        server = PolicyServer(policy, settings)
+        server = PolicyServer(policy, settings, hand=None if hand is None else hand_like(hand))
     grasps = f"; POST {server.url.replace('ws', 'http', 1)}/grasps for JSON" if server.finds_grasps else ""
     serve_until_stopped(server, f"serving {policy} at {server.url}{grasps}")
