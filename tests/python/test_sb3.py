@@ -200,6 +200,7 @@ def test_subproc_vec_env_after_a_rollout_in_the_parent() -> None:
         env.close()
 
 
+@pytest.mark.filterwarnings("ignore:This DataLoader will create")  # of torch, on one core
 def test_data_loader_workers_step_after_a_rollout_in_the_parent() -> None:
     torch = pytest.importorskip("torch")
     from test_conformance import factory
