@@ -17,7 +17,7 @@ export PYO3_CONFIG_FILE := $(CURDIR)/.cargo/pyo3.cfg
 export PATH := $(BIN):$(PATH)
 
 .PHONY: help demo test test-rust test-python test-train test-examples test-lerobot test-adapters test-rerun test-all lint fmt bench docs tree \
-	wheels sdist release check-wheels check-source clean
+	wheels sdist release check-policies check-wheels check-source clean
 
 help:
 	@echo "make demo           a table of simulated grasps and its pictures, in out/demo/"
@@ -34,6 +34,7 @@ help:
 	@echo "make docs           the documentation site and the pages of the Rust API, in out/docs/"
 	@echo "make wheels         wheels of graspbox for Linux and of its policies, checked, in out/dist/ (see CONTRIBUTING.md)"
 	@echo "make sdist          the source distribution, in out/dist/"
+	@echo "make check-policies every published policy by name, from the wheels in an empty virtual environment"
 	@echo "make check-wheels   both wheels, installed in a bare Debian (needs root and debootstrap)"
 	@echo "make check-source   the source distribution, built far from the repository"
 	@echo "make release        wheels and source distribution for a package index: make release REPOSITORY=https://HOST/OWNER/NAME"
@@ -130,8 +131,9 @@ test-rerun: $(RERUN)/.stamp $(STAMPS)/core
 test-all: $(STAMPS)/train $(STAMPS)/core
 	GRASPBOX_YCB=$(YCB) cargo test --release --workspace -- --include-ignored
 	GRASPBOX_REQUIRE_TRAIN=1 pytest
-	python -m graspbox.validation mujoco --trials 200 --seed 0
+	python tests/validate.py mujoco --trials 200 --seed 0
 	$(MAKE) test-examples test-lerobot test-adapters test-rerun
+	$(MAKE) wheels check-policies
 
 lint: $(STAMPS)/dev $(STAMPS)/core
 	cargo fmt --all --check
@@ -199,6 +201,9 @@ sdist: $(STAMPS)/venv tree
 	rm -f out/dist/*.tar.gz
 	maturin sdist --manifest-path out/release/env/py/Cargo.toml --out out/dist
 
+check-policies: $(STAMPS)/wheels
+	python scripts/check_wheels.py policies out/dist
+
 check-wheels: $(STAMPS)/wheels
 	for machine in $(ARCHES); do python scripts/check_wheels.py install out/dist --machine $$machine; done
 
@@ -207,7 +212,7 @@ check-source: $(STAMPS)/wheels
 
 release:
 	$(if $(REPOSITORY),,$(error a release names its repository: make release REPOSITORY=https://HOST/OWNER/NAME))
-	$(MAKE) sdist wheels
+	$(MAKE) sdist wheels check-policies
 
 clean:
 	rm -rf out .cache $(VENV) $(EXAMPLES) $(LEROBOT) $(ADAPTERS) $(RERUN) target

@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests/python"))
 
-from graspbox.programs import run_program
+from graspbox._common.programs import run_program
 from hostile_attacks import ATTACKS, kill
 from hostile_policy import POLICY_ATTACKS
 from servers.honest import Honest
@@ -116,13 +116,13 @@ def main() -> None:
     if arguments.policy_folder:
         asked = [(name, attack, count) for name, (attack, count) in POLICY_ATTACKS.items()]
         plans["policy"] = (("serve-policy", arguments.policy_folder), asked)
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     for name, ((command, *options), work) in plans.items():
         with served(*options, command=command) as server:
-            found[name] = campaign(server, work, name, arguments.seed, arguments.rounds)
-        print({key: value for key, value in found[name].items() if key not in ("attacks", "p99_ratios")})
+            results[name] = campaign(server, work, name, arguments.seed, arguments.rounds)
+        print({key: value for key, value in results[name].items() if key not in ("attacks", "p99_ratios")})
     if arguments.out is not None:
-        arguments.out.write_text(json.dumps(found, indent=1) + "\n")
+        arguments.out.write_text(json.dumps(results, indent=1) + "\n")
 
 
 if __name__ == "__main__":

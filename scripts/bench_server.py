@@ -1,19 +1,18 @@
 """Compare environment and policy servers with local environments and policies, and with other projects, in one run.
 
     python scripts/bench_server.py                        # a table; --json FILE for the figures
-    python scripts/bench_server.py --only steps calls     # some of its parts
+    python scripts/bench_server.py --only steps --only calls   # some of its parts
     python scripts/bench_server.py --policy policies/depth
 
 Everything runs on this machine, over loopback; each figure is the median of at least five runs, alternating
-with its rivals. Peers (`servers/peers.py`) run in interpreters that have them, `--peer-python PATH ...`; peers
+with its rivals. Peers (`servers/peers.py`) run in interpreters that have them, `--peer-python PATH`; peers
 installed in none are named and left out (`pip install openpi-client websockets gymnasium`).
 """
 
 import json
 
-import tyro
-
-from graspbox.programs import run_program
+from graspbox._common.options import parse
+from graspbox._common.programs import run_program
 from servers import environments, policies
 from servers.measuring import Args
 
@@ -38,4 +37,4 @@ def main(args: Args) -> None:
 
 
 if __name__ == "__main__":
-    run_program(lambda: main(tyro.cli(Args, description=__doc__)))
+    run_program(lambda: main(parse(Args, text=__doc__)))

@@ -5,8 +5,8 @@ r"""Find out why a policy fails in clutter: try its next best grasps after each 
         --objects procedural:spoon:0-19 procedural:clamp:0-19 --rounds 40 --seed 700
 
 Clears scenes of five objects as ``graspbox benchmark clutter`` does. After every failed attempt the scene is restored,
-and the next best of the grasps that the policy scored are tried in it. Where most of them succeed, the scorer limits
-the policy; where none does, the proposals or the completion do. The last table compares the stated probability of
+and the next best of the grasps that the policy scored are tried in it. If most of them succeed, the scorer limits the
+policy; if none does, the proposals or the completion do. The last table compares the stated probability of
 success with the outcomes.
 
 With ``--levers`` they are tried after every attempt, and the table is one of all grasps, by how far from the middle of
@@ -15,7 +15,6 @@ an object they hold it: a scorer should know that a long object tips.
 
 import argparse
 import json
-import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
@@ -25,18 +24,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import object_sets
+from graspbox._common.programs import run_program
 from graspbox.envs.coding import encode_action
-from graspbox.errors import ConfigError, GraspboxError
+from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand, reach_of
-from graspbox.layouts import Arrangement, objects_that_fit
 from graspbox.perception import FoundGrasp
 from graspbox.policies import DepthGrasp, load
 from graspbox.policies.base import Task
-from graspbox.programs import run_program
+from graspbox.simulation.layouts import Arrangement, objects_that_fit
 
-#: Bounds of the probabilities that are put together.
+#: Bounds of the bins of probabilities.
 BOUNDS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
-#: Bounds of the distances that are put together, metres.
+#: Bounds of the bins of distances, metres.
 LEVERS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1, 0.5)
 
 
@@ -122,8 +121,8 @@ def report_levers(rows: list[dict[str, Any]]) -> None:
             )
 
 
-def main() -> int:
-    """Run as a script; returns the exit status."""
+def main() -> None:
+    """Run as a script."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("policy", help="a policy of one depth image that clears scenes, by folder or name")
     parser.add_argument("--hand", help="by default that of the policy")
@@ -137,21 +136,16 @@ def main() -> int:
     parser.add_argument("--levers", action="store_true", help="try them after every attempt, for the table by distance")
     parser.add_argument("--json", action="store_true", help="print all attempts as JSON")
     args = parser.parse_args()
-    try:
-        policy = load(args.policy)
-        if not isinstance(policy, DepthGrasp):
-            raise ConfigError(f"{args.policy!r} is no published policy of one depth image; name one that is")
-        rows = list(attempts(policy, args))
-    except (GraspboxError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    policy = load(args.policy)
+    if not isinstance(policy, DepthGrasp):
+        raise ConfigError(f"{args.policy!r} is not a published policy of one depth image; name one that is")
+    rows = list(attempts(policy, args))
     if args.json:
         print(json.dumps(rows, indent=1))
     elif args.levers:
         report_levers(rows)
     else:
         report(rows)
-    return 0
 
 
 if __name__ == "__main__":

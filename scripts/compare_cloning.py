@@ -1,9 +1,9 @@
-r"""Compare a clone of demonstrations, learning from rewards alone, and a clone tuned by rewards, at equal budget.
+r"""Compare a clone of demonstrations, learning only from rewards, and a clone tuned by rewards, at equal budget.
 
     python scripts/compare_cloning.py out/cloning
     python scripts/compare_cloning.py out/cloning_state --inputs state --steps 300000 --shown 800
     python scripts/compare_cloning.py out/goal --inputs goal --demonstrator policies/depth \
-        --objects procedural:seen:0-199 --unseen procedural:unseen:0-19 ycb
+        --objects procedural:seen:0-199 --unseen procedural:unseen:0-19 --unseen ycb
 
 Records demonstrations, and for each input (``state``; ``seeing``: depth, proprio, tactile; ``goal``: the grasp that the
 demonstrator finds in one depth image, proprio, tactile) trains
@@ -29,16 +29,15 @@ import subprocess
 import sys
 from pathlib import Path
 
-import tyro
-
 from cloning.page import write_page
 from cloning.steps import INPUTS, TEST_SEED, Settings, Step, steps_of
 from graspbox import evaluation
 from graspbox._common.files import dumps, write_text
+from graspbox._common.options import parse
+from graspbox._common.programs import run_program
+from graspbox._common.runs import refuse_changes
 from graspbox.cli.common import console, progress
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.programs import run_program
-from graspbox.training.runs import refuse_changes
 
 
 def call(words: list[str], output: bool) -> subprocess.CompletedProcess[str]:
@@ -69,20 +68,20 @@ def test_policy(settings: Settings, name: str) -> None:
     if path.exists():
         refuse_changes(path, json.loads(path.read_text()).get("asked"), asked, "remove it, or name another folder")
         return
-    keywords = {"split": "test", "num_envs": 32, "frame_skip": 4, "max_episode_steps": steps}
+    keywords = {"split": "test", "num_envs": 32, "control_freq": 5, "max_episode_steps": steps}
     with progress() as bar:
         task = bar.add_task(name, total=settings.episodes)
         keywords["progress"] = lambda done: bar.update(task, completed=done)
         trials = (list(settings.unseen), settings.episodes, TEST_SEED)
-        found = evaluation.evaluate(name, "graspbox/Grasp-v0", *trials, **keywords)
-    row = {"success": found.rate, "ci95": list(found.ci95), "episodes": len(found.trials)}
-    row |= {"secure": found.secure / len(found.trials), "secure_ci95": list(found.secure_ci95)}
+        evaluated = evaluation.evaluate(name, "graspbox/Grasp-v0", *trials, **keywords)
+    row = {"success": evaluated.rate, "ci95": list(evaluated.ci95), "episodes": len(evaluated.trials)}
+    row |= {"secure": evaluated.secure / len(evaluated.trials), "secure_ci95": list(evaluated.secure_ci95)}
     write_text(path, dumps({"policy": row, "asked": asked}) + "\n")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and compare; returns the exit status."""
-    settings = tyro.cli(Settings, args=arguments, description=__doc__)
+    settings = parse(Settings, arguments, text=__doc__)
     try:
         if unknown := [input_name for input_name in settings.inputs if input_name not in INPUTS]:
             raise ConfigError(f"--inputs names {unknown[0]!r}; choose from {', '.join(INPUTS)}")

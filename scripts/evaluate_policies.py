@@ -1,11 +1,13 @@
 """Measure policies side by side: on unseen objects, under errors, by class of object.
 
-    python scripts/evaluate_policies.py --out out/evaluation --policies random planner policies/depth
-    python scripts/evaluate_policies.py --out out/oracle --policies robust_oracle policies/depth --conditions nominal
+    python scripts/evaluate_policies.py --out out/evaluation --policies random --policies planner \
+        --policies policies/depth
+    python scripts/evaluate_policies.py --out out/oracle --policies robust_oracle \
+        --policies policies/depth --conditions nominal
 
 A policy is an argument of `graspbox.policies.load` (a name or a folder), or a variant KIND=FOLDER, a policy with a part
 left out, added or replaced by ground truth: `graspbox.evaluation.variants` lists the kinds. ``--stressed`` names the
-policies measured under all conditions; the others run under the first alone.
+policies measured under all conditions; the others run only under the first.
 
 All policies get the same trials: object, pose and noise follow from the seed, and training objects of any of them are
 left out for all. The folder then has ``results.jsonl`` with every trial, ``evaluation.md`` with the tables,
@@ -20,16 +22,15 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
-
 from graspbox._common.files import write_text
+from graspbox._common.options import parse
+from graspbox._common.programs import run_program
 from graspbox.cli.common import console, hand_like, print_json, progress
 from graspbox.errors import GraspboxError
-from graspbox.evaluation.comparisons import Comparison
+from graspbox.evaluation.comparisons import PolicyComparison
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.reports import Measured, pooled
 from graspbox.pictures import save_rates, save_reliability
-from graspbox.programs import run_program
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Settings:
     """Policies measured under all conditions; by default all folders."""
     conditions: tuple[str, ...] = tuple(CONDITIONS)
     """Conditions, the first of which applies to all policies: see graspbox.evaluation.conditions."""
-    objects: tuple[str, ...] = Comparison.objects
+    objects: tuple[str, ...] = PolicyComparison.objects
     """Object sets; /SPLIT keeps one split."""
     trials: int = 1000
     """Trials of each policy, on each object set, under each condition."""
@@ -79,11 +80,11 @@ def save_pictures(folder: Path, first: list[Measured], stressed: list[Measured])
 def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and run; returns the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
-    settings = tyro.cli(Settings, args=words, description=__doc__)
+    settings = parse(Settings, words, text=__doc__)
     asked = {name: value for name, value in vars(settings).items() if name not in ("out", "json", "hand")}
     hand = None if settings.hand is None else hand_like(settings.hand)
     try:
-        comparison = Comparison(**asked, hand=hand)
+        comparison = PolicyComparison(**asked, hand=hand)
         with progress() as bar:
             task = bar.add_task("", total=settings.trials)
             rows, objects = comparison.run(

@@ -5,7 +5,7 @@
 
 Use trials on which neither the policy nor its hyperparameters were selected: other seeds, other objects. Only large
 sets have a test split: ``procedural:mug`` has ten objects, none of them in that split; ``procedural:mug:0-99`` has 11.
-Exit status: 0, or 2 for an unusable folder or arguments.
+Exit status: 0, 1 for a file that cannot be read, or 2 for wrong arguments or another folder.
 
 Needs the extras ``cli`` and ``train``.
 """
@@ -16,23 +16,22 @@ from typing import Annotated, Any
 
 import typer
 
-from graspbox import evaluation, sb3
+from graspbox import evaluation, learn
+from graspbox._common.programs import run_program
 from graspbox.cli.common import Json, console, print_json, print_table
-from graspbox.errors import GraspboxError
-from graspbox.programs import run_program
-from graspbox.sb3.histories import settings_of
+from graspbox.learn.sb3.histories import settings_of
 
 
 def measure(
     folder: Path, keywords: dict[str, Any], episodes: int, seed: int, *, best: bool = False, baselines: bool = False
 ) -> dict[str, Any]:
     """Evaluate the policy of a run, and the baselines on the same trials; summaries by name."""
-    sb3.require()
+    learn.require("stable_baselines3")
     import torch
 
+    from graspbox.learn.sb3.running import load_policy
     from graspbox.sb3.goal_env import with_goals
     from graspbox.sb3.policy import evaluate_baselines, summary
-    from graspbox.sb3.running import load_policy
 
     run = settings_of(folder)
     # Small networks are fastest on one thread; the other threads are for the environments.
@@ -40,8 +39,8 @@ def measure(
     policy = load_policy(run["algorithm"], folder / ("best" if best else "checkpoint"))
     policy, settings = with_goals(policy, {**run["env"], **keywords})
     num_envs = run["num_envs"]
-    found = evaluation.evaluate(policy, run["id"], trials=episodes, seed=seed, num_envs=num_envs, **settings)
-    summaries = {"policy": summary(found)}
+    result = evaluation.evaluate(policy, run["id"], trials=episodes, seed=seed, num_envs=num_envs, **settings)
+    summaries = {"policy": summary(result)}
     if baselines:
         summaries |= evaluate_baselines(run["id"], num_envs, episodes, seed, **settings)
     return summaries
@@ -61,17 +60,13 @@ def main(
 ) -> None:
     """Evaluate a trained policy."""
     keywords: dict[str, Any] = {"split": split, **({"objects": objects} if objects else {})}
-    try:
-        with console.status("evaluating"):
-            found = measure(folder, keywords, episodes, seed, best=best, baselines=baselines)
-    except (GraspboxError, OSError) as error:
-        console.print(f"error: {error}", markup=False)
-        raise typer.Exit(2) from None
+    with console.status("evaluating"):
+        summaries = measure(folder, keywords, episodes, seed, best=best, baselines=baselines)
     if as_json:
-        print_json(found)
+        print_json(summaries)
         return
     rows = []
-    for who, row in found.items():
+    for who, row in summaries.items():
         intervals = ("{:.3f} to {:.3f}".format(*row[name]) for name in ("ci95", "secure_ci95"))
         success, secure = (
             f"{row[name]:.3f} ({interval})" for name, interval in zip(("success", "secure"), intervals, strict=True)

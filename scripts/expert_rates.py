@@ -1,7 +1,7 @@
 """Compare the scripted expert of Grasp-v0 with trials of `graspbox.simulate` at the same grasp poses.
 
 In each episode the planner proposes poses for the resting object. One of the best three is tried twice: by
-`graspbox.simulate`, and by the expert, which moves the hand there by actions alone. An episode is left out if no pose
+`graspbox.simulate`, and by the expert, which moves the hand there by actions only. An episode is left out if no pose
 is feasible, or if the trial's object, settled anew, comes to rest elsewhere.
 
     python scripts/expert_rates.py --episodes 120 procedural ycb:025_mug ycb:005_tomato_soup_can
@@ -20,16 +20,21 @@ from rich.progress import track
 from rich.table import Table
 
 import graspbox
+from graspbox._common.programs import run_program
 from graspbox.envs.coding import object_pose
-from graspbox.envs.expert import Expert, planned
-from graspbox.programs import run_program
+from graspbox.envs.expert import ExpertGrasp, planned
+from graspbox.envs.scripted import MotionOptions
+from graspbox.policies import Task
+from graspbox.policies.base import SCRIPTED
 
 #: Greatest difference between entries of the object's resting poses in trial and environment (m, or 1).
 SAME = 5e-3
 
 
-def compare(env: Any, seed: int, control: str) -> dict[str, Any] | None:
+def compare(env: Any, seed: int) -> dict[str, Any] | None:
     """Try one pose both ways; None if the episode is left out."""
+    task = Task.of(env)
+    control = task.control
     state, info = env.reset(seed=seed)
     name = info["object"]
     mesh = env.objects[env.objects.names.index(name)].load()
@@ -40,7 +45,8 @@ def compare(env: Any, seed: int, control: str) -> dict[str, Any] | None:
         return None
     chosen = seed % min(3, len(plan))
     trial = scene.simulate(plan.poses[chosen : chosen + 1], plan.preshape[chosen : chosen + 1])
-    expert = Expert(state, plan.poses[chosen], plan.preshape[chosen], control=control)
+    options = MotionOptions(control=control, fingers=task.fingers, control_freq=task.control_freq)
+    expert = ExpertGrasp(state, plan.poses[chosen], plan.preshape[chosen], **options)
     steps, touches, done = 0, 0, False
     while not done and not expert.finished:
         state, _, done, _, info = env.step(expert.act(state))
@@ -70,10 +76,8 @@ def main(
     control: Annotated[str, typer.Option(help="Control mode.")] = "twist",
 ) -> None:
     """Compare the expert with the planner's own trials."""
-    env: Any = gymnasium.make("graspbox/Grasp-v0", objects=objects, control=control).unwrapped
-    rows = [
-        row for seed in track(range(episodes), console=Console(stderr=True)) if (row := compare(env, seed, control))
-    ]
+    env: Any = gymnasium.make("graspbox/Grasp-v0", objects=objects, control=control, **SCRIPTED).unwrapped
+    rows = [row for seed in track(range(episodes), console=Console(stderr=True)) if (row := compare(env, seed))]
     if not rows:
         raise typer.BadParameter("the planner finds no feasible pose for any of these objects")
     table = Table("seed", "object", "expert", "trial", title="episodes in which they differ", title_justify="left")

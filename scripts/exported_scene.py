@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from graspbox import Plan, Scene, pictures
-from graspbox.scene_export import export_scene
-from graspbox.validation.mujoco.exported import ExportedReplay, load_export
+from graspbox.tools.scene_export import export_scene
+from validation.mujoco.exported import ExportedReplay, load_export
 
 
 def save_exported_scene(path: Path, scene: Scene, best: Plan) -> None:

@@ -7,8 +7,8 @@
 |---|---|
 | plan    | ``plan.png``: boxes, best poses and a held grasp of four objects |
 | sweep   | ``sweep_kettle_FIT.png``: boxes for each pair of the planner's thresholds |
-| trials  | ``kindness.png``, ``stages.png``: a firm and a failed grasp |
-| episode | ``episode.png``: an episode of ``graspbox/Grasp-v0`` that the scripted expert solves |
+| trials  | ``kindness.png``, ``stages.png``: a firm and a failed grasp; ``trial.webp``: the firm one, moving |
+| episode | ``episode.png``, ``episode.webp``: an episode of ``graspbox/Grasp-v0`` that the scripted expert solves |
 | frames  | ``hand_frames.png``: frames of hands in formats of other programs |
 | grasp_image | ``grasp_image.png``: grasps that ``policies/depth`` finds in a noisy depth image of a kettle |
 | clearing | ``clearing.png``: a pile that ``policies/panda_clutter`` clears |
@@ -24,14 +24,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+
 from graspbox import Plan, Scene, object_sets, pictures, plan
-from graspbox.configs import TrialConfig
+from graspbox._common.programs import run_program
+from graspbox.configs import CameraConfig, PictureConfig, TrialConfig
+from graspbox.envs.expert import ExpertGrasp
+from graspbox.envs.expert import planned as planned_poses
 from graspbox.evaluation.planner_trials import try_set
+from graspbox.meshes.views import ViewPlan, views
 from graspbox.perception.crops import add_depth_noise
 from graspbox.policies.grasp_image import grasp_image
-from graspbox.programs import run_program
 from graspbox.study import comparison
-from graspbox.views import ViewPlan, views
 
 #: From easy to hard: nearly all of the best 20 poses succeed for the first, and few for the last.
 PLANNED = ("procedural:kettle:0", "ycb:006_mustard_bottle", "ycb:072-a_toy_airplane", "ycb:035_power_drill")
@@ -53,8 +57,8 @@ PLAYED, START = "ycb:025_mug", 1
 def planned(name: str) -> tuple[Scene, Plan]:
     """Settle an object and plan for its resting pose; keeps the best poses."""
     scene = Scene(object_sets.load(name)[0].load())
-    found = plan(scene.mesh, seed=0, world_from_object=scene.world_from_object)
-    return scene, found.best(POSES)
+    planned = plan(scene.mesh, seed=0, world_from_object=scene.world_from_object)
+    return scene, planned.best(POSES)
 
 
 def write_plan(out: Path) -> None:
@@ -76,6 +80,27 @@ def write_trials(out: Path) -> None:
     firm, failed = pictures.firm_and_failed(scene, best)
     pictures.save_kindness(out / "kindness.png", scene.name, failed, firm)
     pictures.save_stages(out / "stages.png", scene, [firm, failed])
+    pictures.save_trial(out / "trial.webp", scene, firm)
+
+
+def write_episode(out: Path) -> None:
+    """Show an episode, with the images of its cameras, and moving."""
+    pictures.save_episode(out / "episode.png", PLAYED, seed=START)
+    near = CameraConfig("viewer", eye=(-0.45, -0.75, 0.5), target=(0.015, -0.015, 0.19), fov=0.56, far=30.0)
+    picture = PictureConfig((300, 400), camera=near)
+    shown: dict[str, Any] = {"objects": PLAYED, "render_mode": "rgb_array", "picture": picture}
+    env: Any = gymnasium.make("graspbox/Grasp-v0", control_freq=20, max_episode_steps=200, **shown).unwrapped
+    observation, _ = env.reset(seed=START)
+    best = planned_poses(object_sets.load(PLAYED)[0].load(), observation, seed=START)
+    expert = ExpertGrasp(observation, best.poses[0], best.preshape[0], control_freq=20)
+    frames, done = [env.render()], False
+    while not done and not expert.finished:
+        observation, _, done, _, _ = env.step(expert.act(observation))
+        frames.append(env.render())
+    step = 1 / env.metadata["render_fps"]
+    captions = [f"{index * step:.1f} s" for index in range(len(frames))]
+    # Every third picture: the file stays small.
+    pictures.save_video(out / "episode.webp", frames[::3], captions[::3], seconds=3 * step)
 
 
 def write_grasp_image(out: Path) -> None:
@@ -85,8 +110,8 @@ def write_grasp_image(out: Path) -> None:
     settings: dict[str, Any] = {"plan": camera, "count": 1, "image_size": (360, 480), "images": "depth"}
     seen = views(scene.mesh, seed=0, world_from_object=scene.world_from_object, **settings)
     depth = 1e-3 * add_depth_noise(seen.depth, seen.intrinsics, 0)[0]
-    found = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], POLICY, seed=0)
-    pictures.save_grasp_image(out / "grasp_image.png", found)
+    image = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], POLICY, seed=0)
+    pictures.save_grasp_image(out / "grasp_image.png", image)
 
 
 def write_clearing(out: Path) -> None:
@@ -115,7 +140,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "plan": write_plan,
     "sweep": write_sweep,
     "trials": write_trials,
-    "episode": lambda out: pictures.save_episode(out / "episode.png", PLAYED, seed=START),
+    "episode": write_episode,
     "frames": lambda out: pictures.save_hand_frames(out / "hand_frames.png"),
     "grasp_image": write_grasp_image,
     "clearing": write_clearing,

@@ -8,7 +8,7 @@ An interrupted run resumes; a complete one is only fitted. Begin a new one after
     python scripts/fit_ranking.py --out out/ranking
 
 Put each printed number into the row of its name: for the ReFlex into the table ``TERMS`` of
-``env/plan/src/rank/score.rs``, whose weights hold for every hand that gives none; for another hand into
+``env/plan/src/rank/score.rs``, whose weights apply to every hand without its own; for another hand into
 ``[grasp.ranking]`` of its ``hand.toml``. To try another term, add a row with weight 0 to ``TERMS``, build, and fit.
 Needs the extra ``cli``.
 """
@@ -24,12 +24,12 @@ from rich.progress import track
 
 import graspbox
 from graspbox import Hand
+from graspbox._common.programs import run_program
+from graspbox._common.runs import Run
 from graspbox.cli.common import console, find_hand, print_table
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSpec
 from graspbox.planning import rank_weights
-from graspbox.programs import run_program
-from graspbox.training.runs import Run
 from ranking.regression import FOLDS, fit, held_out, judge
 
 

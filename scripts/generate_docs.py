@@ -1,13 +1,13 @@
-"""Write the generated parts of docstrings and pages: tables of environments and data sets, the command line.
+"""Write the generated parts of docstrings and pages: tables of environments, data sets and cards, the command line.
 
     python scripts/generate_docs.py            # rewrite outdated files
     python scripts/generate_docs.py --check    # list outdated files, and exit with 1
 
 A table is between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in the docstring of a module or in a page, where
-NAME is one of `TABLES`. The section Parameters of the constructors is generated completely. Everything comes from the
-core's tables (`graspbox.envs.spaces.tables`), from `graspbox.envs.settings`, from `graspbox.dataset.schema` and from
-the commands of `graspbox.cli`: a new observation, reward term, info entry, keyword or column is a row there. ``make
-fmt`` runs this program, ``make lint`` its check.
+NAME is one of `TABLES`. Everything comes from the core's tables (`graspbox.envs.spaces.tables`), from the signatures
+of the environments, from `graspbox.data.trials.schema`, from the cards of the published policies and from the
+commands of the package: a new observation, reward term,
+info entry, keyword or column is a row there. ``make fmt`` runs this program, ``make lint`` its check.
 """
 
 import argparse
@@ -15,21 +15,21 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from doc_tables import commands, environments, keywords
-from graspbox.dataset import schema
-from graspbox.programs import run_program
+from doc_tables import cards, commands, environments
+from graspbox._common.programs import run_program
+from graspbox.data.trials import schema
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "python/graspbox/envs"
 #: Pages with tables.
-PAGES = (ROOT / "docs/reference/data.md", ROOT / "docs/reference/cli.md")
+PAGES = tuple(ROOT / "docs" / name for name in ("reference/data.md", "reference/cli.md", "results/policies.md"))
 #: Every table that a marker can name.
 TABLES = {
     **environments.tables(),
-    "keywords of Grasp-v0": keywords.keyword_table,
     "trials of a data set": lambda: data_table(schema.TRIALS),
     "images of a data set": lambda: data_table(schema.IMAGES),
     "commands": commands.command_sections,
+    **cards.tables(),
 }
 
 
@@ -52,19 +52,15 @@ def with_tables(text: str) -> str:
 
 def generated(path: Path) -> str:
     """Return the up-to-date text of a file."""
-    text = with_tables(path.read_text())
-    for constructor in keywords.CONSTRUCTORS:
-        if constructor.file == path.name:
-            text = keywords.with_parameters(text, constructor)
-    return text
+    return with_tables(path.read_text())
 
 
 def outdated(write: bool = False) -> list[Path]:
     """Find the files with outdated tables; with `write`, rewrite them."""
-    found = {path: generated(path) for path in (*sorted(FOLDER.glob("*.py")), *PAGES)}
-    changed = [path for path, text in found.items() if text != path.read_text()]
+    texts = {path: generated(path) for path in (*sorted(FOLDER.rglob("*.py")), *PAGES)}
+    changed = [path for path, text in texts.items() if text != path.read_text()]
     for path in changed if write else ():
-        path.write_text(found[path])
+        path.write_text(texts[path])
     return changed
 
 
@@ -73,10 +69,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 if a file is out of date")
     check = parser.parse_args().check
-    found = outdated(write=not check)
-    for path in found:
+    texts = outdated(write=not check)
+    for path in texts:
         print(f"{path.relative_to(ROOT)} {'is out of date: run make fmt' if check else 'rewritten'}")
-    raise SystemExit(1 if check and found else 0)
+    raise SystemExit(1 if check and texts else 0)
 
 
 if __name__ == "__main__":

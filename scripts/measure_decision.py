@@ -10,7 +10,6 @@ milliseconds; processor time changes little if other programs compete for the co
 """
 
 import argparse
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -21,16 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import load_hand, object_sets
-from graspbox.artifacts.folders import read_depth_policy
-from graspbox.artifacts.runtimes import Backend
-from graspbox.errors import GraspboxError
-from graspbox.models.scenes import SceneConfig, SceneSampler
-from graspbox.perception import DepthView, FoundGrasp, GraspFinder, PoseNoise, add_depth_noise
+from graspbox._common.programs import run_program
+from graspbox.learn.models.scenes import SceneConfig, SceneSampler
+from graspbox.meshes.views import ViewPlan, views
+from graspbox.perception import DepthView, FoundGrasp, GraspFinder, PoseNoise, Query, add_depth_noise
 from graspbox.policies import DepthGrasp
 from graspbox.policies.base import Task
 from graspbox.policies.depth import load_finder
-from graspbox.programs import run_program
-from graspbox.views import ViewPlan, views
+from graspbox.policies.published.folders import read_depth_policy
+from graspbox.policies.published.runtimes import Backend
 
 #: Label of the target in segmentations.
 TARGET = 2
@@ -39,11 +37,10 @@ Image = tuple[DepthView, NDArray[np.bool_] | None]
 STEPS = ("crop", "complete", "propose", "score", "refine", "average", "rehearse")
 
 
-def finder_of(folder: Path, backend: Backend, num_threads: int | None, error: PoseNoise | None) -> GraspFinder:
-    """Load the policy's finder with one backend, tolerating hand errors if an error is given."""
+def finder_of(folder: Path, backend: Backend, num_threads: int | None) -> GraspFinder:
+    """Load the policy's finder with one backend."""
     config = read_depth_policy(folder)
-    found = load_finder(folder, config, load_hand(config.hand), backend=backend, num_threads=num_threads)
-    return found if error is None else found.tolerating(error)
+    return load_finder(folder, config, load_hand(config.hand), backend=backend, num_threads=num_threads)
 
 
 def single_objects(args: argparse.Namespace) -> Iterator[Image]:
@@ -52,7 +49,7 @@ def single_objects(args: argparse.Namespace) -> Iterator[Image]:
     sampler = SceneSampler(object_sets.load(args.objects), scenes, 0)
     plan = ViewPlan("random", axis=(0.0, 0.0, 1.0), cap=1.1, distance=scenes.distance)
     for number in range(args.decisions):
-        _, mesh, pose = sampler.rest(np.random.default_rng(number))
+        _, mesh, pose = sampler.sample_object(np.random.default_rng(number))
         seen = views(mesh, plan=plan, seed=number, count=1, image_size=128, images="depth", world_from_object=pose)
         depth = add_depth_noise(seen.depth, seen.intrinsics, number)[0]
         yield DepthView(depth, seen.intrinsics, seen.world_from_camera[0]), None
@@ -77,7 +74,7 @@ def scenes(args: argparse.Namespace) -> Iterator[Image]:
             yield policy.observer.look(observation, number), target
 
 
-def measure() -> None:
+def main() -> None:
     """Time decisions and print the medians."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("policy", type=Path, help="folder of the policy")
@@ -95,9 +92,7 @@ def measure() -> None:
         import torch
 
         torch.set_num_threads(args.threads)
-    finders = {backend: finder_of(args.policy, backend, args.threads, error) for backend in args.backends}
-    if args.rehearse is not None:
-        finders = {backend: finder.rehearsing(args.rehearse) for backend, finder in finders.items()}
+    finders = {backend: finder_of(args.policy, backend, args.threads) for backend in args.backends}
     wall: dict[str, dict[str, list[float]]] = {backend: defaultdict(list) for backend in finders}
     processor: dict[str, list[float]] = defaultdict(list)
     same = 0
@@ -106,7 +101,7 @@ def measure() -> None:
         found: dict[str, FoundGrasp | None] = {}
         for backend, finder in finders.items():
             began, cpu = time.perf_counter(), time.process_time()
-            found[backend] = finder.find(view, seed=number, target=target)
+            found[backend] = finder.find(view, Query(number, target, hand_error=error, rehearsed=args.rehearse))
             wall[backend]["all"].append(time.perf_counter() - began)
             processor[backend].append(time.process_time() - cpu)
             for step, seconds in (one.seconds if (one := found[backend]) else {}).items():
@@ -121,16 +116,6 @@ def measure() -> None:
         numbers.append(np.median(processor[backend]))
         print(f"{backend:<9}" + "".join(f"{1e3 * number:10.1f}" for number in numbers))
     print(f"{same} of {args.decisions} decisions are the same with all backends")
-
-
-def main() -> int:
-    """Run as a script; returns the exit status."""
-    try:
-        measure()
-    except (GraspboxError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import gymnasium as gym
 import numpy as np
 
 import graspbox  # noqa: F401 (registers the environments)
-from graspbox.programs import run_program
+from graspbox._common.programs import run_program
 
 
 def measure(args: argparse.Namespace, prepare: bool) -> dict[str, float]:

@@ -1,4 +1,4 @@
-r"""Measure how well grasps succeed whose open hand touches neighbours on its approach.
+r"""Measure the success of grasps whose open hand touches neighbours on its approach.
 
     python scripts/measure_touches.py --hand panda_gripper --layout packed --scenes 50 --seed 1000
 
@@ -9,7 +9,6 @@ pushes that are mostly sideways by ``touch``.
 """
 
 import argparse
-import sys
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -18,12 +17,12 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox import object_sets
-from graspbox.errors import GraspboxError
+from graspbox._common.programs import run_program
+from graspbox.errors import ConfigError
 from graspbox.hands import load_hand
-from graspbox.layouts import draw_objects, objects_that_fit
-from graspbox.programs import run_program
+from graspbox.simulation.layouts import draw_objects, objects_that_fit
 
-#: Bounds of depths that are put together, metres.
+#: Bounds of the bins of depths, metres.
 DEPTHS = (0.0, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02, 0.5)
 #: Greatest share of a touch that presses, for a push that is mostly sideways.
 SIDEWAYS = 0.3
@@ -84,8 +83,8 @@ def report(rows: Rows) -> None:
     table("touch, of those that push sideways", touch[sideways], success[sideways])
 
 
-def main() -> int:
-    """Run as a script; returns the exit status."""
+def main() -> None:
+    """Run as a script."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hand", default="panda_gripper")
     parser.add_argument("--objects", nargs="+", default=["procedural:seen:0-19"])
@@ -94,20 +93,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--least-score", type=float, default=6.0, help="others often fail without a touch, too")
     args = parser.parse_args()
-    try:
-        rows = np.concatenate([np.zeros((0, 4)), *trials(args)])
-    except (GraspboxError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    rows = np.concatenate([np.zeros((0, 4)), *trials(args)])
     rows = rows[rows[:, 0] > args.least_score]
     if not len(rows):
-        print(
-            f"error: no grasp has a score above {args.least_score:g}; give more scenes or another --least-score",
-            file=sys.stderr,
+        raise ConfigError(
+            f"no grasp has a score above {args.least_score:g}; pass more --scenes or another --least-score"
         )
-        return 2
     report(rows)
-    return 0
 
 
 if __name__ == "__main__":

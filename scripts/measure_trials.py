@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import graspbox
-from graspbox.programs import run_program
+from graspbox._common.programs import run_program
 
 #: An object with flat faces, and others with round ones, thin ones and holes.
 OBJECTS = ("procedural:box:4", "procedural:can:2", "procedural:ball:2", "procedural:banana:1", "procedural:mug:3")
@@ -51,7 +51,8 @@ def main() -> None:
         total += each
         print(f"{name:22}{each:8.3f} ms a trial")
     print(f"{'mean':22}{total / len(OBJECTS):8.3f} ms a trial")
-    envs = gym.make_vec("graspbox/Grasp-v0", num_envs=ENVS, objects="procedural:mug:0-9", hand=args.hand, num_threads=1)
+    settings = {"objects": "procedural:mug:0-9", "hand": args.hand, "num_threads": 1, "control_freq": 20}
+    envs = gym.make_vec("graspbox/Grasp-v0", num_envs=ENVS, **settings)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, *(envs.action_space.shape or ()))).astype(np.float32)
 
     def step() -> None:

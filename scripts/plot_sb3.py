@@ -13,10 +13,10 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from graspbox._common.programs import run_program
+from graspbox._common.runs import Rows, read_settings
 from graspbox.errors import GraspboxError
 from graspbox.pictures.files import Figure, check_path, write
-from graspbox.programs import run_program
-from graspbox.training.runs import Rows, read_settings
 
 LINES = {"planner": "--", "random": ":", "zero": "-."}
 
@@ -27,7 +27,7 @@ def read(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, 
         settings = read_settings(folder)
     except GraspboxError as error:
         raise typer.BadParameter(str(error)) from None
-    rows = Rows(folder / "evaluations.jsonl").rows
+    rows = Rows(folder / "evaluations.jsonl")
     if not rows:
         raise typer.BadParameter(f"the run in {str(folder)!r} has not been evaluated yet")
     baselines = folder / "baselines.json"
@@ -49,7 +49,7 @@ def main(
 
 
 def success_figure(runs: list[tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]]) -> Figure:
-    """Plot runs as `read` gives them: success with its 95 % interval, and the baselines as horizontal lines."""
+    """Plot runs as `read` returns them: success with its 95 % interval, and the baselines as horizontal lines."""
     figure = Figure(figsize=(11, 4.4), dpi=120, layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     known: dict[str, float] = {}
@@ -60,7 +60,7 @@ def success_figure(runs: list[tuple[dict[str, Any], list[dict[str, Any]], dict[s
             label = f"{settings['algorithm']}, seed {settings['seed']} (band: Wilson's 95 % interval)"
             (line,) = panel.plot(places, success, marker=".", label=label)
             panel.fill_between(places, *intervals.T, color=line.get_color(), alpha=0.2, lw=0)
-        known |= {name: found["success"] for name, found in baselines.items()}
+        known |= {name: row["success"] for name, row in baselines.items()}
     for panel, title in zip(
         panels, ("steps of all environments", "minutes of training, evaluations included"), strict=True
     ):

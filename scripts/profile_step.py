@@ -21,8 +21,8 @@ import numpy as np
 
 import graspbox
 from graspbox import object_sets
+from graspbox._common.programs import run_program
 from graspbox.cli.common import print_table
-from graspbox.programs import run_program
 
 TRIAL_OBJECTS, TRIAL_POSES = ["ycb:025_mug", "ycb:013_apple"], 5
 STEP_OBJECTS = ["ycb:003_cracker_box", "ycb:005_tomato_soup_can", "ycb:006_mustard_bottle", "ycb:025_mug"]
@@ -34,10 +34,11 @@ STEP, WORLD = "Solver::step", "World::step"
 FIND, SEARCH = "Solver::find_contacts", "PersistentQueryDispatcher<M,C>>::contact_manifold_convex_convex"
 EVALUATE, DIFFERENTIATE = "Problem::evaluate", "Problem::differentiate"
 SOLVE = tuple(
-    f"Newton::{name}" for name in ("solve", "start", "reuse_factors", "newton", "convex_step", "solve_convex")
+    f"Newton::{name}"
+    for name in ("solve", "start", "reuse_factors", "newton", "convex_step", "solve_direction", "solve_convex")
 )
 EQUATIONS = ("Factors::solve", "Matrix::solve_definite", "Matrix::factor")
-RENDER, FUSE, AGENT = "Renderer::render_into", "occupancy::occupancy_into", "AgentEpisode::step"
+RENDER, FUSE, AGENT = "Renderer::render_into", "occupancy::occupancy_into", "EnvEpisode::step"
 #: The counted function of each workload, and its unit.
 COUNTED = {"trials": ("Episode::advance", "simulated second"), "random": ("env::Env::step", "env-step")}
 
@@ -57,6 +58,7 @@ def trials() -> float:
 def random() -> float:
     """Take random actions on one thread; returns the number of env-steps."""
     settings = {"objects": STEP_OBJECTS, "obs": "voxels", "num_threads": 1, "autoreset_mode": "SameStep"}
+    settings |= {"fingers": "each", "control_freq": 20}
     envs, source = gymnasium.make_vec("graspbox/Grasp-v0", ENVS, **settings), np.random.default_rng(0)
     envs.reset(seed=0)
     for _ in range(STEPS):
@@ -77,8 +79,8 @@ def count(name: str, out: Path) -> tuple[Callable[..., int], int, float]:
     text = subprocess.run(show, check=True, capture_output=True, text=True).stdout
     costs: list[tuple[str, int]] = []
     newton, caller = 0, ""
-    for cost, kind, found in (match.groups() for match in map(_COST.match, text.splitlines()) if match):
-        function, instructions = found.removeprefix("???:").split(" [")[0], int(cost.replace(",", ""))
+    for cost, kind, symbol in (match.groups() for match in map(_COST.match, text.splitlines()) if match):
+        function, instructions = symbol.removeprefix("???:").split(" [")[0], int(cost.replace(",", ""))
         if kind == "*":
             caller = function
             costs.append((function, instructions))

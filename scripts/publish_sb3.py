@@ -1,7 +1,8 @@
 """Publish a policy of Stable-Baselines3: a folder that ``graspbox evaluate`` runs without torch, with its scores.
 
     python scripts/publish_sb3.py out/clone --out policies/clone
-    python scripts/publish_sb3.py out/tuned --out policies/tuned --best --objects procedural:unseen:0-19 ycb/test
+    python scripts/publish_sb3.py out/tuned --out policies/tuned --best \
+        --objects procedural:unseen:0-19 --objects ycb/test
 
 Takes the folder of a run of ``graspbox train sb3`` or ``graspbox train clone``. The ONNX file includes all
 transformations of observations and actions; nothing is published unless it acts like the model on observations of the
@@ -16,19 +17,20 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-import tyro
+import typer
 import yaml
 
-from graspbox import sb3
+from graspbox import learn
+from graspbox._common.options import parse
+from graspbox._common.programs import run_program
 from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation import MAX_TRIALS
-from graspbox.programs import run_program
-from graspbox.recipes.cards import write_card
-from graspbox.recipes.network_cards import Score, measure, network_card, object_set
-from graspbox.sb3.histories import history, learned_from, settings_of, shown
-from graspbox.sb3.settings import PARAMETERS
+from graspbox.learn.recipes.cards.networks import ObjectSetScore, measure, object_set, write_network_card
+from graspbox.learn.sb3.histories import history, learned_from, settings_of, shown
+from graspbox.learn.sb3.settings import PARAMETERS
 
 LICENCE = Path(__file__).parents[1] / "LICENSE"
 
@@ -37,7 +39,7 @@ LICENCE = Path(__file__).parents[1] / "LICENSE"
 class Settings:
     """Arguments of one publication."""
 
-    run: tyro.conf.Positional[Path]
+    run: Annotated[Path, typer.Argument()]
     """Folder of the run."""
     out: Path
     """Folder of the policy; its name is the policy's."""
@@ -57,7 +59,7 @@ class Settings:
     """Print JSON, and nothing else, on standard output."""
 
 
-def publish(settings: Settings, command: str) -> list[Score]:
+def publish(settings: Settings, command: str) -> list[ObjectSetScore]:
     """Export, evaluate and describe a policy; returns its scores."""
     if not 1 <= settings.trials <= MAX_TRIALS:
         raise ConfigError(f"--trials is {settings.trials}; give 1 to {MAX_TRIALS}")
@@ -67,15 +69,15 @@ def publish(settings: Settings, command: str) -> list[Score]:
         raise ConfigError("--objects is empty; name one set or more")
     for name in settings.objects:
         object_set(name)
-    sb3.require()
+    learn.require("stable_baselines3")
     import torch
 
-    from graspbox.sb3.export import export_policy
-    from graspbox.sb3.running import load_policy
+    from graspbox.learn.sb3.export import export_policy
+    from graspbox.learn.sb3.running import load_policy
 
     run = settings_of(settings.run)
     checkpoint = "best" if settings.best else "checkpoint"
-    made = history(settings.run, settings.parameters, checkpoint)
+    steps = history(settings.run, settings.parameters, checkpoint)
     torch.set_num_threads(1)
     config = export_policy(
         settings.out,
@@ -85,23 +87,28 @@ def publish(settings: Settings, command: str) -> list[Score]:
         env_id=run["id"],
         env=run["env"],
         policy_kwargs=run["model"].get("policy_kwargs", {}),
-        learned_from=learned_from(made, run["evaluate"] if settings.best else None),
+        learned_from=learned_from([step.objects for step in steps], run["evaluate"] if settings.best else None),
         licence=LICENCE,
     )
     with progress() as bar:
         task = bar.add_task(config.name, total=settings.trials * len(settings.objects))
-        told = {"progress": lambda done: bar.update(task, completed=done), "num_envs": settings.num_envs}
-        scores = measure(str(settings.out), settings.objects, settings.trials, settings.seed, **told)
+        scores = measure(
+            str(settings.out),
+            settings.objects,
+            settings.trials,
+            settings.seed,
+            progress=lambda done: bar.update(task, completed=done),
+            num_envs=settings.num_envs,
+        )
     rows = [score.row() for score in scores]
-    card = network_card(settings.out, config, made, rows, seed=settings.seed, command=command)
-    write_card(settings.out, config, card)
+    write_network_card(settings.out, config, steps, rows, seed=settings.seed, command=command)
     return scores
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse the arguments and publish; returns the exit status."""
     line = sys.argv[1:] if arguments is None else arguments
-    settings = tyro.cli(Settings, args=line, description=__doc__)
+    settings = parse(Settings, line, text=__doc__)
     try:
         words = [shown(Path(word)) if Path(word).is_absolute() else word for word in line]
         scores = publish(settings, shlex.join(["python", "scripts/publish_sb3.py", *words]))

@@ -24,9 +24,9 @@ _RELATIVE = re.compile(r"(?P<picture>!?)(?P<text>\[[^\]]*\])\((?P<path>(?![a-z]+
 def absolute(text: str, url: str, ref: str) -> str:
     """Make the relative links and pictures of a page absolute."""
 
-    def link(found: re.Match[str]) -> str:
-        kind = "raw" if found["picture"] else "blob"
-        return f"{found['picture']}{found['text']}({url}/{kind}/{ref}/{found['path']})"
+    def link(match: re.Match[str]) -> str:
+        kind = "raw" if match["picture"] else "blob"
+        return f"{match['picture']}{match['text']}({url}/{kind}/{ref}/{match['path']})"
 
     return _RELATIVE.sub(link, text)
 

@@ -11,7 +11,7 @@ proposes the candidates. Joints that should move alike are joined with ``+``::
         --vary index+middle+ring+pinky --vary thumb --vary rotation --turn
 
 Put what it prints into ``hand.toml``, then fit the planner's ranking again (``scripts/fit_ranking.py``). Without
-``--vary`` it measures the hand as it is. The hand keeps that preshape alone during the search. Needs the extra
+``--vary`` it measures the hand as it is. The hand has only that preshape during the search. Needs the extra
 dev.
 """
 
@@ -33,12 +33,12 @@ from scipy.spatial.transform import Rotation
 
 import graspbox
 from graspbox import Hand, Mesh
+from graspbox._common.programs import run_program
 from graspbox.cli.common import console, find_hand, print_table
 from graspbox.errors import ConfigError, HandError
 from graspbox.perception import CropConfig, HandGrid, ProposalConfig
 from graspbox.perception.crops import solid_occupancy
 from graspbox.perception.hand_settings import seeing_both_sides, settings_of
-from graspbox.programs import run_program
 
 #: Standard deviations with which the search begins: positions of actuators (rad), the grasp centre (m), and the turn of
 #: the grasp frame about its y axis (rad).
@@ -86,12 +86,12 @@ class Text:
 
     def number(self, key: str) -> NDArray[np.float64]:
         """Read the value of a key of ``[grasp]``."""
-        found = re.search(rf"(?m)^{re.escape(key)} = {{ value = {_NUMBER}", self.toml)
-        if found is None:
+        match = re.search(rf"(?m)^{re.escape(key)} = {{ value = {_NUMBER}", self.toml)
+        if match is None:
             raise ConfigError(
                 f"hand.toml has no row '{key} = {{ value = ..., unit = ..., source = ... }}' here; add it"
             )
-        return np.atleast_1d(np.array(json.loads(found[1]), dtype=np.float64))
+        return np.atleast_1d(np.array(json.loads(match[1]), dtype=np.float64))
 
     def start(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the numbers as they are, and the standard deviations with which to begin."""
@@ -130,8 +130,8 @@ def _turned(rpy: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Subject:
-    """An object at rest, and its voxels."""
+class RestingObject:
+    """An object at rest and its voxels."""
 
     family: str
     mesh: Mesh
@@ -140,9 +140,9 @@ class Subject:
     occupancy: NDArray[np.uint8]
 
 
-def subjects(objects: str, hand: Hand) -> list[Subject]:
+def resting_objects(objects: str, hand: Hand) -> list[RestingObject]:
     """Let the objects of a set come to rest."""
-    found = []
+    resting = []
     for spec in graspbox.object_sets.load(objects, split="train"):
         mesh = spec.load()
         rest = graspbox.Scene(mesh, hand=hand).world_from_object
@@ -151,40 +151,40 @@ def subjects(objects: str, hand: Hand) -> list[Subject]:
         frame[:2, 3] = (points.min(axis=0)[:2] + points.max(axis=0)[:2]) / 2
         inside = (np.linalg.inv(frame) @ rest)[None]
         solid = solid_occupancy([mesh], [0], inside, config=CropConfig(), num_threads=1)[0]
-        found.append(Subject(spec.name.rsplit("-", 1)[0], mesh, rest, frame, solid))
-    return found
+        resting.append(RestingObject(spec.name.rsplit("-", 1)[0], mesh, rest, frame, solid))
+    return resting
 
 
-def shares(hand: Hand, tried: Sequence[Subject]) -> dict[str, Shares]:
+def shares(hand: Hand, tried: Sequence[RestingObject]) -> dict[str, Shares]:
     """Return the shares of proposals that hold, and that hold firmly, by family."""
     fitted = settings_of(hand, ProposalConfig(seeds=24, points=600))
     grid = HandGrid(hand, fitted.grid, num_threads=1)
     config = replace(seeing_both_sides(fitted.proposals, hand), most=_TRIED)
     rows: dict[str, list[tuple[float, float]]] = {}
-    for subject in tried:
-        found = grid.propose(subject.occupancy, config)
+    for item in tried:
+        proposed = grid.propose(item.occupancy, config)
         row = (0.0, 0.0)
-        if len(found):
-            scene = graspbox.Scene(subject.mesh, hand=hand, world_from_object=subject.world_from_object)
-            poses = np.linalg.inv(scene.world_from_object) @ subject.world_from_crop @ found.poses
-            out = scene.simulate(poses, found.preshape, num_threads=1)
-            enough = min(1.0, 2.0 * len(found) / _TRIED)
+        if len(proposed):
+            scene = graspbox.Scene(item.mesh, hand=hand, world_from_object=item.world_from_object)
+            poses = np.linalg.inv(scene.world_from_object) @ item.world_from_crop @ proposed.poses
+            out = scene.simulate(poses, proposed.preshape, num_threads=1)
+            enough = min(1.0, 2.0 * len(proposed) / _TRIED)
             row = (float(out.success.mean()) * enough, float(out.secure.mean()) * enough)
-        rows.setdefault(subject.family, []).append(row)
+        rows.setdefault(item.family, []).append(row)
     means = {family: np.mean(own, axis=0) for family, own in rows.items()}
     return {family: (float(held), float(firm)) for family, (held, firm) in means.items()}
 
 
-def value(found: dict[str, Shares]) -> float:
-    """Mean over families of the roots of both shares, of firm holds half: what is rare counts more."""
-    return float(np.mean([np.sqrt(held) + 0.5 * np.sqrt(firm) for held, firm in found.values()]))
+def value(table: dict[str, Shares]) -> float:
+    """Return the mean over families of the root of the share of holds and half the root of that of firm ones."""
+    return float(np.mean([np.sqrt(held) + 0.5 * np.sqrt(firm) for held, firm in table.values()]))
 
 
-_worker: list[Subject] = []
+_worker: list[RestingObject] = []
 
 
 def _prepare(objects: str, hand: Hand) -> None:
-    _worker.extend(subjects(objects, hand))
+    _worker.extend(resting_objects(objects, hand))
 
 
 def _judge(text: Text, values: NDArray[np.float64]) -> tuple[float, dict[str, Shares]]:
@@ -192,14 +192,14 @@ def _judge(text: Text, values: NDArray[np.float64]) -> tuple[float, dict[str, Sh
         hand = text.hand(values)
     except HandError:  # positions beyond limits
         return -1.0, {}
-    found = shares(hand, _worker)
-    return value(found), found
+    table = shares(hand, _worker)
+    return value(table), table
 
 
 def search(
     pool: ProcessPoolExecutor, text: Text, minutes: float, seed: int
 ) -> tuple[NDArray[np.float64], dict[str, Shares]]:
-    """Search until the time is up; returns the best numbers, and what they hold."""
+    """Search until the time limit; returns the best numbers and their shares by family."""
     start, deviations = text.start()
     ((highest, table),) = pool.map(partial(_judge, text), [start])
     best, tried, end = start, 1, time.monotonic() + 60 * minutes
@@ -210,13 +210,13 @@ def search(
     while time.monotonic() < end:
         asked = [optimizer.ask() for _ in range(optimizer.population_size)]
         candidates = [start + deviations * point for point in asked]
-        found = list(pool.map(partial(_judge, text), candidates))
-        optimizer.tell([(point, -score) for point, (score, _) in zip(asked, found, strict=True)])
+        results = list(pool.map(partial(_judge, text), candidates))
+        optimizer.tell([(point, -score) for point, (score, _) in zip(asked, results, strict=True)])
         tried += len(asked)
-        first = int(np.argmax([score for score, _ in found]))
-        if found[first][0] > highest:
-            best, (highest, table) = candidates[first], found[first]
-        console.print(f"{tried} postures, best {highest:.3f}, this generation {found[first][0]:.3f}")
+        first = int(np.argmax([score for score, _ in results]))
+        if results[first][0] > highest:
+            best, (highest, table) = candidates[first], results[first]
+        console.print(f"{tried} postures, best {highest:.3f}, this generation {results[first][0]:.3f}")
     return best, table
 
 

@@ -21,21 +21,21 @@ _NAME = re.compile(r"(?<![`\w])`(?P<name>[A-Za-z_][\w.]*)`(?!`)")
 
 def fenced(text: str) -> str:
     """Put every doctest into a code block."""
-    return _DOCTEST.sub(lambda found: f"{found['indent']}```pycon\n{found[0]}\n{found['indent']}```", text)
+    return _DOCTEST.sub(lambda match: f"{match['indent']}```pycon\n{match[0]}\n{match['indent']}```", text)
 
 
 def titled(text: str) -> str:
     """Turn sections outside numpy's style into headings."""
-    return _SECTION.sub(lambda found: found[0] if found["title"] in _KNOWN else f"## {found['title']}", text)
+    return _SECTION.sub(lambda match: match[0] if match["title"] in _KNOWN else f"## {match['title']}", text)
 
 
 def linked(text: str, place: griffe.Object) -> str:
     """Turn names in single backticks into links; those that `place` cannot resolve remain as they are."""
 
-    def link(found: re.Match[str]) -> str:
-        name = found["name"]
+    def link(match: re.Match[str]) -> str:
+        name = match["name"]
         target = name if name.startswith("graspbox.") else _resolved(name, place)
-        return f'<autoref identifier="{target}" optional><code>{name}</code></autoref>' if target else found[0]
+        return f'<autoref identifier="{target}" optional><code>{name}</code></autoref>' if target else match[0]
 
     # Code blocks stay as they are.
     parts = re.split(r"(^ *```.*?^ *```$)", text, flags=re.DOTALL | re.MULTILINE)

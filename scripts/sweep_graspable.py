@@ -4,7 +4,7 @@ Poses of an object are tried in ranking order, over plans with different seeds a
 object is left out after 2,000 different feasible poses without a success; the list gives the reason: too flat, too
 large, too heavy. An interrupted run resumes; begin a new one after a change of planner or physics.
 
-    python scripts/sweep_graspable.py --out out/graspable --list python/graspbox/data/ycb_graspable.txt
+    python scripts/sweep_graspable.py --out out/graspable --list python/graspbox/object_sets/ycb/ycb_graspable.txt
 
 The exit status is 1 if an object is left out for none of these reasons, or kept only because it has fewer than 2,000
 poses; inspect these. Needs the extras ``cli`` and ``ycb``.
@@ -23,11 +23,11 @@ from rich.progress import Progress
 
 import graspbox
 from graspbox._common.files import write_text
+from graspbox._common.programs import run_program
+from graspbox._common.runs import Run
 from graspbox.cli.common import console
 from graspbox.configs import PlanConfig, PoseConfig
 from graspbox.object_sets import ObjectSpec
-from graspbox.programs import run_program
-from graspbox.training.runs import Run
 
 #: Poses without a success after which an object counts as not graspable.
 ENOUGH = 2000
@@ -52,16 +52,16 @@ def reasons(scene: graspbox.Scene) -> list[str]:
     rest, mass = scene.world_from_object, scene.body.mass
     height = float(np.ptp((scene.mesh.vertices @ rest[:3, :3].T)[:, 2]))
     thickness = 2.0 * float(graspbox.decompose(scene.mesh, max_boxes=1)[0].half_extents.min())
-    found = {
+    possible = {
         f"too flat ({1e3 * height:.0f} mm)": height < FLAT,
         f"too large ({1e3 * thickness:.0f} mm)": thickness > LARGE,
         f"too heavy ({mass:.2f} kg)": mass > HEAVY,
     }
-    return [reason for reason, holds in found.items() if holds]
+    return [reason for reason, holds in possible.items() if holds]
 
 
 def untried(scene: graspbox.Scene) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Give the poses of an object in ranking order and their preshapes, plan by plan and no pose twice."""
+    """Yield the poses of an object in ranking order and their preshapes, plan by plan and no pose twice."""
     seen: set[bytes] = set()
     rest = scene.world_from_object
     for seed in range(MOST_PLANS):

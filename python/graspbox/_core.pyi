@@ -1,14 +1,16 @@
 """Interface of the Rust core. Public functions of the package wrap everything here.
 
-Arrays are float64 and C-contiguous unless they say otherwise; the ones returned are fresh. Configs are JSON.
+Arrays are float64 and C-contiguous unless they say otherwise; the ones returned are fresh. Configs are
+dictionaries of numbers, text, lists and dictionaries.
 """
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import Any, NotRequired, TypedDict, final, type_check_only
+from typing import Any, NotRequired, TypeAlias, TypedDict, final, type_check_only
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import disjoint_base
 
 __all__ = [
     "CLEAR_OF_TABLE",
@@ -16,30 +18,28 @@ __all__ = [
     "REST_TIME",
     "Client",
     "EnvPool",
+    "EnvironmentListener",
     "Hand",
-    "HandGrid",
+    "HandVolumes",
     "Job",
+    "Listener",
     "Mesh",
     "Objects",
     "PolicyClient",
     "PolicyJob",
-    "PolicyServer",
-    "Scene",
-    "Server",
+    "PolicyListener",
+    "SettledScene",
     "__version__",
-    "_config",
-    "_spin",
-    "_time_best_split",
-    "_time_images",
-    "_time_reset",
     "add_depth_noise",
-    "agent_tables",
     "arrange",
     "bin_walls",
     "camera_poses",
     "channel_names",
     "crops",
     "decompose",
+    "describe_urdf",
+    "env_tables",
+    "goal_rewards",
     "image_kinds",
     "image_tables",
     "is_rigid",
@@ -61,6 +61,8 @@ __all__ = [
     "views",
     "voxelize",
 ]
+
+_Config: TypeAlias = dict[str, Any]
 
 __version__: str
 #: Attempts to place objects in a packed scene.
@@ -153,18 +155,18 @@ class Mesh:
         faces: NDArray[np.uint32],
         name: str,
         mass: float | None,
-        cleaning: str | None,
+        cleaning: _Config | None,
         parts: Sequence[NDArray[np.float64]] | None,
     ) -> Mesh: ...
     def __getnewargs__(
         self,
-    ) -> tuple[
-        NDArray[np.float64], NDArray[np.uint32], str, float | None, str | None, list[NDArray[np.float64]] | None
-    ]: ...
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint32], str, float | None, None, list[NDArray[np.float64]] | None]: ...
     def __copy__(self) -> Mesh: ...
     def __deepcopy__(self, _memo: object, /) -> Mesh: ...
     @staticmethod
-    def load(path: str | PathLike[str], name: str, mass: float | None, options: str, cleaning: str | None) -> Mesh: ...
+    def load(
+        path: str | PathLike[str], name: str, mass: float | None, options: _Config, cleaning: _Config | None
+    ) -> Mesh: ...
     def scaled(self, scale: float, cache: str | PathLike[str] | None) -> Mesh:
         """Multiply every length by `scale`, at the same density."""
     @property
@@ -235,6 +237,9 @@ class Hand:
     def files(self) -> tuple[str, str]:
         """The text of its URDF and of its ``hand.toml``."""
     @property
+    def description(self) -> dict[str, Any]:
+        """All that the files say, as plain values: see `graspbox.hands.description.HandDescription`."""
+    @property
     def chains(self) -> list[str]:
         """Names of the chains of joints that leave the base (fingers, in most hands), each by its first link."""
     @property
@@ -281,9 +286,8 @@ class Hand:
         ``hand_from_shape`` (n, 4, 4), half extents (n, 3), which are pads (n,), and the row of `joint_frames` of the
         joint that carries each, -1 for the palm (n,).
         """
-    @property
-    def shape_kinds(self) -> list[str]:
-        """Kind of each of `shapes`: ``cuboid``, ``cylinder`` (about its z axis) or ``sphere``."""
+    def link_frames(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Frames of the links of `description` with the independent joints at `positions` (c,): (l, 4, 4), metres."""
     def joint_frames(
         self, positions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
@@ -294,17 +298,17 @@ class Hand:
         """
 
 @final
-class Scene:
+class SettledScene:
     """An object at rest on the table, held in Rust."""
 
     def __new__(
         cls,
         mesh: Mesh,
         hand: Hand,
-        physics: str,
+        physics: _Config,
         world_from_object: NDArray[np.float64] | None,
         cache: str | PathLike[str] | None,
-    ) -> Scene: ...
+    ) -> SettledScene: ...
     @staticmethod
     def of_objects(
         meshes: Sequence[Mesh],
@@ -312,9 +316,9 @@ class Scene:
         walls: Sequence[tuple[NDArray[np.float64], Sequence[float]]],
         target: int | None,
         hand: Hand,
-        physics: str,
+        physics: _Config,
         cache: str | PathLike[str] | None,
-    ) -> Scene: ...
+    ) -> SettledScene: ...
     @property
     def name(self) -> str: ...
     @property
@@ -342,7 +346,7 @@ class Scene:
         poses: NDArray[np.float64],
         preshape: NDArray[np.float64],
         factors: NDArray[np.float64],
-        config: str,
+        config: _Config,
         num_threads: int | None,
     ) -> OutcomeArrays:
         """Try every pose, with the object's friction and mass multiplied by `factors` (n, 2)."""
@@ -350,12 +354,12 @@ class Scene:
         self,
         poses: NDArray[np.float64],
         preshape: NDArray[np.float64],
-        config: str,
+        config: _Config,
         num_threads: int | None,
     ) -> ForceArrays:
         """Pull the object at every pose along and against each axis of the world, and lift it off the table."""
     def trace(
-        self, pose: NDArray[np.float64], preshape: float, factors: Sequence[float], config: str
+        self, pose: NDArray[np.float64], preshape: float, factors: Sequence[float], config: _Config
     ) -> tuple[OutcomeArrays, dict[str, NDArray[Any]]]:
         """Run a trial with factors on friction and mass; its samples are the fields of `graspbox.Trace` by name."""
 
@@ -364,7 +368,7 @@ class Objects:
     """Objects that environments share; each is prepared ahead or at its first use."""
 
     def __new__(
-        cls, sources: Sequence[Mesh | str], hand: Hand, physics: str, cache: str | PathLike[str] | None
+        cls, sources: Sequence[Mesh | _Config], hand: Hand, physics: _Config, cache: str | PathLike[str] | None
     ) -> Objects: ...
     @property
     def names(self) -> list[str]: ...
@@ -375,14 +379,14 @@ class Objects:
 class EnvPool:
     """Environments side by side, stepped in one call."""
 
-    def __new__(cls, objects: Objects, config: str, num_envs: int, num_threads: int | None) -> EnvPool: ...
+    def __new__(cls, objects: Objects, config: _Config, num_envs: int, num_threads: int | None) -> EnvPool: ...
     @property
     def num_envs(self) -> int: ...
     def reset(
         self,
         seeds: Sequence[int | None] | None = None,
         mask: NDArray[np.bool_] | None = None,
-        options: Sequence[str] | None = None,
+        options: Sequence[_Config] | None = None,
         out: dict[str, NDArray[np.float32]] | None = None,
     ) -> EnvArrays: ...
     def step(
@@ -396,27 +400,34 @@ class EnvPool:
     def poses(self) -> list[NDArray[np.float64]]: ...
     def scene(self, env: int) -> SceneArrays: ...
 
-@final
-class Server:
-    """Environments for clients on other machines."""
+@disjoint_base
+class Listener:
+    """A server that listens."""
 
-    def __new__(cls, settings: str, offer: str) -> Server: ...
     @property
     def address(self) -> tuple[str, int]: ...
     @property
     def busy(self) -> bool: ...
-    def next_job(self, seconds: float) -> Job | None: ...
     def metrics(self) -> str: ...
     def drain(self) -> None: ...
     def stop(self) -> None: ...
+
+@final
+class EnvironmentListener(Listener):
+    """Environments for clients on other machines."""
+
+    def __new__(cls, settings: _Config, offer: _Config) -> EnvironmentListener: ...
+    def next_job(self, seconds: float) -> Job | None: ...
 
 @final
 class Job:
     """A request for environments."""
 
     @property
-    def request(self) -> str: ...
-    def accept(self, pool: EnvPool, weights: Sequence[float], picture: str | None, description: str) -> None: ...
+    def request(self) -> dict[str, Any]: ...
+    def accept(
+        self, pool: EnvPool, weights: Sequence[float], picture: _Config | None, description: _Config
+    ) -> None: ...
     def refuse(self, kind: str, field: str, message: str) -> None: ...
 
 @final
@@ -427,27 +438,20 @@ class Client:
     @property
     def hello(self) -> dict[str, Any]: ...
     def submit(self, command: str, fields: dict[str, Any]) -> int: ...
-    def wait(self, id: int) -> dict[str, Any]: ...
     def poll(self, id: int) -> dict[str, Any] | None: ...
+    def lost(self) -> float | None: ...
     def open_segment(self, name: str) -> None: ...
     def forget(self, id: int) -> None: ...
     def _break_off(self) -> None: ...
 
 @final
-class PolicyServer:
+class PolicyListener(Listener):
     """A policy for clients on other machines."""
 
-    def __new__(cls, settings: str, metadata: str) -> PolicyServer: ...
-    @property
-    def address(self) -> tuple[str, int]: ...
+    def __new__(cls, settings: _Config, metadata: _Config) -> PolicyListener: ...
     def next_jobs(self, most: int, seconds: float) -> list[PolicyJob]: ...
     def gone(self) -> list[int]: ...
     def decided(self, seconds: float) -> None: ...
-    def metrics(self) -> str: ...
-    def drain(self) -> None: ...
-    @property
-    def busy(self) -> bool: ...
-    def stop(self) -> None: ...
 
 @final
 class PolicyJob:
@@ -475,13 +479,16 @@ class PolicyClient:
     def send(self, observation: dict[str, Any]) -> None: ...
     def receive(self) -> Any: ...
 
-def agent_tables(hand: Hand) -> str: ...
+def env_tables(hand: Hand) -> Any: ...
+def goal_rewards(
+    achieved: NDArray[np.float32], desired: NDArray[np.float32], threshold: float
+) -> NDArray[np.float32]: ...
 def sampled_objects(seeds: Sequence[int], count: int) -> list[int]: ...
-def decompose(mesh: Mesh, params: str) -> BoxArrays: ...
+def decompose(mesh: Mesh, params: _Config) -> BoxArrays: ...
 def plan(
     mesh: Mesh,
     hand: Hand,
-    params: str,
+    params: _Config,
     world_from_object: NDArray[np.float64] | None,
     cache: str | PathLike[str] | None,
     num_threads: int | None,
@@ -489,6 +496,12 @@ def plan(
     neighbours: Sequence[tuple[Mesh, NDArray[np.float64]]],
     walls: Sequence[tuple[NDArray[np.float64], Sequence[float]]],
 ) -> PlanArrays: ...
+def describe_urdf(urdf: str, name: str, *, anyway: bool = False) -> list[dict[str, Any]] | None:
+    """Links and joints of the text of a URDF, as in `Hand.description`; errors call the file `name`.
+
+    With `anyway`, also where numbers are wrong, such as millimetres; None where there is no tree of links.
+    """
+
 def is_rigid(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which of `poses` (n, 4, 4) the core takes for rigid motions: flags (n,)."""
 
@@ -502,11 +515,7 @@ def load_binvox(path: str | PathLike[str]) -> tuple[NDArray[np.bool_], NDArray[n
 def save_binvox(
     path: str | PathLike[str], occupancy: NDArray[np.bool_], origin: NDArray[np.float64], voxel_size: float
 ) -> None: ...
-def _time_best_split(mesh: Mesh, points: int, repeats: int, seed: int) -> NDArray[np.float64]: ...
-def _time_reset(scene: Scene, repeats: int) -> NDArray[np.float64]: ...
 def num_threads(requested: int | None = None) -> int: ...
-def _config(name: str, text: str) -> str: ...
-def _spin(seconds: float, *, num_threads: int | None = None, deaf: bool = False, fail: bool = False) -> int: ...
 
 @type_check_only
 class ViewArrays(TypedDict):
@@ -525,7 +534,7 @@ def render(
     hand: tuple[Hand, NDArray[np.float64], NDArray[np.float64]] | None,
     intrinsics: NDArray[np.float64],
     world_from_camera: NDArray[np.float64],
-    config: str,
+    config: _Config,
     num_threads: int | None,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Render meshes and a hand: picture (H, W, 3), depth (H, W) in metres along the optical axis, 0 where nothing is.
@@ -535,12 +544,13 @@ def render(
     """
 
 def image_kinds() -> list[str]: ...
-def image_tables(hand: Hand, cameras: str, objects: int = 1) -> str: ...
-def pictures(pool: EnvPool, envs: Sequence[int], picture: str) -> NDArray[np.uint8]: ...
+def image_tables(hand: Hand, cameras: _Config, objects: int = 1) -> Any: ...
+def pictures(pool: EnvPool, envs: Sequence[int], picture: _Config) -> NDArray[np.uint8]: ...
 def poses_of_cameras(pool: EnvPool) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]: ...
 def views(
     mesh: Mesh,
-    config: str,
+    viewpoints: _Config,
+    config: _Config,
     world_from_object: NDArray[np.float64] | None,
     target: NDArray[np.float64] | None,
     num_threads: int | None,
@@ -568,8 +578,8 @@ def arrange(
     most: int | None,
     spread: float,
     hand: Hand,
-    layout: str,
-    physics: str,
+    layout: _Config,
+    physics: _Config,
     seed: int,
     cache: str | PathLike[str] | None,
 ) -> ArrangementArrays:
@@ -590,7 +600,7 @@ def render_scenes(
     world_from_objects: NDArray[np.float64],
     walls: Sequence[Sequence[tuple[NDArray[np.float64], Sequence[float]]]],
     world_from_camera: NDArray[np.float64],
-    config: str,
+    config: _Config,
     num_threads: int | None,
 ) -> SceneImageArrays:
     """Render n images, each of the meshes with the indices `meshes_of`, and of walls.
@@ -598,7 +608,7 @@ def render_scenes(
     `world_from_objects` (m, 4, 4) are the poses of all of them, one image after the other.
     """
 
-def camera_poses(plan: str, target: Sequence[float], count: int, seed: int) -> NDArray[np.float64]:
+def camera_poses(plan: _Config, target: Sequence[float], count: int, seed: int) -> NDArray[np.float64]:
     """Where the cameras of a plan stand around `target` (3,): ``world_from_camera`` (count, 4, 4)."""
 
 def occupancies(
@@ -624,7 +634,6 @@ def occupancy(
     far: float,
     nothing_is_free: bool,
 ) -> NDArray[np.uint8]: ...
-def _time_images(pool: EnvPool, env: int, cameras: str, repeats: int) -> NDArray[np.float64]: ...
 
 @type_check_only
 class CropArrays(TypedDict):
@@ -646,7 +655,7 @@ def add_depth_noise(
     depth: NDArray[np.float32],
     intrinsics: NDArray[np.float64],
     seeds: Sequence[int],
-    noise: str,
+    noise: _Config,
     num_threads: int | None,
 ) -> NDArray[np.uint16]: ...
 def crops(
@@ -654,22 +663,22 @@ def crops(
     intrinsics: NDArray[np.float64],
     world_from_camera: NDArray[np.float64],
     labels: NDArray[np.bool_] | None,
-    crop: str,
+    crop: _Config,
     num_threads: int | None,
 ) -> CropArrays: ...
 def solids(
     meshes: Sequence[Mesh],
     mesh_of: Sequence[int],
     crop_from_object: NDArray[np.float64],
-    crop: str,
+    crop: _Config,
     num_threads: int | None,
 ) -> NDArray[np.uint8]: ...
 
 @final
-class HandGrid:
+class HandVolumes:
     """A hand, prepared for perception."""
 
-    def __new__(cls, hand: Hand, config: str) -> HandGrid: ...
+    def __new__(cls, hand: Hand, config: _Config) -> HandVolumes: ...
     @property
     def shape(self) -> list[int]: ...
     @property
@@ -684,8 +693,8 @@ class HandGrid:
     def propose(
         self,
         occupancy: NDArray[np.uint8],
-        crop: str,
-        config: str,
+        crop: _Config,
+        config: _Config,
         whole: NDArray[np.uint8] | None,
         obstacles: NDArray[np.float64],
         num_threads: int | None,
@@ -693,7 +702,7 @@ class HandGrid:
     def meets(
         self,
         occupancy: NDArray[np.uint8],
-        crop: str,
+        crop: _Config,
         points: int,
         obstacles: NDArray[np.float64],
         poses: NDArray[np.float64],
@@ -703,7 +712,7 @@ class HandGrid:
     def levers(
         self,
         occupancy: NDArray[np.uint8],
-        crop: str,
+        crop: _Config,
         poses: NDArray[np.float64],
         preshape: NDArray[np.float64],
         num_threads: int | None,
@@ -711,7 +720,7 @@ class HandGrid:
     def crops(
         self,
         channels: NDArray[np.uint8],
-        crop: str,
+        crop: _Config,
         crop_of: Sequence[int],
         poses: NDArray[np.float64],
         num_threads: int | None,

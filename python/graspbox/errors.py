@@ -9,7 +9,7 @@ class GraspboxError(Exception):
     object : str or None
         Name of the object that cannot be used, where another object might; None for every other error.
     field : str
-        Name of the argument, keyword or entry of a request that is wrong, where one alone is known to be; else empty.
+        Name of the invalid argument, keyword or entry of a request; empty if unknown or if there are several.
     """
 
     object: str | None = None
@@ -20,11 +20,15 @@ class ConfigError(GraspboxError, ValueError):
     """An argument or a configuration value is invalid."""
 
 
+class UnknownKeywordError(ConfigError, TypeError):
+    """An environment has no such keyword; a ``TypeError`` too, as for every function of Python."""
+
+
 class FileError(GraspboxError, OSError):
     """A file or folder cannot be read or written; ``errno`` gives the reason, ``filename`` the path."""
 
     def __str__(self) -> str:
-        """Give the reason and the path, without the number that ``OSError`` begins with."""
+        """Return the reason and the path, without the number that ``OSError`` begins with."""
         if self.filename is None or self.strerror is None:
             return super().__str__()
         return f"{self.strerror}: {self.filename}"

@@ -8,8 +8,8 @@ import numpy as np
 
 from cloning.steps import INPUTS, Settings, Step
 from graspbox._common.files import write_text
+from graspbox._common.runs import Rows
 from graspbox.pictures.files import Figure, write
-from graspbox.training.runs import Rows
 
 COLORS = {"rl": "tab:blue", "tuned": "tab:orange", "dense": "tab:green"}
 #: The shares that are measured, with their intervals.
@@ -25,15 +25,15 @@ def results(folder: Path) -> dict[str, dict[str, Any]]:
 def plot(panel: Any, settings: Settings, input_name: str, name: str, interval: str) -> None:
     """Plot a share over the steps of training, with lines for the clone and the demonstrator."""
     for kind, color in COLORS.items():
-        if rows := Rows(settings.folder / f"{kind}-{input_name}/evaluations.jsonl").rows:
+        if rows := Rows(settings.folder / f"{kind}-{input_name}/evaluations.jsonl"):
             places = [row["timesteps"] for row in rows]
             panel.plot(places, [row[name] for row in rows], marker=".", label=kind, color=color)
             panel.fill_between(places, *np.array([row[interval] for row in rows]).T, color=color, alpha=0.15, lw=0)
-    for row in Rows(settings.folder / f"clone-{input_name}/evaluations.jsonl").rows[-1:]:
+    for row in Rows(settings.folder / f"clone-{input_name}/evaluations.jsonl")[-1:]:
         panel.axhline(row[name], ls="--", color="0.3", lw=1, label="clone")
     shown = Path(settings.demonstrator).name
-    if found := results(settings.folder).get(shown):
-        panel.axhline(found[name], ls=":", color="0.3", lw=1, label=f"{shown}, on test objects")
+    if row_of := results(settings.folder).get(shown):
+        panel.axhline(row_of[name], ls=":", color="0.3", lw=1, label=f"{shown}, on test objects")
     panel.set(ylim=(-0.03, 1.03), ylabel="share that succeeds" if name == "success" else "share secure")
     panel.grid(alpha=0.3)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
+import typer
 
 from graspbox.policies.goals import GOAL_NAME
 
@@ -14,16 +14,13 @@ UNSEEN = ("procedural:box:1000-1199", "procedural:can:1000-1199", "procedural:ba
 INPUTS = {"state": ("state",), "seeing": ("proprio", "tactile", "depth"), "goal": ("proprio", "tactile", "goal")}
 #: Seeds of the demonstrations, and of the trials of the comparison; training evaluates on others.
 SHOWN_SEED, TEST_SEED = 20_000, 90_000
-#: A randomly initialised policy has to explore, and may move fast.
-SCRATCH = ("demonstrations=0", "value_warmup=0", "model.policy_kwargs.log_std_init=-1.0",
-           "model.learning_rate=linear_3e-4", "model.value_lr_scale=1.0")  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Settings:
     """Arguments of a comparison."""
 
-    folder: tyro.conf.Positional[Path]
+    folder: Annotated[Path, typer.Argument()]
     """Folder of all results."""
     inputs: tuple[str, ...] = ("state", "seeing")
     """Observations of the policies: state, seeing, goal."""
@@ -55,7 +52,7 @@ class Settings:
     """Seed of the training."""
     dense: bool = False
     """Tune with the reward `dense` too."""
-    set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    set: tuple[str, ...] = ()
     """Replace a parameter of every run that learns from rewards; may be repeated."""
 
 
@@ -75,7 +72,7 @@ class Step:
 
 
 def repeated(option: str, values: tuple[str, ...]) -> list[str]:
-    """Give an option once for each value."""
+    """Repeat an option for each value."""
     return [word for value in values for word in (option, value)]
 
 
@@ -86,17 +83,17 @@ def steps_of(settings: Settings) -> list[Step]:
     observed = tuple(dict.fromkeys(name for input_name in settings.inputs for name in INPUTS[input_name]))
     words = ["graspbox", "record", settings.demonstrator, "--out", shown, "--split", "train"]
     words += [*repeated("--objects", settings.objects), *repeated("--obs", observed)]
-    words += repeated("--set", ("frame_skip=4", f"max_episode_steps={steps}", "reward=firm"))
+    words += repeated("--set", ("control_freq=5", f"max_episode_steps={steps}", "reward=firm"))
     words += ["--episodes", str(settings.shown), "--noise", str(settings.noise), "--seed", str(SHOWN_SEED), *kept]
-    found = [Step("demonstrations", tuple(words), folder / "shown.done.json")]
+    all_steps = [Step("demonstrations", tuple(words), folder / "shown.done.json")]
     script = Path(__file__).parents[1] / "evaluate_sb3.py"
     for input_name in settings.inputs:
         for name, words in runs_of(settings, input_name, shown, kept):
-            found.append(Step(name, tuple(words), folder / f"{name}.done.json"))
+            all_steps.append(Step(name, tuple(words), folder / f"{name}.done.json"))
             words = [str(script), str(folder / name), "--episodes", str(settings.episodes), "--json", "--seed"]
             words += [str(TEST_SEED), *repeated("--objects", settings.unseen)]
-            found.append(Step(f"test of {name}", tuple(words), folder / f"{name}.test.json", output=True))
-    return found
+            all_steps.append(Step(f"test of {name}", tuple(words), folder / f"{name}.test.json", output=True))
+    return all_steps
 
 
 def runs_of(settings: Settings, input_name: str, shown: str, kept: tuple[str, ...]) -> list[tuple[str, list[str]]]:
@@ -105,7 +102,7 @@ def runs_of(settings: Settings, input_name: str, shown: str, kept: tuple[str, ..
     watched = ("--episodes", str(settings.watched))
     words = ["graspbox", "train", "clone", "ppo", shown, "--out", str(folder / clone), "--seed", str(settings.seed)]
     words += ["--epochs", str(settings.epochs), "--shown", str(settings.shown), *watched, *kept]
-    found = [(clone, words + repeated("--obs", names))]
+    runs = [(clone, words + repeated("--obs", names))]
     env = [f"env.obs={names[0] if len(names) == 1 else '[' + ', '.join(names) + ']'}"]
     if settings.objects != OBJECTS:
         env.append(f"env.objects=[{', '.join(f'{name!r}' for name in settings.objects)}]")
@@ -117,7 +114,7 @@ def runs_of(settings: Settings, input_name: str, shown: str, kept: tuple[str, ..
         more = () if kind == "rl" else ("--clone", str(folder / clone))
         words = ["graspbox", "train", "sb3", "ppo", "--out", str(folder / f"{kind}-{input_name}"), *more]
         words += ["--steps", str(settings.steps), "--evaluations", str(settings.evaluations), *watched]
-        changes = (f"env.reward={'dense' if kind == 'dense' else 'firm'}", *env, *(SCRATCH if kind == "rl" else ()))
+        changes = (f"env.reward={'dense' if kind == 'dense' else 'firm'}", *env)
         words += ["--seed", str(settings.seed), *repeated("--set", (*changes, *settings.set))]
-        found.append((f"{kind}-{input_name}", words))
-    return found
+        runs.append((f"{kind}-{input_name}", words))
+    return runs

@@ -1,21 +1,22 @@
-"""The page of the command line, from the commands of `graspbox.cli`."""
+"""The page of the command line, from the commands of the package."""
 
 import inspect
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import typer
 from typer.models import ArgumentInfo
 
 from doc_tables.environments import markdown
-from graspbox import cli
+from graspbox._common.entry_points import entry_points_of
+from graspbox.cli import COMMANDS, typer_app
 
 
 def option_values(kind: Any, info: Any) -> str:
     """Describe the values of an argument or option: empty for a flag, else their type, bounds or meaning."""
     options = [part for part in get_args(kind) if part is not NoneType]
-    if isinstance(kind, UnionType):  # an option without a default
+    if get_origin(kind) in (Union, UnionType):  # an option without a default
         return option_values(options[0], info)
     if get_origin(kind) is list:
         return f"{option_values(options[0], info)}; repeatable"
@@ -57,16 +58,19 @@ def options_table(command: Any) -> str:
 
 def command_sections() -> str:
     """Write a section for each command, with its arguments and options, or with its own commands and their sections."""
-    found = []
-    for name, command in typer.main.get_command(cli.typer_app).commands.items():  # type: ignore[attr-defined]
+    pages = []
+    for name, point in sorted(entry_points_of(COMMANDS).items()):
+        if point.dist is None or point.dist.name != "graspbox":
+            continue
+        command: Any = typer.main.get_command(typer_app(name)).commands[name]  # type: ignore[attr-defined]
         below = {} if name == "train" else getattr(command, "commands", {})
         if inner := getattr(command, "commands", None):
             first = {one: inspect.cleandoc(inner[one].help or "").partition("\n\n")[0] for one in inner}
             table = markdown("command meaning", [(f"`{one}`", " ".join(first[one].split())) for one in inner])
         else:
             table = options_table(command)
-        found.append(f"## graspbox {name}\n\n{inspect.cleandoc(command.help or '')}\n\n{table}")
+        pages.append(f"## graspbox {name}\n\n{inspect.cleandoc(command.help or '')}\n\n{table}")
         for one, each in below.items():
             text = inspect.cleandoc(each.help or "")
-            found.append(f"### graspbox {name} {one}\n\n{text}\n\n{options_table(each)}")
-    return "\n\n".join(found)
+            pages.append(f"### graspbox {name} {one}\n\n{text}\n\n{options_table(each)}")
+    return "\n\n".join(pages)

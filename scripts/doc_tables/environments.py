@@ -7,8 +7,11 @@ from functools import partial
 import graspbox
 from graspbox.configs import CamerasConfig
 from graspbox.envs import spaces
+from graspbox.envs.settings import GraspConfig
 
-FOUND = spaces.tables(graspbox.load_hand())
+TABLES = spaces.tables(graspbox.load_hand())
+#: Those of the tables of vectors, in which the last action is as long as an action.
+DEFAULT_FINGERS = GraspConfig.fingers
 
 
 def markdown(titles: str, rows: Iterable[Sequence[str]]) -> str:
@@ -24,8 +27,8 @@ def number(value: float) -> str:
     return known.get(round(value, 6), f"{value:g}")
 
 
-def placed(columns: Sequence[spaces.Column]) -> Iterator[tuple[str, spaces.Column]]:
-    """Give the columns of a vector with their indices."""
+def placed(columns: Sequence[spaces.ArrayColumn]) -> Iterator[tuple[str, spaces.ArrayColumn]]:
+    """Return the columns of a vector with their indices."""
     first = 0
     for column in columns:
         last = first + column["size"] - 1
@@ -33,40 +36,53 @@ def placed(columns: Sequence[spaces.Column]) -> Iterator[tuple[str, spaces.Colum
         first = last + 1
 
 
-def described(row: spaces.Column) -> tuple[str, ...]:
-    """Give the bounds, the unit and the meaning of a column."""
+def described(row: spaces.ArrayColumn) -> tuple[str, ...]:
+    """Return the bounds, the unit and the meaning of a column."""
     return number(row["low"]), number(row["high"]), row["unit"], row["meaning"]
 
 
+#: Names of the columns of an action that move the fingers.
+FINGERS = ("actuator", "close", "preshape")
+
+
 def action_table(control: str) -> str:
-    """Actions of a control mode."""
-    columns = spaces.columns_of(control, FOUND)[0]
+    """Actions of a control mode; in closed-loop control without the fingers."""
+    columns = spaces.columns_of(control, DEFAULT_FINGERS, TABLES)[0]
+    if control in TABLES["actions"]:
+        columns = [row for row in columns if row["name"] not in FINGERS]
     return markdown("index name -1 1 unit meaning", [(i, row["name"], *described(row)) for i, row in placed(columns)])
+
+
+def finger_table(fingers: str) -> str:
+    """Entries of the fingers, which follow the n entries of the control mode."""
+    columns = [row for row in TABLES["actions"]["twist"][fingers] if row["name"] in FINGERS]
+    rows = [(f"n + {i}" if i != "0" else "n", row["name"], *described(row)) for i, row in placed(columns)]
+    return markdown("index name -1 1 unit meaning", rows)
 
 
 def vector_table(control: str) -> str:
     """Vectors of a control mode as wholes; `column_table` lists their columns."""
     rows = [
-        (name, str(spaces.size(columns)), "float32", "yes" if name in FOUND["privileged"] else "no")
-        for name, columns in spaces.columns_of(control, FOUND)[1].items()
+        (name, str(spaces.size(columns)), "float32", "yes" if name in TABLES["privileged"] else "no")
+        for name, columns in spaces.columns_of(control, DEFAULT_FINGERS, TABLES)[1].items()
     ]
     return markdown("vector shape dtype privileged", rows)
 
 
 def column_table(control: str) -> str:
     """Columns of all vectors of a control mode: the indices of each column in each vector."""
-    vectors = spaces.columns_of(control, FOUND)[1]
-    found: dict[str, dict[str, tuple[str, spaces.Column]]] = {}
+    vectors = spaces.columns_of(control, DEFAULT_FINGERS, TABLES)[1]
+    columns_by_name: dict[str, dict[str, tuple[str, spaces.ArrayColumn]]] = {}
     for vector, columns in vectors.items():
         for index, column in placed(columns):
-            found.setdefault(column["name"], {})[vector] = (index, column)
+            columns_by_name.setdefault(column["name"], {})[vector] = (index, column)
     rows = [
         (
             name,
             *(places[vector][0] if vector in places else "" for vector in vectors),
             *described([*places.values()][-1][1]),
         )
-        for name, places in found.items()
+        for name, places in columns_by_name.items()
     ]
     return markdown(f"column {' '.join(vectors)} min max unit meaning", rows)
 
@@ -83,9 +99,9 @@ def image_table() -> str:
     return markdown("image shape dtype min max camera frame unit missing privileged meaning", rows)
 
 
-def term_table(control: str) -> str:
-    """Reward terms of a control mode."""
-    rows = [(t["name"], number(t["low"]), number(t["high"]), t["meaning"]) for t in spaces.terms(control, FOUND)]
+def term_table(terms: Sequence[spaces.Term]) -> str:
+    """Reward terms."""
+    rows = [(t["name"], number(t["low"]), number(t["high"]), t["meaning"]) for t in terms]
     return markdown("term min max meaning", rows)
 
 
@@ -97,32 +113,36 @@ def entry_row(row: spaces.Entry) -> tuple[str, str, str, str]:
 
 def target_table() -> str:
     """Further info with one target among several objects."""
-    return markdown("entry type unit meaning", [entry_row(row) for row in FOUND["target_info"]])
+    return markdown("entry type unit meaning", [entry_row(row) for row in TABLES["target_info"]])
 
 
-def info_table(control: str, beside: str | None = None) -> str:
-    """Info of a control mode, without the entries of `beside`; the entry added by Python comes last."""
-    known = [] if beside is None else [row["name"] for row in spaces.entries(beside, FOUND)]
-    rows = [entry_row(row) for row in spaces.entries(control, FOUND) if row["name"] not in known]
+def info_table(entries: Sequence[spaces.Entry]) -> str:
+    """Info; the entry added by Python comes last."""
     added = ("reward_terms", "dict", "", "reward terms of the last step (float) by name; zeros after a reset")
-    return markdown("entry type unit meaning", rows if beside else [*rows, added])
+    return markdown("entry type unit meaning", [*map(entry_row, entries), added])
+
+
+def further_table(control: str) -> str:
+    """Info of a control mode, without the entries of closed-loop control."""
+    known = [row["name"] for row in spaces.entries("twist", TABLES)]
+    further = [row for row in spaces.entries(control, TABLES) if row["name"] not in known]
+    return markdown("entry type unit meaning", [entry_row(row) for row in further])
 
 
 def tables() -> dict[str, Callable[[], str]]:
     """Return the functions that write the tables, by name."""
-    found: dict[str, Callable[[], str]] = {
+    writers: dict[str, Callable[[], str]] = {
         "images": image_table,
-        "info of Grasp-v0": partial(info_table, "twist"),
+        "info of Grasp-v0": partial(info_table, spaces.entries("twist", TABLES)),
+        "info of goal tasks": partial(info_table, TABLES["goal"]["info"]),
+        "reward of goal tasks": partial(term_table, TABLES["goal"]["terms"]),
         "further info with a target": target_table,
-        "further info of GraspPose-v0": partial(info_table, "grasp_pose", "twist"),
-        "further info of Clear-v0": partial(info_table, "clear", "twist"),
-        # Its columns and rewards are those of GraspPose-v0.
-        "vectors of Clear-v0": partial(vector_table, "clear"),
+        "further info of GraspPose-v0": partial(further_table, "grasp_pose"),
+        "further info of Clear-v0": partial(further_table, "clear"),
     }
     for env, control in (("Grasp-v0", "twist"), ("GraspPose-v0", "grasp_pose")):
-        found[f"vectors of {env}"] = partial(vector_table, control)
-        found[f"columns of {env}"] = partial(column_table, control)
-        found[f"reward of {env}"] = partial(term_table, control)
-    return found | {
-        f"action of {one}": partial(action_table, one) for one in (*FOUND["actions"], "grasp_pose", "clear")
-    }
+        writers[f"vectors of {env}"] = partial(vector_table, control)
+        writers[f"columns of {env}"] = partial(column_table, control)
+        writers[f"reward of {env}"] = partial(term_table, spaces.terms(control, TABLES))
+    writers |= {f"fingers of {one}": partial(finger_table, one) for one in TABLES["actions"]["twist"]}
+    return writers | {f"action of {one}": partial(action_table, one) for one in (*TABLES["actions"], "grasp_pose")}

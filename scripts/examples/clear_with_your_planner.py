@@ -62,14 +62,14 @@ def pairs(points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
 def room(heights: Floats, voxel: float, middles: Floats, closing: Floats) -> Floats:
     """How high the surface is (m,) where the open fingers of grasps go, metres."""
     across = np.stack([-closing[:, 1], closing[:, 0]], axis=1)
-    found = np.zeros(len(middles))
+    highest = np.zeros(len(middles))
     for along in np.arange(FINGERS[0], FINGERS[1], voxel / 2):
         for side in np.arange(-HALF, HALF + 1e-9, voxel / 2):
             for sign in (-1.0, 1.0):
                 places = middles[:, :2] + sign * along * closing[:, :2] + side * across
                 i, j = np.clip((places / voxel).astype(int), 0, len(heights) - 1).T
-                found = np.maximum(found, heights[i, j])
-    return found
+                highest = np.maximum(highest, heights[i, j])
+    return highest
 
 
 def plan(tsdf: NDArray[np.float32], voxel_size: float) -> tuple[Floats, Floats, Floats]:

@@ -6,8 +6,12 @@
 #
 # The file holds rows of little-endian uint16 millimetres; then rows, columns, and fx fy cx cy in pixels. GRASPBOX_URL
 # names another server than http://127.0.0.1:8000, GRASPBOX_TOKEN its token. The answer is JSON; its entries are listed in
-# graspbox.remote.grasp_requests.
+# graspbox.tools.remote.grasp_requests.
 set -eu
+if [ $# -ne 7 ]; then
+    echo "usage: sh $0 FILE ROWS COLUMNS FX FY CX CY, such as depth.raw 480 640 615 615 320 240" >&2
+    exit 2
+fi
 depth=$1 rows=$2 columns=$3 fx=$4 fy=$5 cx=$6 cy=$7
 
 # printf is part of the shell, so that the length of its arguments has no limit.

@@ -22,19 +22,21 @@ def make(settings: dict[str, Any]) -> gymnasium.Env[Any, Any]:
 
 
 def train(config: PPOConfig, iterations: int) -> None:
-    """Train for a few iterations."""
-    config = config.training(train_batch_size_per_learner=2048, minibatch_size=256, lr=3e-4).debugging(seed=0)
+    """Train for a number of iterations, with the numbers of ``graspbox train sb3 ppo``."""
+    config = config.training(
+        train_batch_size_per_learner=4096, minibatch_size=512, num_epochs=5, gamma=0.97, lambda_=0.95, lr=7e-4
+    ).debugging(seed=0)
     algorithm = config.build_algo()
     for _ in range(iterations):
-        found = algorithm.train()["env_runners"]
-        print("steps", found["num_env_steps_sampled_lifetime"], "return", found.get("episode_return_mean"))
+        results = algorithm.train()["env_runners"]
+        print("steps", results["num_env_steps_sampled_lifetime"], "return", results.get("episode_return_mean"))
     algorithm.stop()
 
 
 def main(iterations: int = 3, runners: int = 2) -> None:
     """Train on environments of two processes."""
     register_env("grasp", make)
-    settings = {"objects": "procedural:can:0-9", "reward": "dense", "num_threads": 1}
+    settings = {"objects": "procedural:can:0-9", "num_threads": 1}
     config = PPOConfig().environment("grasp", env_config=settings)
     train(config.env_runners(num_env_runners=runners, num_envs_per_env_runner=4), iterations)
 

@@ -7,7 +7,7 @@ runner needs little CPU time then, and a server that dies costs no episode.
     ray start --head; ray start --address=HEAD:6379   # on the first node; on each other one
     python scripts/examples/rllib_remote.py
 
-Without a cluster the example starts one, of this machine alone.
+Without a cluster the example starts one, of only this machine.
 """
 
 from typing import Any
@@ -18,7 +18,7 @@ from ray.rllib.algorithms.ppo import PPOConfig
 from ray.tune.registry import register_env
 from rllib_ppo import train
 
-from graspbox.remote import RayServers
+from graspbox.tools.remote import RayServers
 
 
 def make(settings: dict[str, Any]) -> VectorEnv[Any, Any, Any]:

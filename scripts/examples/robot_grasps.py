@@ -40,11 +40,11 @@ def main() -> None:
     arguments = parser.parse_args()
     fx, fy, cx, cy = arguments.pixels
     lens = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    found = grasps(np.load(arguments.depth), lens, arguments.url, os.environ.get("GRASPBOX_TOKEN", ""))
-    for index, success in enumerate(found["success"]):
-        position, quaternion = np.round(found["position"][index], 4), np.round(found["quaternion_wxyz"][index], 4)
-        joints = dict(zip(found["joint_names"], np.round(found["joint_positions"][index], 3).tolist(), strict=True))
-        print(f"success {success:.2f}: position {position} m, wxyz {quaternion}, {found['hand']} at {joints}")
+    reply = grasps(np.load(arguments.depth), lens, arguments.url, os.environ.get("GRASPBOX_TOKEN", ""))
+    for index, success in enumerate(reply["success"]):
+        position, quaternion = np.round(reply["position"][index], 4), np.round(reply["quaternion_wxyz"][index], 4)
+        joints = dict(zip(reply["joint_names"], np.round(reply["joint_positions"][index], 3).tolist(), strict=True))
+        print(f"success {success:.2f}: position {position} m, wxyz {quaternion}, {reply['hand']} at {joints}")
 
 
 if __name__ == "__main__":

@@ -22,11 +22,13 @@ from servers.processes import served
 #: Objects of all environments.
 OBJECTS = "procedural:can:0-3"
 WIDE = 64
+#: The meaning of an action, which `load_clients` has too.
+ACTING = {"fingers": "each", "control_freq": 20}
 
 
 def make(count: int = WIDE, **settings: Any) -> Any:
     """Make a vector environment."""
-    return gymnasium.make_vec("graspbox/Grasp-v0", count, **{"objects": OBJECTS, **settings})
+    return gymnasium.make_vec("graspbox/Grasp-v0", count, **{"objects": OBJECTS, **ACTING, **settings})
 
 
 def expert_actions(steps: int) -> Any:
@@ -85,10 +87,10 @@ def calls(args: Args) -> None:
             for name, call in rivals.items():
                 times[name] += peers.round_trips(call, 100 if name.startswith("64") else 1000)
             for name in peers.PEERS:
-                found = peers.measure(name, (sys.executable, *args.peer_python), 200) if name in times else None
-                if found is None and times.pop(name, None) is not None:
+                durations = peers.measure(name, (sys.executable, *args.peer_python), 200) if name in times else None
+                if durations is None and times.pop(name, None) is not None:
                     print(f"{name}: left out, no interpreter of --peer-python has it", file=sys.stderr)
-                times.get(name, []).extend(found or [])
+                times.get(name, []).extend(durations or [])
         for name, values in times.items():
             args.add(f"round trip without physics: {name}", values, "us", p99=float(np.quantile(values, 0.99)))
 
@@ -99,9 +101,9 @@ def clients(args: Args) -> None:
 
     def vector(url: Any) -> float:
         env = make(remote=url)
-        found = rate(env, actions)
+        steps = rate(env, actions)
         env.close()
-        return found
+        return steps
 
     def load(url: str, count: int) -> float:
         call = ["cargo", "run", "--release", "--quiet", "-p", "graspbox-server", "--example", "load_clients", "--", url]

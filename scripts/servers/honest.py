@@ -57,7 +57,7 @@ def asking(url: str) -> Callable[[], None]:
 
 def stepping(url: str) -> Callable[[], None]:
     """Return a call that steps an environment."""
-    peer = made(url, keywords={"frame_skip": 1, "max_episode_steps": 1_000_000})
+    peer = made(url, keywords={"control_freq": 20, "max_episode_steps": 1_000_000})
     actions = np.zeros((1, ACTION), np.float32)
 
     def step() -> None:
@@ -69,15 +69,15 @@ def stepping(url: str) -> Callable[[], None]:
 
 def main(url: str, kind: str) -> None:
     """Call until standard input ends, an hour at most."""
-    call, found, until = (asking if kind == "policy" else stepping)(url), [], time.monotonic() + 3600.0
+    call, times, until = (asking if kind == "policy" else stepping)(url), [], time.monotonic() + 3600.0
     print("ready", flush=True)
     os.set_blocking(0, False)
     while time.monotonic() < until and sys.stdin.buffer.raw.read(1) is None:  # type: ignore[attr-defined]
         started = time.perf_counter()
         call()
-        found.append(1e3 * (time.perf_counter() - started))
+        times.append(1e3 * (time.perf_counter() - started))
         time.sleep(NAP)
-    print(json.dumps(found), flush=True)
+    print(json.dumps(times), flush=True)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
 
 @dataclass
@@ -25,7 +24,7 @@ class Args:
     """Interpreters with installed peers, besides this one."""
     json: Path | None = None
     """Write the figures into this file."""
-    rows: tyro.conf.Suppress[list[dict[str, Any]]] = field(default_factory=list)
+    rows: list[dict[str, Any]] = field(default_factory=list, init=False)
 
     def add(self, work: str, values: list[float], unit: str, **more: float) -> None:
         """Add a row, and print it."""
@@ -36,14 +35,14 @@ class Args:
 
     def compare(self, label: str, work: dict[str, Callable[[], float]]) -> None:
         """Run each in turn, and add a row for each, with its ratio to the first."""
-        found: dict[str, list[float]] = {name: [] for name in work}
+        measured: dict[str, list[float]] = {name: [] for name in work}
         for one in work.values():
             one()  # to warm up
         for _ in range(self.runs):
             for name, one in work.items():
-                found[name].append(one())
-        first = np.array(next(iter(found.values())))
-        for name, rates in found.items():
+                measured[name].append(one())
+        first = np.array(next(iter(measured.values())))
+        for name, rates in measured.items():
             self.add(f"{label}: {name}", rates, "1/s", ratio=float(np.median(np.array(rates) / first)))
 
 

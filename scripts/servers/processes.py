@@ -20,17 +20,17 @@ class Served:
 
     def memory(self) -> float:
         """Return the resident memory, MiB."""
-        found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{self.process.pid}/status").read_text())
-        return float(found[1]) / 1024 if found else float("nan")
+        match = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{self.process.pid}/status").read_text())
+        return float(match[1]) / 1024 if match else float("nan")
 
     def settled(self, gauge: str, value: int) -> int:
         """Wait at most 20 s until one of its gauges has a value; returns it."""
         until = time.monotonic() + 20.0
         while True:
             with urlopen(f"{self.url.replace('ws', 'http', 1)}/metrics") as answer:
-                found = re.search(rf"^graspbox_{gauge} (\d+)", answer.read().decode(), re.MULTILINE)
-            if found is not None and (int(found[1]) <= value or time.monotonic() > until):
-                return int(found[1])
+                match = re.search(rf"^graspbox_{gauge} (\d+)", answer.read().decode(), re.MULTILINE)
+            if match is not None and (int(match[1]) <= value or time.monotonic() > until):
+                return int(match[1])
             time.sleep(0.2)
 
 
@@ -40,10 +40,10 @@ def served(*options: str, command: str = "serve") -> Iterator[Served]:
     call = [sys.executable, "-m", "graspbox", command, *options, "--port", "0"]
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None
-        found = re.search(r"wss?://\S+?:\d+", process.stdout.readline())
-        assert found is not None, "the server did not start"
+        match = re.search(r"wss?://\S+?:\d+", process.stdout.readline())
+        assert match is not None, "the server did not start"
         try:
-            yield Served(process, found[0])
+            yield Served(process, match[0])
         finally:
             process.terminate()
             try:

@@ -20,7 +20,7 @@ _EVALUATE = ("graspbox", "evaluate", "depth", "--trials", "1", "--json")
 
 
 class BareDebian:
-    """A Debian with Python and pip alone, in a folder; kept for the next check.
+    """A Debian with only Python and pip, in a folder; kept for the next check.
 
     The programs of another machine's architecture run in qemu, which the kernel starts for them.
     """
@@ -70,9 +70,9 @@ def download(own: Sequence[Path], data: Path, debian: BareDebian, folder: Path) 
 
 def first_example() -> str:
     """Return the first example of README.md."""
-    found = re.search(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
-    assert found is not None
-    return found[1]
+    block = re.search(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert block is not None
+    return block[1]
 
 
 def check_install(dist: Path, debian: BareDebian) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 from packaging.utils import parse_wheel_filename
 
 ROOT = Path(__file__).parents[2]
-#: Largest wheel of graspbox, and largest installed policies, bytes.
-LARGEST_WHEEL, LARGEST_POLICIES = 8_000_000, 30_000_000
+#: Largest wheel of graspbox, and largest installed policies, bytes: weights in half precision, each network once.
+LARGEST_WHEEL, LARGEST_POLICIES = 8_000_000, 37_000_000
 #: The newest glibc that a wheel for Linux may need.
 GLIBC = (2, 28)
 #: The mirror that Debian itself names.
@@ -57,8 +57,8 @@ def debian_architecture(machine: str) -> str:
 
 def version() -> str:
     """Return the version of the workspace."""
-    found: str = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"]
-    return found
+    version: str = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"]
+    return version
 
 
 def wheels(dist: Path) -> tuple[list[Path], Path]:
@@ -107,10 +107,10 @@ def glibc_of(report: str) -> tuple[int, int]:
     CheckError
         If the report names no manylinux tag.
     """
-    found = re.search(r'following platform tag: "manylinux_(\d+)_(\d+)_\w+"', " ".join(report.split()))
-    if found is None:
+    match = re.search(r'following platform tag: "manylinux_(\d+)_(\d+)_\w+"', " ".join(report.split()))
+    if match is None:
         raise CheckError(f"auditwheel finds no manylinux tag: {' '.join(report.split())[:300]}")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def check_libraries(wheel: Path) -> None:
@@ -121,7 +121,7 @@ def check_libraries(wheel: Path) -> None:
             raise CheckError(f"{wheel.name} needs glibc {needed[0]}.{needed[1]}, newer than in its tag")
         print(f"{wheel.name}: needs glibc {needed[0]}.{needed[1]}")
     run(["abi3audit", "--strict", str(wheel)])
-    print(f"{wheel.name}: calls the stable ABI alone")
+    print(f"{wheel.name}: calls only the stable ABI")
 
 
 def check_files(dist: Path) -> None:

@@ -1,6 +1,7 @@
 """Helpers of the environment tests: cheap objects, and actions that lead to contact."""
 
-from typing import Any
+import itertools
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,15 +9,21 @@ from numpy.typing import NDArray
 from graspbox import object_sets, planning
 from graspbox.configs import CamerasConfig
 from graspbox.envs.coding import encode_action, object_pose
-from graspbox.envs.expert import Expert, planned
-from graspbox.layouts import Arrangement
+from graspbox.envs.expert import ExpertGrasp, planned
+from graspbox.envs.scripted import MotionOptions
+from graspbox.envs.settings import Control, Fingers
+from graspbox.simulation.layouts import Arrangement
 
 #: Objects whose convex parts are known exactly: they are ready within milliseconds.
 OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")
+#: Grasp-v0 with one number per actuator and an action each 0.05 s, as `pressing` acts.
+EACH: dict[str, Any] = {"fingers": "each", "control_freq": 20.0}
+#: Every meaning of an action of Grasp-v0: control mode and fingers.
+ACTING = tuple(itertools.product(get_args(Control), get_args(Fingers)))
 #: Every kind of task: an id, and keywords of the environment.
 TASKS: dict[str, tuple[str, dict[str, Any]]] = {
-    "Grasp": ("graspbox/Grasp-v0", {}),
-    "Grasp, target": ("graspbox/Grasp-v0", {"layout": "pile", "objects_per_scene": (2, 3)}),
+    "Grasp": ("graspbox/Grasp-v0", EACH),
+    "Grasp, target": ("graspbox/Grasp-v0", {**EACH, "layout": "pile", "objects_per_scene": (2, 3)}),
     "GraspPose": ("graspbox/GraspPose-v0", {}),
     "GraspPose, target": ("graspbox/GraspPose-v0", {"layout": "packed", "objects_per_scene": (2, 3)}),
     "Clear": ("graspbox/Clear-v0", {"layout": "packed", "objects_per_scene": (2, 3)}),
@@ -29,12 +36,23 @@ CAMERAS = CamerasConfig(image_size=(36, 40), voxels=16)
 
 
 def pressing(steps: int, count: int, seed: int = 0, motors: int = 3) -> NDArray[np.float32]:
-    """Twist actions (steps, count, 7 + motors) that shake the hand, move it along its palm's normal, and close it."""
+    """Twist actions (steps, count, 7 + motors) of `EACH`: they shake the hand, move it ahead, and close it."""
     rng = np.random.default_rng(seed)
     actions = rng.uniform(-0.2, 0.2, (steps, count, 7 + motors))
     actions[:, :, 2] = 1.0
     actions[:, :, 6:-1] = np.where(np.arange(steps) % 25 > 12, 1.0, -1.0)[:, None, None]
     return actions.astype(np.float32)
+
+
+def lower(actions: NDArray[np.float32], control: str) -> NDArray[np.float32]:
+    """Let actions (..., k) of a control mode move the hand down to the table; how it closes stays as it is."""
+    actions = actions.copy()
+    if control == "target_pose":
+        actions[..., 2:9] = [-1, 1, 0, 0, 0, -1, 0]
+    else:
+        # The palm faces down: ahead of the hand, and along the world's axis.
+        actions[..., 2] = -1.0 if control == "top_down" else 1.0
+    return actions
 
 
 def columns_of(info: dict[str, Any]) -> set[str]:
@@ -47,7 +65,9 @@ def expert_actions(env: Any, seed: int) -> list[NDArray[np.float32]]:
     state, info = env.reset(seed=seed)
     mesh = env.objects[env.objects.names.index(info["object"])].load()
     plan = planned(mesh, state, seed=seed)
-    expert, actions, done = Expert(state, plan.poses[0], plan.preshape[0]), [], False
+    core = env.unwrapped._core
+    options = MotionOptions(control=core.control, fingers=core.config.fingers, control_freq=core.config.control_freq)
+    expert, actions, done = ExpertGrasp(state, plan.poses[0], plan.preshape[0], **options), [], False
     while not done and not expert.finished:
         actions.append(expert.act(state))
         state, _, done, _, _ = env.step(actions[-1])
@@ -57,17 +77,17 @@ def expert_actions(env: Any, seed: int) -> list[NDArray[np.float32]]:
 class Experts:
     """Scripted experts for environments that observe their states: `act` begins anew where an episode does."""
 
-    def __init__(self, objects: object_sets.ObjectSet, count: int, control: Any, frame_skip: int) -> None:
+    def __init__(self, objects: object_sets.ObjectSet, count: int, **settings: Any) -> None:
         self._objects = objects
-        self._settings = {"control": control, "frame_skip": frame_skip}
-        self._experts: list[Expert | None] = [None] * count
+        self._settings = settings
+        self._experts: list[ExpertGrasp | None] = [None] * count
 
     def act(self, states: NDArray[np.float32], names: NDArray[Any], starts: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Choose actions (num_envs, k) from states, names of the objects, and where episodes begin."""
         for i in np.flatnonzero(starts):
             mesh = self._objects[self._objects.names.index(names[i])].load()
-            plan = planned(mesh, states[i], control=self._settings["control"])
-            self._experts[i] = Expert(states[i], plan.poses[0], plan.preshape[0], **self._settings)
+            plan = planned(mesh, states[i], control=self._settings.get("control", "twist"))
+            self._experts[i] = ExpertGrasp(states[i], plan.poses[0], plan.preshape[0], **self._settings)
         return np.stack([expert.act(state) for expert, state in zip(self._experts, states, strict=True) if expert])
 
 

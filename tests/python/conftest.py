@@ -27,13 +27,19 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
+@pytest.fixture
+def stopped_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `time.time` stand still, for infos that contain times."""
+    monkeypatch.setattr("time.time", lambda: 1e9)
+
+
 @pytest.fixture(scope="module", params=["here", "on a server"])
 def remote(request: pytest.FixtureRequest) -> Iterator[str | None]:
     """Where environments step: None in this process."""
     if request.param == "here":
         yield None
         return
-    served = import_module("graspbox.remote")
+    served = import_module("graspbox.tools.remote")
     with served.EnvironmentServer(served.ServerSettings(port=0)) as server:
         yield server.url
 

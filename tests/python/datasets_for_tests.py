@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from graspbox import dataset
+from graspbox.data import trials as dataset
 
 #: Objects of two splits; trials take well under a second per object.
 OBJECTS = ["procedural:can:0-1", "procedural:box:1"]

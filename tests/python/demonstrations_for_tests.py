@@ -3,10 +3,16 @@
 from pathlib import Path
 from typing import Any
 
-from graspbox.demonstrations import Demonstrations, record
+from graspbox.data.episodes import Demonstrations, record
 
 OBJECTS = "procedural:can:0-9"
-FAST: dict[str, Any] = {"objects": OBJECTS, "frame_skip": 4, "max_episode_steps": 50, "image_size": 16}
+FAST: dict[str, Any] = {
+    "objects": OBJECTS,
+    "fingers": "each",
+    "control_freq": 5,
+    "max_episode_steps": 50,
+    "image_size": 16,
+}
 OBS = ("proprio", "depth", "rgb")
 
 

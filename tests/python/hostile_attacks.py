@@ -22,7 +22,7 @@ Attack = Callable[[str, random.Random, int], int]
 
 CAN = "procedural:can:0"
 #: Numbers of an action of the hand by default.
-ACTION = 10
+ACTION = 8
 #: Messages between two looks at the answers.
 _BATCH = 50
 _HUGE = [

@@ -166,19 +166,23 @@ class Peer:
         self._rest = whole[count:]
         return whole[:count]
 
+    def frame(self) -> tuple[int, bytes]:
+        """Return opcode and payload of the next frame."""
+        first, second = self._bytes(2)
+        length = second & 0x7F
+        if length > 125:
+            length = int.from_bytes(self._bytes(2 if length == 126 else 8), "big")
+        return first & 0x0F, self._bytes(length)
+
     def receive(self) -> bytes:
         """Return the next message; pings are answered."""
         while True:
-            first, second = self._bytes(2)
-            length = second & 0x7F
-            if length > 125:
-                length = int.from_bytes(self._bytes(2 if length == 126 else 8), "big")
-            payload = self._bytes(length)
-            if first & 0x0F == 8:
+            opcode, payload = self.frame()
+            if opcode == 8:
                 raise ConnectionError(f"the server closes: {payload[2:].decode()}")
-            if first & 0x0F == 9:
+            if opcode == 9:
                 self.send(payload, opcode=10)
-            elif first & 0x0F in (1, 2):
+            elif opcode in (1, 2):
                 return payload
 
     def submit(self, command: Any, **fields: Any) -> int:

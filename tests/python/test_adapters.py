@@ -31,11 +31,11 @@ pytestmark = pytest.mark.filterwarnings("ignore")
 
 ROOT = Path(__file__).parents[2]
 ADAPTERS = ROOT / "scripts/adapters"
-#: Steps of 0.2 s, so that episodes are short.
-CLOSED_LOOP: dict[str, Any] = {"frame_skip": 4, "max_episode_steps": 50}
+#: Keywords that an adapter must pass on: steps of 0.1 s.
+CLOSED_LOOP: dict[str, Any] = {"control_freq": 10, "max_episode_steps": 100}
 SERVE = """
 import signal
-from graspbox.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 with EnvironmentServer(ServerSettings(port=0, objects=("procedural",))) as server:
     print(server.url, flush=True)
     signal.pause()
@@ -102,13 +102,13 @@ def openenv_server(**variables: str) -> Any:
     return running(command, r"running on (http://\S+)", PYTHONUNBUFFERED="1", **settings)
 
 
-def openenv_trials(url: str, seeds: Sequence[int], control: str, frame_skip: int = 1) -> list[tuple[bool, float]]:
+def openenv_trials(url: str, seeds: Sequence[int], control: str) -> list[tuple[bool, float]]:
     """Success and sum of rewards of each trial, by OpenEnv's client."""
     adapter = importlib.import_module("graspbox_openenv")
     found = []
     with adapter.GraspboxEnv(base_url=url).sync() as env:
         for seed in seeds:
-            grasp, total = TopDownGrasp(control, frame_skip), 0.0
+            grasp, total = TopDownGrasp(control, control_freq=CLOSED_LOOP["control_freq"]), 0.0
             result = env.reset(seed=seed, episode_id=str(seed))
             while not result.done:
                 state = adapter.decoded(result.observation.arrays["state"])
@@ -144,7 +144,7 @@ def test_openenv_client_counts_the_same_successes() -> None:
     wanted = [(one.success, one.reward) for one in own_trials("graspbox/Grasp-v0", seeds, **keywords).trials]
     settings = {"env_id": "graspbox/Grasp-v0", "obs": "proprio,state", "keywords": json.dumps(keywords)}
     with openenv_server(**settings) as url:
-        assert openenv_trials(url, seeds, "twist", frame_skip=4) == wanted
+        assert openenv_trials(url, seeds, "twist") == wanted
 
 
 @needs_openenv
@@ -208,7 +208,7 @@ def test_vla_eval_counts_the_same_successes(env_id: str, tmp_path: Path) -> None
     predict: Any = importlib.import_module("vla_eval.model_servers.predict")
     specs: Any = importlib.import_module("vla_eval.specs")
     closed_loop = env_id == "graspbox/Grasp-v0"
-    control, frame_skip = ("delta_pose", 4) if closed_loop else ("grasp_pose", 1)
+    control, control_freq = "delta_pose" if closed_loop else "grasp_pose", CLOSED_LOOP["control_freq"]
 
     class Server(predict.PredictModelServer):  # type: ignore[misc]
         def predict(self, obs: dict[str, Any], ctx: Any) -> dict[str, Any]:
@@ -217,18 +217,18 @@ def test_vla_eval_counts_the_same_successes(env_id: str, tmp_path: Path) -> None
             assert obs["state"].shape == (28,)
             assert obs["task_description"] == "Grasp the object and lift it."
             if ctx.is_first:
-                self.grasp = TopDownGrasp(control, frame_skip)
+                self.grasp = TopDownGrasp(control, control_freq=control_freq)
             return {"actions": self.grasp.act(obs["environment_state"])}
 
         def get_action_spec(self) -> dict[str, Any]:
-            return {"action": specs.DimSpec("action", 10, f"graspbox_{control}", (-1.0, 1.0))}
+            return {"action": specs.DimSpec("action", 8 if closed_loop else 10, f"graspbox_{control}", (-1.0, 1.0))}
 
         def get_observation_spec(self) -> dict[str, Any]:
             return {"image": specs.IMAGE_RGB, "language": specs.LANGUAGE}
 
     keywords: dict[str, Any] = {"image_size": 32}
     if closed_loop:
-        keywords |= {"control": control, "frame_skip": frame_skip}
+        keywords |= {"control": control, "control_freq": control_freq}
     obs = ["rgb", "proprio", "state"]
     params = {"env_id": env_id, "objects": "procedural", "obs": obs, "seed": 7, "keywords": keywords}
     if closed_loop:
@@ -290,10 +290,10 @@ def test_lerobot_eval_counts_the_same_successes_in_closed_loop(tmp_path: Path) -
         tmp_path,
         "--env.task=Grasp-v0",
         "--env.obs=[rgb,rgb_palm,depth,proprio,state,tactile]",
-        "--env.frame_skip=4",
-        "--env.episode_length=50",
+        "--env.control_freq=10",
+        "--env.episode_length=100",
         "--env.keywords={reward: dense}",
-        "--policy.frame_skip=4",
+        "--policy.control_freq=10",
     )
     own = own_trials("graspbox/Grasp-v0", range(1006, 1020), reward="dense", **CLOSED_LOOP)
     assert len({one.steps for one in own.trials}) > 3
@@ -319,15 +319,15 @@ def test_lerobot_records_what_it_evaluates(tmp_path: Path) -> None:
     lerobot_eval(
         tmp_path,
         "--env.obs=[rgb,proprio,state]",
-        "--env.frame_skip=4",
-        "--env.episode_length=50",
-        "--policy.frame_skip=4",
+        "--env.control_freq=10",
+        "--env.episode_length=100",
+        "--policy.control_freq=10",
         "--eval.recording=true",
         episodes=3,
     )
     infos = [json.loads(path.read_text()) for path in sorted(tmp_path.glob("recordings/*/env_*/meta/info.json"))]
     own = own_trials("graspbox/Grasp-v0", range(1006, 1020), **CLOSED_LOOP).trials[:3]
-    assert [(info["fps"], info["total_frames"]) for info in infos] == [(5, one.steps) for one in own]
+    assert [(info["fps"], info["total_frames"]) for info in infos] == [(10, one.steps) for one in own]
     names = {"observation.images.rgb", "agent_pos", "environment_state"}
     assert all(names <= info["features"].keys() for info in infos)
 

@@ -118,5 +118,5 @@ def test_outputs_of_a_damaged_head_are_refused() -> None:
     for wrong in ((index, residual * np.float32(np.nan), scores), (index, residual, scores * np.float32(np.inf))):
         with pytest.raises(errors.ConfigError, match="outputs of the head are not finite; its network is damaged"):
             ANCHORS.candidates(*wrong)
-    with pytest.raises(errors.ConfigError, match="the head gives anchors from -1 to 2, and there are"):
+    with pytest.raises(errors.ConfigError, match="the head returns anchors from -1 to 2, and there are"):
         ANCHORS.candidates(index - 1, residual, scores)

@@ -15,30 +15,30 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from graspbox import object_sets  # noqa: E402
-from graspbox.artifacts.exports import export_depth_policy  # noqa: E402
-from graspbox.artifacts.folders import read_depth_policy  # noqa: E402
 from graspbox.errors import ConfigError  # noqa: E402
 from graspbox.evaluation import evaluate  # noqa: E402
-from graspbox.hand_tools import random_hand  # noqa: E402
 from graspbox.hands import HandLike, load_hand  # noqa: E402
-from graspbox.models.calibration import Calibration  # noqa: E402
-from graspbox.models.scene_views import SceneViews  # noqa: E402
-from graspbox.models.scenes import SceneConfig, SceneSampler  # noqa: E402
-from graspbox.models.scorer.inputs import GraspInputs, ScorerInputs  # noqa: E402
-from graspbox.models.scorer.network import ScorerBatch, scorer_losses  # noqa: E402
-from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet  # noqa: E402
-from graspbox.models.scorer.training import JoinedSampler, TrialSampler  # noqa: E402
-from graspbox.models.trials import GraspTrials  # noqa: E402
+from graspbox.learn.export.exports import export_depth_policy  # noqa: E402
+from graspbox.learn.models.scene_views import SceneViews  # noqa: E402
+from graspbox.learn.models.scenes import SceneConfig, SceneSampler  # noqa: E402
+from graspbox.learn.models.scorer.network import ScorerBatch, scorer_losses  # noqa: E402
+from graspbox.learn.models.scorer.shared import SHARED_SHAPE, SharedScorerNet  # noqa: E402
+from graspbox.learn.models.scorer.training import JoinedSampler, TrialSampler  # noqa: E402
+from graspbox.learn.models.trials import GraspTrials  # noqa: E402
+from graspbox.learn.random_hands import random_hand  # noqa: E402
+from graspbox.learn.recipes.cards.depth import write_any_hand_card  # noqa: E402
+from graspbox.learn.recipes.collection import CollectConfig, collect  # noqa: E402
+from graspbox.learn.recipes.networks import TrainedNetworks, grid_shape, scorer_width  # noqa: E402
+from graspbox.learn.recipes.settings.any_hand import AnyHandSettings  # noqa: E402
+from graspbox.learn.recipes.settings.depth import Sizes  # noqa: E402
 from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalConfig  # noqa: E402
 from graspbox.perception.configs import FinderConfig  # noqa: E402
 from graspbox.perception.hand_settings import settings_of  # noqa: E402
+from graspbox.perception.inputs.scorer import GraspInputs, ScorerInputs  # noqa: E402
 from graspbox.policies.depth import load_finder  # noqa: E402
 from graspbox.policies.grasp_image import grasp_image  # noqa: E402
-from graspbox.recipes.collection import CollectConfig, collect  # noqa: E402
-from graspbox.recipes.depth_cards import any_hand_card  # noqa: E402
-from graspbox.recipes.networks import TrainedNetworks, grid_shape, scorer_width  # noqa: E402
-from graspbox.recipes.settings.any_hand import AnyHandSettings  # noqa: E402
-from graspbox.recipes.settings.depth import Sizes  # noqa: E402
+from graspbox.policies.published.calibration import Calibration  # noqa: E402
+from graspbox.policies.published.folders import read_depth_policy  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -188,8 +188,6 @@ def test_wrong_configurations_for_any_hand_are_refused(published: Path) -> None:
             replace(config, **wrong)
     path = published / "config.json"
     text = path.read_text()
-    # The field is absent in policies of earlier versions.
-    assert '"hand_numbers": null' not in (POLICIES / "depth" / "config.json").read_text()
     path.write_text(text.replace('"cell, cm"', '"cell"'))
     try:
         with pytest.raises(ConfigError, match="hand_numbers"):
@@ -290,15 +288,21 @@ def test_a_training_without_hands_is_refused(tmp_path: Path) -> None:
 
 def test_a_hand_that_does_not_exist_is_refused_before_the_work(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "graspbox", "train", "any-hand", "--out", str(tmp_path / "run"), "--jaws", "1"]
-    command += ["--fingers", "0", "--hands", "--without", "panda", "--completion", str(POLICIES / "depth")]
+    command += ["--fingers", "0", "--hands", "", "--without", "panda", "--completion", str(POLICIES / "depth")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "there is no hand 'panda'" in done.stderr
     assert not list((tmp_path / "run").glob("trials*"))
 
 
-def test_a_card_without_named_hands_and_without_objects_that_fit(published: Path) -> None:
-    found = {"trials": 2, "succeeded": 0, "secure": 0, "fitting": {"trials": 0, "succeeded": 0, "secure": 0}}
+def test_a_card_without_named_hands_and_without_objects_that_fit(published: Path, tmp_path: Path) -> None:
+    found: dict[str, Any] = {
+        "calibration_error": 0.1234,
+        "trials": 2,
+        "succeeded": 0,
+        "secure": 0,
+        "fitting": {"trials": 0, "succeeded": 0, "secure": 0},
+    }
     stages: dict[str, dict[str, Any]] = {
         "trials": {"seconds": 1.0, "train": {"trials": 9, "hands": 1}},
         "calibrate": {"seconds": 1.0, "secure_weight": 0.3},
@@ -306,15 +310,16 @@ def test_a_card_without_named_hands_and_without_objects_that_fit(published: Path
     }
     settings = AnyHandSettings(out=published, hands=(), evaluated=("procedural:bottle:2000-2003",), jaws=1, fingers=0)
     config, scenes = read_depth_policy(published), SceneConfig()
-    card = any_hand_card(published, config, command="train", settings=settings, scenes=scenes, stages=stages)
-    assert "with 1 hands: 1 random parallel jaws" in " ".join(card.training.split())
-    assert [dict(row.more) for row in card.scores] == [{}]
-    found["calibration_error"] = 0.1234
+    given: dict[str, Any] = {"command": "train", "settings": settings, "scenes": scenes, "stages": stages}
+    write_any_hand_card(tmp_path, config, **given)
+    card = (tmp_path / "README.md").read_text()
+    assert "with 1 hands: 1 random parallel jaws" in " ".join(card.split())
+    assert "| objects | trials | success | secure | ECE |\n" in card
     found["fitting"] = {"trials": 2, "succeeded": 1, "secure": 0}
-    card = any_hand_card(published, config, command="train", settings=settings, scenes=scenes, stages=stages)
-    (row,) = card.scores
-    assert list(row.more) == ["ECE", "objects that fit: success"]
-    assert row.more["ECE"] == "0.123"
+    write_any_hand_card(tmp_path, config, **given)
+    card = (tmp_path / "README.md").read_text()
+    assert "| ECE | objects that fit: success |" in card
+    assert "| 0.123 | 50.0%" in card
 
 
 def test_grasps_in_an_image_are_those_of_the_hand(published: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
-from graspbox.training.array_files import ArrayTable, load_or_make_parts
+from graspbox.learn.training.array_files import ArrayTable, load_or_make_parts
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from graspbox.evaluation import evaluate
 from graspbox.evaluation.rounds import clear_rounds
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.hand_grids import HandGrid
-from graspbox.policies.partial_view import _filled
+from graspbox.policies.baselines.partial_view import _filled
 
 HAND = "panda_gripper"
 

@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from acting import EACH
 from browsing import Browser, browsing, needs_browser
 from graspbox.configs import PictureConfig
-from graspbox.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 
 PAGE = Path(__file__).parents[2] / "scripts/examples/browser"
 TOKEN = "a-token-of-some-length"
@@ -87,6 +88,7 @@ def local(steps: int) -> tuple[Any, NDArray[np.float32]]:
         reward="dense",
         render_mode="rgb_array",
         picture=PictureConfig(image_size=(360, 480)),
+        **EACH,
     )
     return env, np.random.default_rng(0).uniform(-1, 1, (steps, 10)).astype(np.float32)
 

@@ -1,6 +1,5 @@
 """Images of environments: images by name, their cameras, and rendered pictures."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 import graspbox
+from acting import EACH
 from graspbox import _core, errors, object_sets
+from graspbox._common.arguments import config_dict
 from graspbox.configs import FRONT, PALM, CameraConfig, CamerasConfig, PhysicsConfig, PictureConfig
-from graspbox.meshes import to_json
 
 OBJECTS = ("procedural:can:1", "procedural:box:3")
 IMAGES = ("rgb", "depth", "rgbd", "segmentation", "amodal", "points", "voxels", "depth_palm", "rgb_palm", "voxels_palm")
@@ -25,7 +25,7 @@ TABLE, OBJECT, BASE = 1, 2, 3
 @pytest.fixture(scope="module")
 def objects() -> _core.Objects:
     sources = [spec.load() for spec in object_sets.load(list(OBJECTS))]
-    return _core.Objects(sources, HAND, to_json(PhysicsConfig()), None)
+    return _core.Objects(sources, HAND, config_dict(PhysicsConfig()), None)
 
 
 def pool(
@@ -35,12 +35,12 @@ def pool(
     num_threads: int | None = None,
     **config: Any,
 ) -> _core.EnvPool:
-    text = json.dumps({"observations": ["proprio"], "cameras": json.loads(to_json(cameras)), **config})
-    return _core.EnvPool(objects, text, num_envs, num_threads)
+    fields = {"observations": ["proprio"], "cameras": config_dict(cameras), **EACH, **config}
+    return _core.EnvPool(objects, fields, num_envs, num_threads)
 
 
 def tables(cameras: CamerasConfig) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = json.loads(_core.image_tables(HAND, to_json(cameras)))
+    rows: list[dict[str, Any]] = _core.image_tables(HAND, config_dict(cameras))
     return rows
 
 
@@ -119,7 +119,7 @@ def test_labels_name_what_is_there(objects: _core.Objects) -> None:
     envs = pool(objects, CamerasConfig(images=images, image_size=(128, 128), cameras=(FRONT, PALM, LEVEL)))
     options = {"world_from_hand": pose(0.15, 0.0, 0.25, DOWN), "place": [0.0, 0.0, 0.3]}
     for index, name in enumerate(objects.names):
-        shown: Any = envs.reset([index], None, [json.dumps({**options, "object": name})])
+        shown: Any = envs.reset([index], None, [{**options, "object": name}])
         world_from_object, world_from_hand, _ = (poses[0] for poses in envs.poses())
         mesh = object_sets.load(OBJECTS[index])[0].load()
         middle = world_from_object[:3, :3] @ mesh.bounds.mean(axis=0) + world_from_object[:3, 3]
@@ -163,12 +163,11 @@ def test_no_image_tells_where_a_hidden_object_is(objects: _core.Objects) -> None
     envs = pool(objects, CamerasConfig(images=IMAGES, shadows=False))
     hand = {"world_from_hand": pose(0.1, 0.0, 0.3, DOWN)}
     shown: list[Any] = [
-        envs.reset([0], None, [json.dumps({**hand, "object": 0, "world_from_object": pose(-0.46, y, 0.07)})])
-        for y in (-0.15, 0.17)
+        envs.reset([0], None, [{**hand, "object": 0, "world_from_object": pose(-0.46, y, 0.07)}]) for y in (-0.15, 0.17)
     ]
     for name in ("proprio", *IMAGES):
         np.testing.assert_array_equal(shown[0][name], shown[1][name])
-    visible: Any = envs.reset([0], None, [json.dumps({**hand, "object": 0, "world_from_object": pose(0.0, 0.0, 0.06)})])
+    visible: Any = envs.reset([0], None, [{**hand, "object": 0, "world_from_object": pose(0.0, 0.0, 0.06)}])
     assert all(not np.array_equal(shown[0][name], visible[name]) for name in IMAGES)
 
 
@@ -232,13 +231,13 @@ def test_cameras_and_light_vary_only_where_asked(objects: _core.Objects) -> None
 def test_a_reset_can_place_a_camera(objects: _core.Objects) -> None:
     envs = pool(objects, CamerasConfig(images=("depth",)))
     above = pose(0.0, 0.0, 0.9, DOWN)
-    shown: Any = envs.reset([0], None, [json.dumps({"cameras": {"front": above}})])
+    shown: Any = envs.reset([0], None, [{"cameras": {"front": above}}])
     np.testing.assert_allclose(_core.poses_of_cameras(envs)["front"][1][0], above, atol=1e-12)
     # Straight above the table: no point is farther than the table.
     assert shown["depth"].max() == pytest.approx(0.9, abs=1e-5)
     for cameras, message in (({"back": above}, "back"), ({"front": (2 * np.array(above)).tolist()}, "cameras")):
         with pytest.raises(errors.ConfigError, match=message):
-            envs.reset([0], None, [json.dumps({"cameras": cameras})])
+            envs.reset([0], None, [{"cameras": cameras}])
 
 
 def test_voxels_are_those_of_the_depth_images(objects: _core.Objects) -> None:
@@ -298,9 +297,9 @@ def test_what_cannot_be_seen_is_refused(objects: _core.Objects, cameras: Cameras
 def test_pictures_are_taken_of_chosen_environments(objects: _core.Objects) -> None:
     envs = pool(objects, CamerasConfig(), 3)
     with pytest.raises(errors.ConfigError, match="reset"):
-        _core.pictures(envs, [0], "{}")
+        _core.pictures(envs, [0], {})
     envs.reset([0, 1, 2])
-    config = to_json(PictureConfig(image_size=(90, 120), samples=2))
+    config = config_dict(PictureConfig(image_size=(90, 120), samples=2))
     every = _core.pictures(envs, [0, 1, 2], config)
     assert every.shape == (3, 90, 120, 3)
     assert every.dtype == np.uint8
@@ -311,4 +310,4 @@ def test_pictures_are_taken_of_chosen_environments(objects: _core.Objects) -> No
         assert 60 < picture.mean() < 220
         assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 200
     with pytest.raises(errors.ConfigError, match="samples"):
-        _core.pictures(envs, [0], to_json(PictureConfig(samples=9)))
+        _core.pictures(envs, [0], config_dict(PictureConfig(samples=9)))

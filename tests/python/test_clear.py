@@ -1,6 +1,6 @@
 """`Clear-v0`: rounds, what an attempt changes, labels, scenes for privileged policies, and errors."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import gymnasium
@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import data_equivalence
 import graspbox
 from graspbox.configs import Randomization
 from graspbox.envs.coding import codec, encode_action
-from graspbox.envs.settings import ClearSettings, keywords
+from graspbox.envs.settings import ClearConfig
 from graspbox.errors import ConfigError
 
 ID = "graspbox/Clear-v0"
@@ -248,6 +248,5 @@ def test_neighbours_make_poses_infeasible() -> None:
 
 
 def test_the_keywords_of_scenes_are_listed() -> None:
-    assert {"layout", "objects_per_scene", "object_scale", "bin_size", "spread", "max_failures"} <= set(
-        keywords(ClearSettings)
-    )
+    listed = {"layout", "objects_per_scene", "object_scale", "bin_size", "spread", "max_failures"}
+    assert listed <= {field.name for field in fields(ClearConfig)}

@@ -204,7 +204,7 @@ def test_names_that_are_no_text_or_look_like_markup(tmp_path: Path) -> None:
         (("objects", "~nobody-of-that-name/x.stl"), 2, ""),
         (("plan", "none.stl"), 2, "no mesh file"),
         (("plan", "procedural:0-1"), 2, "name one"),
-        (("plan", BOX, "--fit", "best"), 2, "decompose.fit is 'best'"),
+        (("plan", BOX, "--fit", "best"), 2, "'best' is not one of"),
         (("plan", BOX, "--seed", "-1"), 2, "--seed"),
         (("plan", BOX, "--scale", "nan"), 2, "scale is nan"),
         (("grasp", "--details", "--objects", BOX), 2, "--json"),

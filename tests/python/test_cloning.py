@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspbox.demonstrations import Demonstrations, record
+from graspbox._common.runs import Rows, read_settings
+from graspbox.data.episodes import Demonstrations, record
 from graspbox.errors import ConfigError
-from graspbox.sb3.settings import CloneSettings, Sb3Settings
-from graspbox.training.runs import Rows, read_settings
+from graspbox.learn.sb3.settings import CloneSettings, Sb3Settings
 from test_scripts import script
 
 pytestmark = pytest.mark.train
@@ -23,9 +23,9 @@ sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 typer = pytest.importorskip("typer")
 pytest.importorskip("pyarrow")
-cloning = pytest.importorskip("graspbox.sb3.cloning")
-running = pytest.importorskip("graspbox.sb3.running")
-training = pytest.importorskip("graspbox.sb3.training")
+cloning = pytest.importorskip("graspbox.learn.sb3.cloning")
+running = pytest.importorskip("graspbox.learn.sb3.running")
+training = pytest.importorskip("graspbox.learn.sb3.training")
 
 OBJECTS = ("procedural:can:0-9",)
 SEEING = ("depth", "proprio", "tactile")
@@ -47,20 +47,20 @@ def one_thread() -> Iterator[None]:
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten episodes of the expert."""
     out = tmp_path_factory.mktemp("cloning") / "shown"
-    keywords: dict[str, Any] = {"objects": OBJECTS, "frame_skip": 4, "max_episode_steps": 50, "image_size": 16}
+    keywords: dict[str, Any] = {"objects": OBJECTS, "control_freq": 5, "max_episode_steps": 50, "image_size": 16}
     record("expert", out, episodes=10, obs=("state", *SEEING), num_envs=4, split="train", reward="firm", **keywords)
     return out
 
 
-def clone(algorithm: str, source: Path, folder: Path, **settings: Any) -> dict[str, Any]:
+def clone(algorithm: Any, source: Path, folder: Path, **settings: Any) -> dict[str, Any]:
     """Clone in this process."""
     changes = PPO if algorithm == "ppo" else SAC
     given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, **settings}
-    options: Any = CloneSettings(algorithm=algorithm, demonstrations=source, out=folder, **given)
+    options: Any = CloneSettings(algorithm=algorithm, demonstrations=(source,), out=folder, **given)
     return dict(cloning.train(options, "graspbox train clone", lambda _: None).results)
 
 
-def train(algorithm: str, folder: Path, **settings: Any) -> int:
+def train(algorithm: Any, folder: Path, **settings: Any) -> int:
     """Train in this process; the exit status."""
     changes = PPO if algorithm == "ppo" else SAC
     env = ("env.objects=[procedural:can:0-9]", "env.reward=firm", "env.image_size=16")
@@ -79,9 +79,9 @@ def weights(folder: Path, part: str) -> Any:
 @pytest.mark.parametrize("obs", ["state", SEEING])
 def test_a_batch_is_learned_by_heart(shown: Path, algorithm: str, obs: Any) -> None:
     """Every policy, from the vector and from depth with touch, can reproduce the actions of a batch."""
-    from graspbox.sb3.running import model_arguments
+    from graspbox.learn.sb3.running import model_arguments
 
-    steps = cloning.ClonedSteps(Demonstrations(shown), obs)
+    steps = cloning.ClonedSteps([Demonstrations(shown)], obs)
     keywords = {**Demonstrations(shown).environment()[1], "obs": obs}
     env = running.normalized(running.make_env("graspbox/Grasp-v0", 1, **keywords), 0.9, observations=True, reward=False)
     given = {"policy_kwargs": {"net_arch": [128, 128]}, "gamma": 0.9}
@@ -90,7 +90,7 @@ def test_a_batch_is_learned_by_heart(shown: Path, algorithm: str, obs: Any) -> N
     model = kind(env=env, device="cpu", seed=0, **model_arguments(kind, given, env, 0))
     cloning.observe(env, steps)
     observations, actions = steps[list(range(0, len(steps), 4))]
-    optimizer = torch.optim.Adam(cloning.actor_parameters(model), lr=2e-3)
+    optimizer = torch.optim.Adam(running.actor_parameters(model), lr=2e-3)
     errors = []
     for _ in range(300):
         loss, error = cloning.cloning_loss(model, observations, actions)
@@ -122,7 +122,7 @@ def test_statistics_are_those_of_the_demonstrations(shown: Path, tmp_path: Path)
     """Vectors are scaled by their mean and deviation in the demonstrations; images are left alone."""
     clone("ppo", shown, tmp_path / "c", obs=SEEING, epochs=1)
     policy = running.load_policy("ppo", tmp_path / "c/checkpoint")
-    steps = cloning.ClonedSteps(Demonstrations(shown), SEEING)
+    steps = cloning.ClonedSteps([Demonstrations(shown)], SEEING)
     assert set(policy.statistics.obs_rms) == {"proprio", "tactile"}
     scaled = policy.statistics.normalize_obs(steps.arrays())
     assert scaled["proprio"].mean(axis=0) == pytest.approx(0.0, abs=0.02)
@@ -173,7 +173,7 @@ def test_a_clone_is_tuned(shown: Path, tmp_path: Path, algorithm: str, obs: tupl
     """It begins as the clone does; at first its value function learns alone, then the actor moves too."""
     clone(algorithm, shown, tmp_path / "clone", obs=obs)
     seen = obs[0] if len(obs) == 1 else "[" + ", ".join(obs) + "]"
-    changes = (f"env.obs={seen}", "value_warmup=65", "clone_weight=5.0", "clone_steps=1000", "model.learning_rate=1e-3")
+    changes = (f"env.obs={seen}", "value_warmup=65", "model.learning_rate=1e-3")
     run = tmp_path / "run"
     assert train(algorithm, run, clone=tmp_path / "clone", steps=64, set=changes) == 0
     actor = "action_net" if algorithm == "ppo" else "actor"
@@ -194,40 +194,8 @@ def test_a_clone_is_tuned(shown: Path, tmp_path: Path, algorithm: str, obs: tupl
     assert (weights(run, actor) != weights(tmp_path / "clone", actor)).any()
 
 
-def test_the_cloning_term_fades(shown: Path) -> None:
-    """Alone it pulls the actor to the demonstrations, with a weight that falls to zero; the value function stays."""
-    from stable_baselines3.common.logger import Logger
-
-    keywords = Demonstrations(shown).environment()[1]
-    env = running.make_env("graspbox/Grasp-v0", 1, **keywords)
-    model = running.ALGORITHMS["ppo"]("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu", seed=0)
-    model.set_logger(Logger(None, []))
-    steps = cloning.ClonedSteps(Demonstrations(shown), "state")
-    term = cloning.CloningTerm(model, steps, weight=2.0, decay=100, warmup=10)
-    value = model.policy.value_net.weight.detach().clone()
-    losses = []
-    for done, expected in ((0, 2.0), (50, 1.0), (100, 0.0), (500, 0.0)):
-        model.num_timesteps = done
-        assert term.weight == pytest.approx(expected)
-        before = model.policy.action_net.weight.detach().clone()
-        for _ in range(20):
-            model.policy.optimizer.zero_grad()
-            model.policy.optimizer.step()
-        losses.append(cloning.cloning_loss(model, *steps[list(range(len(steps)))])[1].item())
-        moved = bool((before != model.policy.action_net.weight).any())
-        assert moved == (done == 50)
-    assert losses[1] < losses[0]
-    assert (value == model.policy.value_net.weight).all()
-    term.remove()
-    model.num_timesteps = 50
-    before = model.policy.action_net.weight.detach().clone()
-    model.policy.optimizer.step()
-    assert (before == model.policy.action_net.weight).all()
-    env.close()
-
-
 def test_what_cannot_be_is_refused(shown: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--epochs is 0; give 1 or more"):
+    with pytest.raises(ConfigError, match="--epochs is 0; pass 1 or more"):
         clone("ppo", shown, tmp_path / "x", epochs=0)
     with pytest.raises(ConfigError, match=r"--rate is 2\.0"):
         clone("ppo", shown, tmp_path / "x", rate=2.0)
@@ -258,7 +226,7 @@ def test_a_comparison_runs_once_and_explains_itself(
     """All of its programs, tiny and in this process; a second call runs none of them."""
     from typer.testing import CliRunner
 
-    from graspbox.cli import typer_app
+    from command_line import invoke
 
     program, ran = script("compare_cloning"), []
 
@@ -266,12 +234,13 @@ def test_a_comparison_runs_once_and_explains_itself(
         name = Path(words[1]).stem
         assert output == (name == "evaluate_sb3")
         ran.append(" ".join(words[3:5]) if words[1] == "-m" else name)
-        app = typer_app
+        given = words[3:] if words[1] == "-m" else words[2:]
         if name == "evaluate_sb3":
             app = typer.Typer()
             app.command()(script(name).main)
-        given = words[3:] if words[1] == "-m" else words[2:]
-        done = CliRunner().invoke(app, given, catch_exceptions=False)
+            done = CliRunner().invoke(app, given, catch_exceptions=False)
+        else:
+            done = invoke(given, catch_exceptions=False)
         return subprocess.CompletedProcess(words, done.exit_code, done.stdout)
 
     monkeypatch.setattr(program, "call", call)

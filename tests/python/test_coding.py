@@ -7,11 +7,13 @@ import gymnasium
 import numpy as np
 import pytest
 
+import graspbox
+from acting import ACTING
 from graspbox import errors, load_hand
 from graspbox.envs import coding
 from graspbox.envs.coding import Codec, encode_action, hand_pose, object_pose, rotation_from_columns
 
-MODES = ("twist", "delta_pose", "target_pose", "grasp_pose")
+MODES = ("twist", "delta_pose", "target_pose", "top_down", "grasp_pose")
 
 
 def make(control: str, **settings: Any) -> Any:
@@ -45,34 +47,66 @@ def test_the_pose_of_a_state_is_that_of_the_simulation(control: str) -> None:
             np.testing.assert_allclose(hand_pose(state), poses[1][0], atol=1e-6)
 
 
-@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
-@pytest.mark.parametrize("frame_skip", [1, 3])
-def test_an_encoded_action_leads_to_the_pose(control: Any, frame_skip: int) -> None:
-    """A goal 1 cm and 0.05 rad away: the action of a step, held by the next ones, leads there."""
-    env = make(control, frame_skip=frame_skip)
+@pytest.mark.parametrize(("control", "fingers"), ACTING)
+@pytest.mark.parametrize("control_freq", [5, 10, 20, 50])
+def test_an_encoded_action_leads_to_the_pose(control: str, fingers: str, control_freq: float) -> None:
+    """A goal 1 cm and 0.03 rad away: the action of a step, held by the next ones, leads there."""
+    env = make(control, fingers=fingers, control_freq=control_freq)
     state, _ = env.reset(seed=1)
     start = hand_pose(state)
-    goal, angle = start.copy(), 0.05
+    goal, angle = start.copy(), 0.03
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
     goal[:3, :3], goal[:3, 3] = start[:3, :3] @ turn, start[:3, 3] + [0.006, -0.008, 0.004]
     reference = start
-    for _ in range(12):
-        begin = hand_pose(state) if control == "twist" else reference
-        action = encode_action(goal, 0.3, control=control, world_from_start=begin, frame_skip=frame_skip)
+    settings: dict[str, Any] = {"control": control, "fingers": fingers, "control_freq": control_freq}
+    for _ in range(max(12, round(0.6 * control_freq))):
+        begin = hand_pose(state) if control in ("twist", "top_down") else reference
+        action = encode_action(goal, 0.3, world_from_start=begin, **settings)
         assert env.action_space.contains(action)
         reference = goal
         state = env.step(action)[0]
     np.testing.assert_allclose(hand_pose(state), goal, atol=2e-3)
     assert np.abs(start - goal).max() > 4e-3
-    assert Codec(control).column(state, "preshape") == pytest.approx(0.3, abs=1e-2)
+    assert Codec(control, fingers=fingers).column(state, "preshape") == pytest.approx(0.3, abs=1e-2)
 
 
 def test_actuators_take_their_speeds() -> None:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    action = encode_action(pose, 0.0, control="target_pose", actuator_speed=[3.5, 0.0, -1.75])
+    speeds = [3.5, 0.0, -1.75]
+    action = encode_action(pose, 0.0, control="target_pose", fingers="each", actuator_speed=speeds)
     np.testing.assert_allclose(action[9:12], [1.0, 0.0, -0.5])
     np.testing.assert_allclose(action[:9], [0, 0, -1, 1, 0, 0, 0, -1, 0])
     assert action[12] == -1.0
+    # Together they take the mean share of 3 rad/s, the speed at which a trial closes them.
+    action = encode_action(pose, 0.0, control="target_pose", actuator_speed=speeds)
+    np.testing.assert_allclose(action[9:], [(3.5 - 1.75) / 9, -1.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("hand", graspbox.Hand.names())
+def test_the_speeds_of_a_trial_close_every_hand_fully(hand: str) -> None:
+    loaded = load_hand(hand)
+    speeds = np.array(loaded.closing_speeds)
+    goal = np.diag([1.0, -1.0, -1.0, 1.0])
+    for share in (1.0, 0.5, 0.0, -1.0):
+        settings: dict[str, Any] = {"hand": hand, "actuator_speed": share * speeds, "world_from_start": goal}
+        action = encode_action(goal, loaded.preshape_limits[0], control="top_down", **settings)
+        np.testing.assert_allclose(action[:5], [0, 0, 0, 0, share], atol=1e-6)
+        assert len(action) <= 6
+
+
+def test_a_motion_from_above_is_in_the_axes_of_the_world() -> None:
+    """Position and yaw; the tilt of the goal is left out."""
+    start = np.diag([-1.0, 1.0, -1.0, 1.0])
+    goal, angle, tilt = start.copy(), 0.2, 0.1
+    yaw = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    goal[:3, :3], goal[:3, 3] = yaw @ start[:3, :3], [0.01, -0.02, 0.03]
+    settings: dict[str, Any] = {"control": "top_down", "world_from_start": start, "control_freq": 10}
+    action = encode_action(goal, 0.0, **settings)
+    # Shares of 0.5 m/s and 2 rad/s in a step of 0.1 s.
+    np.testing.assert_allclose(action, [0.2, -0.4, 0.6, 1.0, 0.0, -1.0], atol=1e-6)
+    lean = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    goal[:3, :3] = lean @ start[:3, :3]
+    np.testing.assert_allclose(encode_action(goal, 0.0, **settings)[3], 0.0, atol=1e-6)
 
 
 def test_a_decision_is_clipped_to_the_box_of_positions() -> None:
@@ -83,10 +117,10 @@ def test_a_decision_is_clipped_to_the_box_of_positions() -> None:
 
 def test_what_is_no_state_or_pose_is_explained() -> None:
     sizes = {control: Codec(control).state_size for control in ("twist", "target_pose", "grasp_pose")}
-    known = rf"obs='state'.*{sizes['twist']} \(twist\).*{sizes['grasp_pose']} \(grasp_pose\)"
+    known = rf"obs='state' has length .*{sizes['twist']}, .*{sizes['grasp_pose']}$"
     with pytest.raises(errors.ConfigError, match=known):
         object_pose(np.zeros(3))
-    with pytest.raises(errors.ConfigError, match=f"obs='state' gives {sizes['target_pose']} numbers"):
+    with pytest.raises(errors.ConfigError, match=f"obs='state' has length .*{sizes['target_pose']}"):
         object_pose(np.zeros(sizes["twist"]), control="target_pose")
     with pytest.raises(errors.ConfigError, match="object_rotation of the state"):
         object_pose(np.zeros(sizes["twist"]))

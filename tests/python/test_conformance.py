@@ -2,7 +2,7 @@
 
 import pickle
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,8 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import graspbox
 from acting import OBJECTS, pressing
-from graspbox.envs import IDS, spaces
+from graspbox.envs import GOAL_IDS, IDS, spaces
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 
 TABLES = spaces.tables(graspbox.load_hand())
 GRASP = "graspbox/Grasp-v0"
@@ -36,7 +37,7 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     (CLEAR, {"obs": ("state", "proprio"), "hand": "panda_gripper", "reward": "dense", "randomization": "standard"}),
     (CLEAR, {"obs": ("state", "proprio"), "hand": "leap", "layout": "packed"}),
     ("graspbox/GraspPose-v0", {"obs": ("state", "segmentation"), "image_size": 36, "layout": "packed"}),
-    *[(GRASP, {"obs": name}) for name in TABLES["observations"]["twist"]],
+    *[(GRASP, {"obs": name}) for name in TABLES["observations"]["twist"]["synergy"]],
     (GRASP, {"obs": ("state", "segmentation"), "image_size": 36, "layout": "packed", "objects_per_scene": (2, 4)}),
     *[
         (env_id, {"obs": ("state", *spaces.IMAGES), "image_size": 36, "layout": "pile", "randomization": "standard"})
@@ -44,34 +45,60 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     ],
     *[(GRASP, {"obs": name, "image_size": 36}) for name in spaces.IMAGES],
     (GRASP, {"obs": ("depth_palm", "proprio"), "randomization": "standard", "image_size": (40, 48)}),
+    (GRASP, {"obs": ("state", "proprio"), "control_freq": 5, "randomization": "standard"}),
     (GRASP, {"obs": ("proprio", "tactile"), "reward": "dense", "randomization": "standard"}),
-    *[(GRASP, {"obs": "state", "control": control}) for control in TABLES["actions"] if control != "twist"],
+    *[
+        (GRASP, {"obs": "state", "control": control, "fingers": fingers})
+        for control, by_fingers in TABLES["actions"].items()
+        for fingers in by_fingers
+    ],
     *[("graspbox/GraspPose-v0", {"obs": ("state", "proprio"), "hand": name}) for name in OTHER_HANDS],
     *[(GRASP, {"obs": ("state", "proprio"), "hand": name}) for name in OTHER_HANDS],
+    *[(GRASP, {"obs": "state", "hand": name, "control": "top_down", "fingers": "each"}) for name in OTHER_HANDS[:2]],
+    *[(env_id, {"obs": name, "image_size": 36}) for env_id in GOAL_IDS for name in ("state", "depth")],
+    *[(env_id, {"obs": "proprio", "control": "twist", "fingers": "each"}) for env_id in GOAL_IDS],
 ]
 
 
 def factory(case: tuple[str, dict[str, Any]], remote: str | None = None) -> Callable[[], Any]:
     env_id, settings = case
-    limit: dict[str, Any] = {"max_episode_steps": STEPS} if env_id == GRASP else {}
-    return partial(gymnasium.make, env_id, objects=OBJECTS, remote=remote, **settings, **limit)
+    limit: dict[str, Any] = {"max_episode_steps": STEPS, "control_freq": 20} if env_id in (GRASP, *GOAL_IDS) else {}
+    return partial(gymnasium.make, env_id, objects=OBJECTS, remote=remote, **{**limit, **settings})
 
 
 def label(case: tuple[str, dict[str, Any]]) -> str:
     return "-".join([case[0].split("/")[1], *map(str, case[1].values())])
 
 
-@pytest.fixture(params=CASES, ids=label)
-def make(request: pytest.FixtureRequest, remote: str | None) -> Callable[[], Any]:
-    return factory(request.param, remote)
+#: Cases that run on a server too. The code of all others is that of these: a server steps the same environments, and
+#: `test_remote` compares every control mode and layout bit by bit.
+SERVED = [
+    case for case in CASES if (isinstance(case[1]["obs"], tuple) and "hand" not in case[1]) or case[0] in GOAL_IDS
+]
+
+
+RUNS = [(case, False) for case in CASES] + [(case, True) for case in SERVED]
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[str]:
+    with EnvironmentServer(ServerSettings(port=0)) as running:
+        yield running.url
+
+
+@pytest.fixture(params=RUNS, ids=lambda run: ("on a server-" if run[1] else "here-") + label(run[0]))
+def make(request: pytest.FixtureRequest, server: str) -> Callable[[], Any]:
+    case, served = request.param
+    return factory(case, server if served else None)
 
 
 def actions(env: Any, count: int) -> Any:
     """Actions that lead to contact where that is easy, seeded ones elsewhere."""
-    if env.spec.id == GRASP and env.unwrapped.action_space.shape == (10,):
-        return pressing(count, 1)[:, 0]
+    settings = env.spec.kwargs
+    if env.spec.id == GRASP and settings.get("control", "twist") == "twist" and "hand" not in settings:
+        return pressing(count, 1, motors=3 if settings.get("fingers") == "each" else 1)[:, 0]
     env.action_space.seed(7)
-    if env.spec.id == GRASP:
+    if env.spec.id in (GRASP, *GOAL_IDS):
         return [env.action_space.sample() for _ in range(count)]
     # Decisions take longer than steps: in every other one the palm is over the middle, facing down.
     drawn = [env.action_space.sample() for _ in range(count // 10)]
@@ -95,8 +122,8 @@ def leaves(observation: Any) -> list[Any]:
 
 
 def test_every_id_and_observation_is_here() -> None:
-    assert {env_id for env_id, _ in CASES} == set(IDS)
-    assert {*TABLES["observations"]["twist"], *spaces.IMAGES} <= {settings["obs"] for _, settings in CASES}
+    assert {env_id for env_id, _ in CASES} == {*IDS, *GOAL_IDS}
+    assert {*TABLES["observations"]["twist"]["synergy"], *spaces.IMAGES} <= {settings["obs"] for _, settings in CASES}
 
 
 def test_gymnasium_finds_nothing_to_complain_about(make: Any) -> None:

@@ -217,8 +217,8 @@ def test_trace_tells_the_trial() -> None:
     assert trace.world_from_hand[-1, 2, 3] - trace.world_from_hand[0, 2, 3] == pytest.approx(0.20, abs=1e-3)
 
 
-@pytest.mark.parametrize(("engine", "tolerance"), [("newton", 1e-4), ("rapier", 0.05)])
-def test_contact_forces_of_a_trace_carry_the_object(engine: Literal["newton", "rapier"], tolerance: float) -> None:
+@pytest.mark.parametrize(("engine", "tolerance"), [("implicit", 1e-4), ("rapier", 0.05)])
+def test_contact_forces_of_a_trace_carry_the_object(engine: Literal["implicit", "rapier"], tolerance: float) -> None:
     """In the hold they balance its weight; friction stays within its cone, and normal parts add up to `hand_force`."""
     mesh = cuboid(0.06, 0.06, 0.12, mass=0.1)
     scene = graspbox.Scene(mesh, physics=graspbox.PhysicsConfig(engine=engine))

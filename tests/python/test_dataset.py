@@ -13,7 +13,8 @@ import pytest
 
 import graspbox
 from datasets_for_tests import OBJECTS, config, contents, run
-from graspbox import dataset, errors, object_sets
+from graspbox import errors, object_sets
+from graspbox.data import trials as dataset
 from graspbox.planning.plan_files import mesh_hash
 
 pytest.importorskip("pyarrow")
@@ -145,7 +146,7 @@ def test_a_part_of_a_data_set_is_diverse(tmp_path: Path) -> None:
     order: list[str] = []
 
     def stop(shards: Any, *_: Any) -> Iterator[Any]:
-        order.extend(shard.tasks[0].subject.spec.family for shard in shards)
+        order.extend(shard.tasks[0].target.spec.family for shard in shards)
         yield from ()
 
     objects = ["procedural:can:0-29", "procedural:box:0-29"]
@@ -301,12 +302,12 @@ def test_same_files_share_a_split(tmp_path: Path) -> None:
     content = object_sets.load("ycb:062_dice")[0].path.read_bytes()  # type: ignore[union-attr]
     for name in (names["train"], names["test"]):
         (tmp_path / f"{name}.stl").write_bytes(content)
-    from graspbox.dataset.manifest import subjects_of
+    from graspbox.data.trials.manifest import grouped_objects
 
-    subjects, _ = subjects_of(object_sets.load(f"dir:{tmp_path}").objects)
-    assert len({subject.split for subject in subjects}) == 1
-    assert len({subject.group for subject in subjects}) == 1
-    assert len({subject.spec.split for subject in subjects}) == 2
+    grouped = grouped_objects(object_sets.load(f"dir:{tmp_path}").objects)
+    assert len({one.split for one in grouped}) == 1
+    assert len({one.group for one in grouped}) == 1
+    assert len({one.spec.split for one in grouped}) == 2
 
 
 def test_command_line(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox import object_sets
-from graspbox.dataset import candidates, scenes
-from graspbox.dataset.candidates import HandGeometry, Poses, Surface
-from graspbox.dataset.settings import CandidateShares, DatasetConfig
+from graspbox.data.trials import candidates, scenes
+from graspbox.data.trials.candidates import HandGeometry, Poses, Surface
+from graspbox.data.trials.settings import CandidateShares, DatasetConfig
 from graspbox.object_sets import ObjectSpec
 
 HANDS = graspbox.Hand.names()
@@ -101,7 +101,7 @@ def test_errors_of_the_hand_keep_their_bounds(position: float, rotation: float) 
 
 def rows(source: str, hand: str = "reflex", **settings: object) -> dict[str, object]:
     spec = object_sets.load(source)[0]
-    task = scenes.SceneTask(scenes.Subject(spec, spec.group, spec.split), 0)
+    task = scenes.SceneTask(scenes.GroupedObject(spec, spec.group, spec.split), 0)
     config = DatasetConfig(**{"poses": 40, "views": 0, **settings})  # type: ignore[arg-type]
     return scenes.label(task, ObjectSpec.load, graspbox.load_hand(hand), geometry(hand), config)[0]
 
@@ -142,7 +142,7 @@ def test_resting_poses_follow_their_probabilities() -> None:
     spec = object_sets.load("ycb:003_cracker_box")[0]
     mesh, hand = spec.load(), graspbox.load_hand()
     config = DatasetConfig(poses=1, views=0, rests=20, candidates=CandidateShares(0.0, 1.0, 0.0, 0.0, 0.0))
-    subject = scenes.Subject(spec, spec.group, spec.split)
+    subject = scenes.GroupedObject(spec, spec.group, spec.split)
     poses, probabilities = mesh.resting_poses()
     likely = probabilities >= 0.05
     counts = np.zeros(likely.sum())

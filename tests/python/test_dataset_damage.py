@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from datasets_for_tests import OBJECTS, config, contents
-from graspbox import dataset, errors
-from graspbox.dataset.learned import of_datasets
-from graspbox.dataset.runners import Runner
+from graspbox import errors
+from graspbox.data import trials as dataset
+from graspbox.data.trials.learned import of_datasets
+from graspbox.data.trials.runners import Runner
 
 pytest.importorskip("pyarrow")
 

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from datasets_for_tests import OBJECTS, config, contents
-from graspbox import dataset, errors
+from graspbox import errors
+from graspbox.data import trials as dataset
 
 pytestmark = [pytest.mark.train, pytest.mark.filterwarnings("ignore")]
 pytest.importorskip("pyarrow")

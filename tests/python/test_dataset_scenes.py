@@ -1,23 +1,18 @@
 """Data sets of scenes of several objects: rows, images, replays and training."""
 
-import hashlib
-import json
 import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 import graspbox
-from graspbox import dataset
-from graspbox.dataset.manifest import FILE
-from graspbox.dataset.schema import TRIALS
+from graspbox.data import trials as dataset
 from graspbox.errors import ConfigError
-from graspbox.models.cluttered import is_scene, read_scene
-from graspbox.models.scenes import SceneConfig
-from graspbox.models.trials import GraspTrials
+from graspbox.learn.models.cluttered import is_scene, read_scene
+from graspbox.learn.models.scenes import SceneConfig
+from graspbox.learn.models.trials import GraspTrials
 from graspbox.perception import HandGrid, HandGridConfig
 from graspbox.perception.anchors import Anchors
 
@@ -122,7 +117,7 @@ def test_trainings_read_all_objects(piles: Path) -> None:
 @pytest.mark.train
 def test_heads_refuse_scenes_of_several_objects(piles: Path) -> None:
     pytest.importorskip("torch")
-    from graspbox.models.head.batches import HeadSampler
+    from graspbox.learn.models.head.batches import HeadSampler
 
     trials = GraspTrials.from_dataset(piles, "train")
     grid = HandGrid(graspbox.load_hand(HAND), HandGridConfig())
@@ -139,26 +134,6 @@ def test_trainings_know_the_scale(tmp_path: Path) -> None:
     (source, *_) = GraspTrials.from_dataset(tmp_path, objects[0].split).source
     (mesh,) = read_scene(str(source)).meshes
     np.testing.assert_allclose(mesh.bounds, objects[0].load().bounds, atol=1e-6)
-
-
-def test_data_sets_of_version_1_are_read(tmp_path: Path) -> None:
-    """They lack the columns of scenes of several objects."""
-    dataset.generate(
-        ["procedural:can:0"], tmp_path, hand=HAND, config=settings(layout="single"), runner=dataset.local(1)
-    )
-    before = dataset.load(tmp_path)
-    manifest = json.loads((tmp_path / FILE).read_text())
-    added = [column.name for column in TRIALS if column.of_version_1 is not None]
-    (shard,) = manifest["shards"]
-    path = tmp_path / "trials" / shard["name"]
-    pq.write_table(pq.read_table(path).drop_columns(added), path)
-    shard["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
-    (tmp_path / FILE).write_text(json.dumps({**manifest, "version": 1}))
-    after, names = dataset.load(tmp_path), [*added, "object", "success"]
-    assert after.schema == before.schema
-    assert after.select(names).equals(before.select(names))
-    assert dataset.load(tmp_path, columns=["walls", "object"]).column_names == ["walls", "object"]
-    assert len(GraspTrials.from_dataset(tmp_path, before["split"][0].as_py())) == len(before)
 
 
 @pytest.mark.parametrize(

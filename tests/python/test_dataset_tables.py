@@ -9,7 +9,8 @@ import pytest
 
 import graspbox
 from datasets_for_tests import OBJECTS, config
-from graspbox import dataset, errors, object_sets
+from graspbox import errors, object_sets
+from graspbox.data import trials as dataset
 
 pa = pytest.importorskip("pyarrow")
 
@@ -159,7 +160,7 @@ def test_voxels_are_those_of_occupancy(table: Any) -> None:
     seen = dataset.render(some, image_size=48)
     cells = dataset.voxels(seen, resolution=16, side=0.4)
     assert cells.shape == (2, 16, 16, 16)
-    from graspbox.dataset.images import grid_frames
+    from graspbox.data.trials.images import grid_frames
 
     frames = grid_frames(seen)
     for row in range(2):
@@ -213,7 +214,7 @@ def test_the_best_pose_is_robust_then_secure_then_still(table: Any) -> None:
 
 def test_trials_to_learn_from_are_read_shard_by_shard(made: Path, table: Any) -> None:
     """`GraspTrials.from_dataset` has the values of the rows of a split, and their scenes."""
-    from graspbox.models.trials import GraspTrials
+    from graspbox.learn.models.trials import GraspTrials
 
     for split in sorted(set(table["split"].to_pylist())):
         rows = dataset.load(made, split)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from demonstrations_for_tests import FAST, OBJECTS, OBS, recorded
-from graspbox.demonstrations import Demonstrations, record
+from graspbox.data.episodes import Demonstrations, record
 from graspbox.errors import ConfigError
 from graspbox.evaluation import trial_seeds
 
@@ -113,7 +113,7 @@ def test_two_recordings_into_a_folder_are_refused(tmp_path: Path) -> None:
 
 
 def test_failures_are_kept_where_told(tmp_path: Path) -> None:
-    keywords: dict[str, Any] = {"objects": OBJECTS, "frame_skip": 4, "max_episode_steps": 6, "num_envs": 2}
+    keywords: dict[str, Any] = {"objects": OBJECTS, "control_freq": 5, "max_episode_steps": 6, "num_envs": 2}
     with pytest.raises(ConfigError, match=r"0 of 120 trials were worth keeping \(keep='success'\), 1 are wanted"):
         record("zero", tmp_path / "none", episodes=1, obs="proprio", keep="success", **keywords)
     found = record("zero", tmp_path / "all", episodes=3, obs="proprio", keep="all", **keywords)
@@ -123,7 +123,7 @@ def test_failures_are_kept_where_told(tmp_path: Path) -> None:
 
 
 def test_noise_disturbs_what_is_done_but_not_what_is_shown(tmp_path: Path) -> None:
-    keywords: dict[str, Any] = {"objects": OBJECTS, "frame_skip": 4, "obs": ("proprio", "state"), "keep": "all"}
+    keywords: dict[str, Any] = {"objects": OBJECTS, "fingers": "each", "obs": ("proprio", "state"), "keep": "all"}
     for name, width in (("a", 2), ("b", 3)):
         record("zero", tmp_path / name, episodes=3, noise=0.3, num_envs=width, max_episode_steps=5, **keywords)
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
@@ -166,9 +166,9 @@ def test_rounds_and_targets_are_recorded_and_done_again(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"keep": "best"}, "keep is 'best'; choose from secure, success, all"),
-        ({"noise": 1.5}, r"noise is 1\.5; give a number between 0 and 1"),
-        ({"episodes": 0}, "episodes is 0; give 1 or more"),
-        ({"num_envs": 0}, "num_envs is 0; give 1 or more"),
+        ({"noise": 1.5}, r"noise is 1\.5; it must be between 0 and 1"),
+        ({"episodes": 0}, "episodes is 0; it must be 1 or more"),
+        ({"num_envs": 0}, "num_envs is 0; it must be 1 or more"),
         ({"obs": ()}, "obs is empty"),
         ({"obs": "colour"}, "colour"),
         ({"env_id": "CartPole-v1"}, "there is no environment 'CartPole-v1'"),
@@ -193,8 +193,8 @@ def test_other_settings_and_other_folders_are_refused(made: Demonstrations, tmp_
 
 
 def test_the_command_line_does_the_same(made: Demonstrations, tmp_path: Path, capsys: Any) -> None:
-    typer = pytest.importorskip("typer.testing")
-    from graspbox.cli import typer_app
+    pytest.importorskip("typer")
+    from command_line import invoke
 
     out = tmp_path / "shown"
     words = [
@@ -212,17 +212,19 @@ def test_the_command_line_does_the_same(made: Demonstrations, tmp_path: Path, ca
     ]
     words += [word for name in OBS for word in ("--obs", name)]
     words += [
-        word for name in ("frame_skip", "max_episode_steps", "image_size") for word in ("--set", f"{name}={FAST[name]}")
+        word
+        for name in ("control_freq", "max_episode_steps", "image_size")
+        for word in ("--set", f"{name}={FAST[name]}")
     ]
-    runner = typer.CliRunner()
-    done = runner.invoke(typer_app, words, catch_exceptions=False)
+    done = invoke(words, catch_exceptions=False)
     assert done.exit_code == 0
     assert json.loads(done.stdout)["secure"] == 3
     assert same_steps(Demonstrations(out), made)
     with pytest.raises(ConfigError, match="names no keyword"):
-        runner.invoke(typer_app, [*words, "--set", "frame_skip"], catch_exceptions=False)
+        invoke([*words, "--set", "control_freq"], catch_exceptions=False)
     given = ["export", str(out), "--format", "lerobot", "--out", str(tmp_path / "lerobot")]
-    assert runner.invoke(typer_app, given, catch_exceptions=False).exit_code == 0
+    assert invoke(given, catch_exceptions=False).exit_code == 0
     assert (tmp_path / "lerobot/meta/info.json").is_file()
-    with pytest.raises(ConfigError, match="choose from minari, lerobot"):
-        runner.invoke(typer_app, [*given, "--format", "zip"], catch_exceptions=False)
+    wrong = invoke([*given, "--format", "zip"])
+    assert wrong.exit_code == 2
+    assert "'zip' is not one of 'minari', 'lerobot'" in " ".join(wrong.output.replace("│", " ").split())

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from graspbox.demonstrations import Demonstrations, record
-from graspbox.demonstrations.manifest import _digest
+from graspbox.data.episodes import Demonstrations, record
+from graspbox.data.episodes.manifest import _digest
 from graspbox.errors import ConfigError, GraspboxError
 
 pytest.importorskip("pyarrow")

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from demonstrations_for_tests import OBS, recorded
-from graspbox import demonstrations
-from graspbox.demonstrations import Demonstrations
+from graspbox.data.episodes import Demonstrations
 from graspbox.errors import ConfigError
+from graspbox.tools.demonstrations import to_lerobot, to_minari
 
 datasets = pytest.importorskip("datasets")
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -38,7 +38,7 @@ def minari(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_minari_loads_them(made: Demonstrations, minari: Any) -> None:
-    demonstrations.to_minari(made, "graspbox/expert-v0")
+    to_minari(made, "graspbox/expert-v0")
     found = minari.load_dataset("graspbox/expert-v0")
     assert (found.total_episodes, found.total_steps) == (3, sum(row.steps for row in made.episodes))
     assert found.spec.env_spec.id == "graspbox/Grasp-v0"
@@ -63,7 +63,7 @@ def test_minari_loads_them(made: Demonstrations, minari: Any) -> None:
 def test_minari_records_the_same_by_itself(made: Demonstrations, minari: Any) -> None:
     """Minari's own `DataCollector` gives the same spaces, environment and arrays for the same actions."""
     pytest.importorskip("jax", reason="Minari collects with jax")
-    exported = demonstrations.to_minari(made, "graspbox/expert-v0")
+    exported = to_minari(made, "graspbox/expert-v0")
     collector = minari.DataCollector(exported.recover_environment(), data_format="parquet")
     for one in made.read():
         collector.reset(seed=one.episode.seed)
@@ -78,18 +78,18 @@ def test_minari_records_the_same_by_itself(made: Demonstrations, minari: Any) ->
 
 
 def test_minari_refuses_what_it_has(made: Demonstrations, minari: Any, tmp_path: Path) -> None:
-    demonstrations.to_minari(made, "graspbox/expert-v0")
-    with pytest.raises(ConfigError, match="exists; remove it, or give another id"):
-        demonstrations.to_minari(made, "graspbox/expert-v0")
+    to_minari(made, "graspbox/expert-v0")
+    with pytest.raises(ConfigError, match="exists; remove it, or pass another id"):
+        to_minari(made, "graspbox/expert-v0")
     with pytest.raises(ConfigError, match="Minari does not take the id"):
-        demonstrations.to_minari(made, "a b c")
+        to_minari(made, "a b c")
     # A failed write leaves nothing behind.
     copy = tmp_path / "copy"
     shutil.copytree(made.folder, copy)
     damaged = Demonstrations(copy)
     (copy / "episodes-00001.parquet").write_bytes(b"PAR1")
     with pytest.raises(ConfigError, match="is damaged"):
-        demonstrations.to_minari(damaged, "graspbox/damaged-v0")
+        to_minari(damaged, "graspbox/damaged-v0")
     assert minari.list_local_datasets().keys() == {"graspbox/expert-v0"}
 
 
@@ -99,7 +99,7 @@ def test_minari_refuses_what_it_has(made: Demonstrations, minari: Any, tmp_path:
 @pytest.fixture(scope="module")
 def lerobot(made: Demonstrations, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Export them as a LeRobotDataset."""
-    return demonstrations.to_lerobot(made, tmp_path_factory.mktemp("export") / "lerobot")
+    return to_lerobot(made, tmp_path_factory.mktemp("export") / "lerobot")
 
 
 def frames(made: Demonstrations, column: Callable[[Any], Any]) -> Any:
@@ -182,13 +182,13 @@ def test_lerobot_statistics_are_those_of_the_frames(made: Demonstrations, lerobo
 
 def test_lerobot_folder_is_whole_or_not_there(made: Demonstrations, lerobot: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="exists; remove it"):
-        demonstrations.to_lerobot(made, lerobot)
+        to_lerobot(made, lerobot)
     copy = tmp_path / "copy"
     shutil.copytree(made.folder, copy)
     damaged = Demonstrations(copy)
     (copy / "episodes-00001.parquet").write_bytes(b"PAR1")
     with pytest.raises(ConfigError, match="is damaged"):
-        demonstrations.to_lerobot(damaged, tmp_path / "out")
+        to_lerobot(damaged, tmp_path / "out")
     assert {path.name for path in tmp_path.iterdir()} == {"copy"}
 
 

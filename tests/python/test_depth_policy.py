@@ -8,11 +8,11 @@ import pytest
 import graspbox
 from graspbox import errors, evaluation, policies
 from graspbox.configs import CamerasConfig
-from graspbox.evaluation.oracles import DepthOracle
 from graspbox.perception import GraspFinder, HandGrid, ProposalConfig
 from graspbox.perception.configs import FinderConfig
 from graspbox.perception.finder import observed_only
 from graspbox.policies import DepthPolicy, Observer
+from graspbox.policies.baselines.oracles import DepthOracle
 
 QUICK = FinderConfig(proposals=ProposalConfig(most=24), refinements=1)
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from graspbox.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "scripts/docker"

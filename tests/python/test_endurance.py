@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AsyncVectorEnv
 
-from acting import CAMERAS, OBJECTS, pressing
+from acting import CAMERAS, EACH, OBJECTS, pressing
 
 ID = "graspbox/Grasp-v0"
 
@@ -53,6 +53,7 @@ def test_random_steps_stay_within_bounds_and_memory(steps: int, obs: tuple[str, 
         reward="dense",
         randomization="standard",
         max_episode_steps=50,
+        **EACH,
     )
     env.reset(seed=0)
     rng = np.random.default_rng(0)
@@ -108,10 +109,10 @@ def test_random_decisions_stay_within_bounds_and_memory() -> None:
 
 def test_async_vector_env_after_a_rollout_in_the_parent() -> None:
     """Forked children start their own threads, and get the observations of the native environment."""
-    native: Any = gymnasium.make_vec(ID, num_envs=2, objects=OBJECTS, max_episode_steps=8)
+    native: Any = gymnasium.make_vec(ID, num_envs=2, objects=OBJECTS, max_episode_steps=8, **EACH)
     native.reset(seed=0)
     native.step(pressing(1, 2)[0])
-    make: Any = partial(gymnasium.make, ID, objects=OBJECTS, max_episode_steps=8)
+    make: Any = partial(gymnasium.make, ID, objects=OBJECTS, max_episode_steps=8, **EACH)
     env = AsyncVectorEnv([make] * 2, context="fork")
     try:
         assert data_equivalence(env.reset(seed=1), native.reset(seed=1), exact=True)

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 
-from acting import CAMERAS, DECISIONS, LOOPS, OBJECTS, TASKS, over_the_highest, pressing
+from acting import CAMERAS, DECISIONS, EACH, LOOPS, OBJECTS, TASKS, over_the_highest, pressing
 from graspbox import errors
 
 GRASP, POSE = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
@@ -98,16 +98,16 @@ def test_a_copy_of_a_vector_environment_continues_with_the_same_bits(
 
 @WAYS
 def test_a_copy_of_an_environment_that_has_not_begun_needs_a_reset(way: Callable[[Any], Any]) -> None:
-    single: Any = way(gymnasium.make(GRASP, **SETTINGS).unwrapped)
+    single: Any = way(gymnasium.make(GRASP, **SETTINGS, **EACH).unwrapped)
     vector: Any = way(gymnasium.make_vec(POSE, num_envs=2, copy=False, **SETTINGS))
     for env in (single, vector):
         with pytest.raises(gymnasium.error.ResetNeeded):
             env.step(env.action_space.sample())
-    first = gymnasium.make(GRASP, **SETTINGS).unwrapped.reset(seed=2)
+    first = gymnasium.make(GRASP, **SETTINGS, **EACH).unwrapped.reset(seed=2)
     assert data_equivalence(single.reset(seed=2), first, exact=True)
     # Buffers are the copy's own.
     assert vector.reset(seed=2)[0] is vector._out["state"]
-    half: Any = gymnasium.make_vec(GRASP, num_envs=2, **SETTINGS)
+    half: Any = gymnasium.make_vec(GRASP, num_envs=2, **SETTINGS, **EACH)
     half.set_state(1, single.get_state())
     again = way(half)
     assert again.np_random_seed == (None, -1)
@@ -115,7 +115,7 @@ def test_a_copy_of_an_environment_that_has_not_begun_needs_a_reset(way: Callable
 
 
 def test_what_is_on_its_way_is_not_copied() -> None:
-    env: Any = gymnasium.make_vec(GRASP, num_envs=2, **SETTINGS)
+    env: Any = gymnasium.make_vec(GRASP, num_envs=2, **SETTINGS, **EACH)
     env.reset(seed=0)
     env.send(pressing(1, 2)[0])
     with pytest.raises(errors.ConfigError, match="receive its result first"):
@@ -165,7 +165,7 @@ def in_a_fork(work: Callable[[], Any]) -> str:
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_forked_process_is_told_to_make_its_own_environment() -> None:
     """Most of such children once waited for ever for threads that they do not have."""
-    env: Any = gymnasium.make_vec(GRASP, num_envs=4, objects=OBJECTS)
+    env: Any = gymnasium.make_vec(GRASP, num_envs=4, objects=OBJECTS, **EACH)
     env.reset(seed=0)
     action = pressing(1, 4)[0]
     env.step(action)

@@ -77,8 +77,8 @@ def test_a_trial_is_the_episode_of_its_seed() -> None:
     """Reset a single environment with the seed of a trial, and the same happens."""
     result = evaluate("planner", LOOP, SET, 4, 7, reward="dense")
     for trial in result.trials:
-        env = gymnasium.make(LOOP, objects=SET, reward="dense")
         policy = policies.load("planner")
+        env = gymnasium.make(LOOP, objects=SET, reward="dense", **policy.settings_in(LOOP))
         policy.bind(Task.of(env))
         observation, info = env.reset(seed=trial.seed)
         assert info["object"] == trial.object
@@ -224,7 +224,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 def test_a_function_is_no_policy() -> None:
     policy: Any = lambda observation: observation  # noqa: E731
-    with pytest.raises(ConfigError, match=r"policy is a function; give a graspbox\.policies\.Policy"):
+    with pytest.raises(ConfigError, match=r"policy is a function; pass a graspbox\.policies\.Policy"):
         evaluate(policy, SINGLE_OBJECT_IDS[0], "procedural:can:0", 1, 0)
 
 

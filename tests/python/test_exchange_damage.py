@@ -1,8 +1,7 @@
 """Grasp files that are damaged, hostile, or of another kind: each is an error of one sentence."""
 
-import io
 import json
-import pickle
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspbox import errors, exchange
-from graspbox.exchange.dexgraspbench import read_fields
+from graspbox import errors, load_hand
+from graspbox.tools import exchange
+from graspbox.tools.exchange.dexgraspbench import grasps_of
 
 h5py = pytest.importorskip("h5py", reason="ACRONYM's files need h5py, from the extra 'exchange'")
 yaml = pytest.importorskip("yaml", reason="Isaac Grasp files need PyYAML, from the extra 'exchange'")
+
+ROOT = Path(__file__).parents[2]
 
 Change = Callable[[Any], None]
 
@@ -131,13 +133,13 @@ def test_truncated_acronym(share: float, tmp_path: Path) -> None:
 
 
 def test_files_that_are_not_there(tmp_path: Path) -> None:
-    for name in ("it.h5", "it.json", "it.yaml", "it.npy"):
+    for name in ("it.h5", "it.json", "it.yaml"):
         with pytest.raises(errors.FileError, match="No such file"):
             exchange.load(tmp_path / name)
         (tmp_path / name).mkdir()
         with pytest.raises(errors.FileError, match="not a regular file"):
             exchange.load(tmp_path / name)
-    refused_suffix = "has the suffix '.txt'; files with .h5, .json, .yaml, .npy are read"
+    refused_suffix = "has the suffix '.txt'; files with .h5, .json, .yaml are read"
     with pytest.raises(errors.ConfigError, match=refused_suffix):
         exchange.load(tmp_path / "it.txt")
 
@@ -157,7 +159,7 @@ def _document() -> dict[str, Any]:
         (("grasps", "transforms"), [np.eye(4).tolist(), [["a"] * 4] * 4], r"transforms\[1\] is not a 4x4 matrix"),
         (("grasps", "transforms"), [[[10**400] * 4] * 4] * 2, r"transforms\[0\] is not a 4x4 matrix"),
         (("grasps", "transforms"), (2 * np.eye(4)[None]).tolist() * 2, "not a rigid motion"),
-        (("grasps", "transforms"), [[]] * 1_000_001, "has 1000001 entries; give at most 1000000"),
+        (("grasps", "transforms"), [[]] * 1_000_001, "has 1000001 entries; use at most 1000000"),
         (("grasps", "object_in_gripper"), [True], "has 1 entries, but there are 2 grasps"),
         (("grasps", "object_in_gripper"), [True, "yes"], "object_in_gripper is not a list of numbers"),
         (("grasps", "object_in_gripper"), [True, None], "the outcome of grasp 1 is nan"),
@@ -231,74 +233,15 @@ def test_spoilt_isaac(content: str, why: str, tmp_path: Path) -> None:
     refused(tmp_path / "it.yaml", why)
 
 
-def _npy(content: Any, protocol: int = 4) -> bytes:
-    """Give a file of DexGraspBench, or one that pickles something else."""
-    buffer = io.BytesIO()
-    np.lib.format.write_array_header_1_0(buffer, {"descr": "|O", "fortran_order": False, "shape": ()})
-    pickle.dump(content, buffer, protocol=protocol)
-    return buffer.getvalue()
-
-
 def _fields() -> dict[str, Any]:
     qpos = np.array([0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0, 0.04, 0.04])
     stages = {f"{stage}_qpos": qpos for stage in ("pregrasp", "grasp", "squeeze")}
     return {"obj_pose": np.array([0.0, 0, 0, 1, 0, 0, 0]), "obj_scale": np.float64(0.1), "obj_path": "it", **stages}
 
 
-@pytest.mark.parametrize("protocol", [3, 4, 5])
-def test_dexgraspbench_is_read_as_numpy_writes_it(protocol: int, tmp_path: Path) -> None:
-    fields = {**_fields(), "grasp_qpos": _fields()["grasp_qpos"].astype(np.float32), "steps": np.eye(3, order="F")}
-    outer = np.array(fields, dtype=object)
-    (tmp_path / "it.npy").write_bytes(_npy(outer if protocol < 5 else fields, protocol))
-    read = read_fields(tmp_path / "it.npy")
-    assert read.keys() == fields.keys()
-    for name, value in fields.items():
-        np.testing.assert_array_equal(read[name], value)
-        assert np.asarray(read[name]).dtype == np.asarray(value).dtype
-    assert exchange.load(tmp_path / "it.npy").scale == 0.1
-
-
-class _Runs:
-    """Would write a file when it is unpickled."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Path.touch, (self.path,)
-
-
-def test_pickles_run_no_code(tmp_path: Path) -> None:
-    (tmp_path / "it.npy").write_bytes(_npy({**_fields(), "more": _Runs(tmp_path / "ran")}))
-    refused(tmp_path / "it.npy", "it calls")
-    assert not (tmp_path / "ran").exists()
-
-
-class _Calls:
-    """Calls a function that pickled arrays use, with other arguments."""
-
-    def __init__(self, function: Any, *arguments: Any) -> None:
-        self.call = (function, arguments)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return self.call
-
-
-_RECONSTRUCT = np.empty(0).__reduce__()[0]
-_SCALAR = np.float64(0).__reduce__()[0]
-
-
 @pytest.mark.parametrize(
     ("content", "why"),
     [
-        (_Calls(_RECONSTRUCT, np.ndarray, (10**12,), b"b"), "builds an array in an unusual way"),
-        (_Calls(_SCALAR, np.dtype("f8"), b""), "not a DexGraspBench file, or is damaged"),
-        (_Calls(np.ndarray, (10**12,)), "not a DexGraspBench file, or is damaged"),
-        (_Calls(np.dtype, "V1000000000"), "an array of type 'V1000000000'"),
-        (np.zeros(2, dtype=[("a", "f8")]), "an array of type 'V8'"),
-        (np.array([{}, {}], dtype=object), "an array of objects"),
-        ([1, 2], "not a dict of names and arrays"),
-        ({1: 2}, "not a dict of names and arrays"),
         ({**_fields(), "grasp_qpos": np.zeros(5)}, r"grasp_qpos has shape \(5,\); this hand needs \(9,\)"),
         ({**_fields(), "grasp_qpos": [0.0] * 9}, "grasp_qpos has shape None"),
         ({**_fields(), "grasp_qpos": np.full(9, np.nan)}, "entries that are not finite"),
@@ -310,24 +253,44 @@ _SCALAR = np.float64(0).__reduce__()[0]
         ),
     ],
 )
-def test_spoilt_dexgraspbench(content: Any, why: str, tmp_path: Path) -> None:
-    (tmp_path / "it.npy").write_bytes(_npy(content))
-    refused(tmp_path / "it.npy", why)
+def test_spoilt_dexgraspbench(content: Any, why: str) -> None:
+    with pytest.raises(errors.ConfigError, match=why):
+        grasps_of(content, load_hand("panda_gripper"))
 
 
-def test_truncated_dexgraspbench(tmp_path: Path) -> None:
-    content = _npy(np.array(_fields(), dtype=object))
-    for length in range(0, len(content), 37):
-        (tmp_path / "it.npy").write_bytes(content[:length])
-        refused(tmp_path / "it.npy", "not a DexGraspBench file, or is damaged")
-    np.save(tmp_path / "it.npy", np.zeros(3))
-    refused(tmp_path / "it.npy", r"array of shape \(3,\) and type float64")
+class _Runs:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.path,)
+
+
+def test_pickles_are_not_read(tmp_path: Path) -> None:
+    np.save(tmp_path / "it.npy", np.array(_Runs(tmp_path / "ran")), allow_pickle=True)
+    refused(tmp_path / "it.npy", "is a pickle, .* convert a file that you trust with scripts/convert_dexgraspbench")
+    script = [sys.executable, str(ROOT / "scripts/convert_dexgraspbench.py"), str(tmp_path / "it.npy"), "--out"]
+    done = subprocess.run([*script, str(tmp_path / "it.yaml")], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "add --trust if you know where it comes from" in done.stderr
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_trusted_file_is_converted(tmp_path: Path) -> None:
+    np.save(tmp_path / "it.npy", np.array(_fields(), dtype=object), allow_pickle=True)
+    script = [sys.executable, str(ROOT / "scripts/convert_dexgraspbench.py"), str(tmp_path / "it.npy"), "--trust"]
+    subprocess.run([*script, "--out", str(tmp_path / "it.yaml")], check=True)
+    back, direct = exchange.load(tmp_path / "it.yaml"), grasps_of(_fields(), load_hand("panda_gripper"))
+    np.testing.assert_allclose(back.poses, direct.poses, atol=1e-12)
+    np.testing.assert_allclose(back.grasp, direct.grasp, atol=1e-12)
 
 
 def test_damaged_bytes_are_refused_or_read(tmp_path: Path) -> None:
     """A file with any single byte changed raises only errors of graspbox."""
     random = np.random.default_rng(0)
-    for name, to in (("it.h5", "acronym"), ("it.yaml", "isaac"), ("it.npy", "dexgraspbench")):
+    for name, to in (("it.h5", "acronym"), ("it.yaml", "isaac")):
         exchange.save(grasps(1), tmp_path / name, to)
         content = (tmp_path / name).read_bytes()
         for _ in range(150):
@@ -343,10 +306,10 @@ def test_damaged_bytes_are_refused_or_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "why"),
     [
-        ({"poses": np.eye(4)}, r"poses has shape \(4, 4\); give \(n, 4, 4\)"),
+        ({"poses": np.eye(4)}, r"poses has shape \(4, 4\); pass \(n, 4, 4\)"),
         ({"poses": np.zeros((2, 3, 4))}, "poses has shape"),
-        ({"preshape": [0.0]}, r"preshape has shape \(1,\); give one number, or one for each of 3"),
-        ({"preshape": 0.5}, "preshape of grasp 0 is 0.5; give a number from 0 to 0"),
+        ({"preshape": [0.0]}, r"preshape has shape \(1,\); pass one number, or one for each of 3"),
+        ({"preshape": 0.5}, "preshape of grasp 0 is 0.5; pass a number from 0 to 0"),
         ({"success": [1.0, 2.0, 0.0]}, "success of grasp 1 is 2.0"),
         ({"confidence": [0.5, 0.5, -1.0]}, "confidence of grasp 2 is -1.0"),
         ({"score": [0.5]}, r"score has shape \(1,\)"),

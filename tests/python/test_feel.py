@@ -11,12 +11,12 @@ import pytest
 import graspbox
 import tiny_policy
 from graspbox import errors, evaluation, policies
-from graspbox.artifacts.configs import FeelPolicyConfig
-from graspbox.artifacts.folders import load, save, use_of
-from graspbox.models.stability.inputs import StabilityInputs, StabilityReading
 from graspbox.perception import HandGrid
 from graspbox.perception.finder import FoundGrasp
 from graspbox.policies import FeelThenLift
+from graspbox.policies.published.configs import FeelPolicyConfig
+from graspbox.policies.published.folders import load, save, use_of
+from graspbox.policies.stability_inputs import StabilityInputs, StabilityReading
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
 ENV = "graspbox/Grasp-v0"
@@ -91,7 +91,7 @@ def test_its_bits_do_not_depend_on_the_number_of_environments(folder: Path) -> N
 
 def test_pairs_say_what_a_threshold_would_have_done(folder: Path) -> None:
     pytest.importorskip("torch", reason="trainings of policies need the extra 'train'")
-    from graspbox.recipes.paired import at_threshold, run_pairs
+    from graspbox.learn.recipes.feel.paired import at_threshold, run_pairs
 
     pairs = run_pairs(folder, CANS, 4, 5, num_envs=4)
     middle = float(np.sort(pairs.probability)[1:3].mean())
@@ -108,7 +108,7 @@ def test_pairs_say_what_a_threshold_would_have_done(folder: Path) -> None:
 
 def test_the_threshold_with_most_successes_is_chosen() -> None:
     pytest.importorskip("torch", reason="trainings of policies need the extra 'train'")
-    from graspbox.recipes.paired import PairedTrials, at_threshold, best_threshold
+    from graspbox.learn.recipes.feel.paired import PairedTrials, at_threshold, best_threshold
 
     rng = np.random.default_rng(0)
     probability = rng.uniform(size=4000)

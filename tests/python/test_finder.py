@@ -9,14 +9,17 @@ from numpy.typing import NDArray
 from graspbox import object_sets
 from graspbox.errors import ConfigError
 from graspbox.hands import load_hand
-from graspbox.models.scene_trials import render_scene
-from graspbox.models.scenes import SceneConfig, SceneSampler
+from graspbox.learn.models.scene_trials import render_scene
+from graspbox.learn.models.scenes import SceneConfig, SceneSampler
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.anchors import Candidates
 from graspbox.perception.configs import FinderConfig
 from graspbox.perception.crops import Crops
-from graspbox.perception.finder import FoundGrasp, GraspFinder, Score, observed_only
+from graspbox.perception.depth_views import Seen
+from graspbox.perception.finder import FoundGrasp, GraspFinder, Query, observed_only
+from graspbox.perception.outputs import Judged
 from graspbox.perception.perturbations import PoseNoise
+from graspbox.perception.scoring import Score
 
 CONFIG = FinderConfig(ProposalConfig(most=24), predicted=3, refinements=0)
 
@@ -61,7 +64,7 @@ def highest(
 
 
 def decide(crops: Crops, config: FinderConfig, head: Ladder | None, score: Score = highest) -> FoundGrasp:
-    found = GraspFinder(HandGrid(), observed_only, score, config, head=head).decide(crops)
+    found = GraspFinder(HandGrid(), observed_only, score, config, head=head).find(Seen(crops))
     assert found is not None
     return found
 
@@ -85,7 +88,7 @@ def test_a_grasp_of_the_head_is_chosen_where_it_scores_best(crops: Crops) -> Non
         lambda volume, poses, preshapes: -np.linalg.norm(poses[:, :2, 3], axis=1) - np.abs(poses[:, 2, 2] + 1),
         CONFIG,
         head=Ladder(top_of(crops)),
-    ).decide(crops)
+    ).find(Seen(crops))
     assert found is not None
     np.testing.assert_allclose(found.world_from_hand[:2, 3], found.world_from_crop[:2, 3], atol=1e-12)
 
@@ -148,7 +151,7 @@ def test_a_hand_that_errs_takes_a_good_grasp_among_good_ones(crops: Crops) -> No
         return np.where(to_peak < 1e-4, 1.0, np.where(to_middle < 0.02, 0.8, 0.1))
 
     def chosen(config: FinderConfig) -> NDArray[np.float64]:
-        found = GraspFinder(HandGrid(), observed_only, score, config).decide(crops)
+        found = GraspFinder(HandGrid(), observed_only, score, config).find(Seen(crops))
         assert found is not None
         assert found.score == found.scores.max() <= (1.0 if config.hand_error is None else 0.8)
         return np.asarray(found.poses[found.chosen][:3, 3])
@@ -182,7 +185,7 @@ def test_grasps_keep_off_what_is_known_to_stand_there(crops: Crops) -> None:
     """A wall beside the can: grasps do not touch it; where a block takes all the room, they may."""
     grid, frame = HandGrid(), crops.world_from_crop[0]
     free = GraspFinder(grid, observed_only, highest, CONFIG)
-    every = free.decide(crops)
+    every = free.find(Seen(crops))
     assert every is not None
 
     def touched(found: FoundGrasp, obstacles: NDArray[np.float64]) -> int:
@@ -192,22 +195,56 @@ def test_grasps_keep_off_what_is_known_to_stand_there(crops: Crops) -> None:
 
     side, height = np.meshgrid(np.linspace(-0.2, 0.2, 60), np.linspace(0.0, 0.25, 40))
     wall = np.stack([np.full_like(side, 0.07), side, height], axis=-1).reshape(-1, 3) @ frame[:3, :3].T + frame[:3, 3]
-    careful = free.keeping_off(wall).decide(crops)
+    careful = free.find(Seen(crops), Query(keep_off=wall))
     assert careful is not None
     assert touched(every, wall) > 0
     assert touched(careful, wall) == 0
     block = np.stack(np.meshgrid(*[np.linspace(-0.3, 0.3, 40)] * 2, np.linspace(0.0, 0.4, 40)), axis=-1).reshape(-1, 3)
-    cornered = free.keeping_off(block + frame[:3, 3]).decide(crops)
+    cornered = free.find(Seen(crops), Query(keep_off=block + frame[:3, 3]))
     assert cornered is not None
     np.testing.assert_array_equal(cornered.poses, every.poses)
 
 
 def test_each_attempt_that_failed_is_avoided(crops: Crops) -> None:
     finder = GraspFinder(HandGrid(), observed_only, highest, CONFIG)
-    first = finder.decide(crops)
+    first = finder.find(Seen(crops))
     assert first is not None
-    second = finder.avoiding(first).decide(crops)
+    second = finder.find(Seen(crops), Query(failed=(first,)))
     assert second is not None
-    third = finder.avoiding(first, second).decide(crops)
+    third = finder.find(Seen(crops), Query(failed=(first, second)))
     assert third is not None
     assert len({found.chosen for found in (first, second, third)}) == 3
+
+
+class Recorder:
+    """A trained scorer that keeps the grasps it is asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[bytes] = []
+
+    def judge(self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]) -> Judged:
+        """Judge by height."""
+        self.asked += [pose.tobytes() + preshape.tobytes() for pose, preshape in zip(poses, preshapes, strict=True)]
+        success = 1.0 / (1.0 + np.exp(-highest(volume, poses, preshapes)))
+        return Judged(success, success, 0.5 * success, np.zeros((len(poses), 2)))
+
+    judge_each = judge
+
+    def __call__(
+        self, volume: NDArray[np.uint8], poses: NDArray[np.float64], preshapes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Score by height."""
+        return self.judge(volume, poses, preshapes).choice
+
+
+def test_no_grasp_is_scored_twice(crops: Crops) -> None:
+    scorer = Recorder()
+    found = decide(crops, replace(CONFIG, refinements=2), None, scorer)
+    assert len(scorer.asked) == len(set(scorer.asked)) == len(found.scores)
+    assert found.success == found.score
+    assert len(scorer.asked) == len(found.scores)
+    # Under errors of the hand, probabilities stay those of a hand without.
+    erring = decide(crops, replace(CONFIG, hand_error=PoseNoise(0.005, 0.05), refinements=2), None, Recorder())
+    assert erring.judged is not None
+    expected = 1.0 / (1.0 + np.exp(-erring.poses[:, 2, 3]))
+    np.testing.assert_array_equal(erring.judged.success, expected)

@@ -7,7 +7,7 @@ import gymnasium
 import pytest
 
 from graspbox import errors
-from graspbox.envs import clear, grasp, grasp_pose
+from graspbox.envs import clear, goal_tasks, grasp, grasp_pose
 from test_scripts import script
 
 DOCS = {"graspbox/Grasp-v0": grasp.__doc__ or "", "graspbox/GraspPose-v0": grasp_pose.__doc__ or ""}
@@ -31,7 +31,8 @@ def test_every_table_is_up_to_date() -> None:
 
 def test_every_table_has_a_place() -> None:
     program = script("generate_docs")
-    texts = [clear.__doc__ or "", *DOCS.values(), *(page.read_text() for page in program.PAGES)]
+    modules = [clear.__doc__ or "", goal_tasks.__doc__ or "", *DOCS.values()]
+    texts = [*modules, *(page.read_text() for page in program.PAGES)]
     assert sorted(re.findall(r"<!-- generated: (.*?) -->", "".join(texts))) == sorted(program.TABLES)
 
 
@@ -46,28 +47,6 @@ def test_a_stale_table_is_found_and_written_anew() -> None:
     assert program.with_tables(new) == new
     with pytest.raises(SystemExit, match="no table 'moon'"):
         program.with_tables("<!-- generated: moon -->\n<!-- end -->")
-
-
-def test_parameters_are_the_keywords() -> None:
-    program = script("generate_docs")
-    doc = '    """Doc.\n\n    Parameters\n    ----------\n    old : int\n\n    Raises\n    ------\n'
-    text = f"class GraspEnv(SingleEnv):\n{doc}"
-    new = program.keywords.with_parameters(text, program.keywords.GRASP)
-    assert "old : int" not in new
-    assert "    objects : str, Path, ObjectSet or sequence of str\n        Object sets to sample from" in new
-    assert new.endswith("\n\n    Raises\n    ------\n")
-    with pytest.raises(SystemExit, match="GraspPoseEnv has no section"):
-        program.keywords.with_parameters(text, program.keywords.POSE)
-
-
-def test_parameters_of_a_relative_are_the_difference() -> None:
-    program = script("generate_docs")
-    text = program.keywords.parameters(program.keywords.POSE)
-    assert re.findall(r"^    (\S+) ?:?", text, flags=re.MULTILINE)[2:] == ["objects", "trial", "**settings"]
-    assert "graspbox.envs.grasp.GraspEnv`, except ``control`` and ``frame_skip``." in text
-    wide = program.keywords.parameters(program.keywords.POSES)
-    assert "    num_envs, objects\n        As of `graspbox.envs.vector.GraspVectorEnv`." in wide
-    assert "GraspVectorEnv`, except ``control`` and ``frame_skip``." in wide
 
 
 @pytest.mark.parametrize("env_id", DOCS)

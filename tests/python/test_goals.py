@@ -7,19 +7,21 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from numpy.typing import NDArray
 
 from graspbox import evaluation, load_hand, policies
-from graspbox.demonstrations import Demonstrations, record, to_minari
+from graspbox.data.episodes import Demonstrations, record
 from graspbox.envs.coding import Codec, rotation_from_columns
 from graspbox.errors import ConfigError
 from graspbox.policies import Task, goals
 from graspbox.policies.goals import GOAL, GoalPolicy, Goals, goal_space, plain_settings
-from graspbox.remote import EnvironmentServer, ServerSettings
 from graspbox.sb3 import goal_env
+from graspbox.tools.demonstrations import to_minari
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 
 OBJECTS = ("procedural:can:0-3", "procedural:box:0-3")
-SETTINGS: dict[str, Any] = {"objects": OBJECTS, "frame_skip": 4, "max_episode_steps": 50}
+SETTINGS: dict[str, Any] = {"objects": OBJECTS, "fingers": "each", "control_freq": 5, "max_episode_steps": 50}
 PROPRIO = Codec("twist", load_hand("reflex"), "proprio")
 
 
@@ -106,6 +108,20 @@ def test_the_last_observation_has_a_goal_and_the_next_episode_begins_without() -
     envs.close()
 
 
+def test_a_partial_reset_passes_wrappers_that_remove_the_mask() -> None:
+    """The goals of all environments were forgotten, also of those whose episodes went on."""
+    envs = make(2)
+    envs.env = RecordEpisodeStatistics(envs.env)
+    seen, _ = envs.reset(seed=5)
+    while not (entries(seen["goal"], "found") == 1.0).all():
+        seen = envs.step(follow(seen))[0]
+    options = {"reset_mask": np.array([False, True])}
+    seen, _ = envs.reset(seed=[None, 3], options=options)
+    assert sorted(options) == ["reset_mask"]
+    assert entries(seen["goal"], "found")[:, 0].tolist() == [1.0, 0.0]
+    envs.close()
+
+
 def test_results_do_not_depend_on_neighbours() -> None:
     def result(num_envs: int) -> Any:
         policy = GoalPolicy(policies.load("partial_view_planner"), follow)
@@ -119,10 +135,10 @@ def test_with_goals_follows_the_keywords() -> None:
     same, settings = goal_env.with_goals(policy, {"obs": "state"})
     assert (same, settings) == (policy, {"obs": "state"})
     changed, settings = goal_env.with_goals(
-        policy, {"obs": ["tactile", "goal"], "goal_from": "partial_view_planner", "frame_skip": 4}
+        policy, {"obs": ["tactile", "goal"], "goal_from": "partial_view_planner", "control_freq": 5}
     )
     assert changed.obs == settings["obs"] == ("tactile", "depth", "proprio")
-    assert settings["frame_skip"] == 4
+    assert settings["control_freq"] == 5
     assert "goal_from" not in settings
 
 

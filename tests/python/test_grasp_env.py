@@ -10,28 +10,31 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 import graspbox
-from acting import OBJECTS, expert_actions, pressing
-from graspbox import errors, outcomes
+from acting import EACH, OBJECTS, expert_actions, pressing
+from graspbox import errors
 from graspbox.configs import CamerasConfig, Randomization
 from graspbox.envs import grasp, reward, spaces
 from graspbox.envs.coding import Codec, object_pose
+from graspbox.simulation import outcomes
 
 ID = "graspbox/Grasp-v0"
 
 
 def make(**settings: Any) -> Any:
-    return gymnasium.make(ID, **{"objects": OBJECTS, **settings})
+    return gymnasium.make(ID, **{"objects": OBJECTS, **EACH, **settings})
 
 
 def test_what_the_documentation_says_in_words_is_true() -> None:
     """Its tables are those of `test_generate_docs`."""
     found = spaces.tables(graspbox.load_hand())
     text = grasp.__doc__ or ""
-    for control in found["actions"]:
+    for control, by_fingers in found["actions"].items():
         assert f'control="{control}"' in text
-    for name in found["observations"]["twist"]:
+        for fingers in by_fingers:
+            assert f'fingers="{fingers}"' in text
+    for name in found["observations"]["twist"]["each"]:
         assert (name in found["privileged"]) == (f"``{name}`` is **privileged**" in text)
-    assert found["control_period"] * grasp.GraspEnv.metadata["render_fps"] == 1.0
+    assert grasp.GraspEnv.metadata["render_fps"] == 5
     _, info = make().reset(seed=0)
     assert list(info) == [*(row["name"] for row in found["info"]), "reward_terms"]
 
@@ -46,12 +49,13 @@ def test_names_that_python_repeats_are_those_of_the_core() -> None:
     assert tuple(re.split(", | or ", listed)) == spaces.IMAGES
 
 
-@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
-def test_spaces_follow_the_control_mode(control: str) -> None:
-    env = make(control=control, obs=("proprio", "tactile", "state"))
+@pytest.mark.parametrize("fingers", ["synergy", "each"])
+@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose", "top_down"])
+def test_spaces_follow_control_mode_and_fingers(control: str, fingers: str) -> None:
+    env = make(control=control, fingers=fingers, obs=("proprio", "tactile", "state"))
     found = spaces.tables(graspbox.load_hand())
-    assert env.action_space.shape == (sum(f["size"] for f in found["actions"][control]),)
-    for name, rows in found["observations"][control].items():
+    assert env.action_space.shape == (sum(f["size"] for f in found["actions"][control][fingers]),)
+    for name, rows in found["observations"][control][fingers].items():
         assert env.observation_space[name].shape == (sum(f["size"] for f in rows),)
     observation, _ = env.reset(seed=0)
     np.testing.assert_array_equal(observation["proprio"], observation["state"][: len(observation["proprio"])])
@@ -66,7 +70,10 @@ def test_bounds_of_the_state_cut_nothing_off() -> None:
     Loads, contacts and sizes do reach their lower bound of 0, a load its motor's limit, the preshape that of its joint;
     columns without a unit are shares and axes.
     """
-    columns, physical = spaces.tables(graspbox.load_hand())["observations"]["twist"]["state"], ("load", "preshape")
+    columns, physical = (
+        spaces.tables(graspbox.load_hand())["observations"]["twist"]["each"]["state"],
+        ("load", "preshape"),
+    )
     for objects in ("procedural:can:0", "procedural:box:1"):
         env = make(objects=objects).unwrapped
         actions = expert_actions(env, 0)
@@ -84,8 +91,8 @@ def test_reward_is_the_weighted_sum_of_its_terms() -> None:
     """Dense, sparse and own weights on the same actions: one run, three rewards."""
     envs = {
         "dense": make(reward="dense"),
-        "sparse": make(),
-        "own": make(reward_weights={"reach": 2.0, "success": 0.0}),
+        "sparse": make(reward="sparse"),
+        "own": make(reward="sparse", reward_weights={"reach": 2.0, "success": 0.0}),
     }
     weights = {"dense": reward.DENSE, "sparse": reward.SPARSE, "own": {"reach": 2.0}}
     for env in envs.values():
@@ -105,7 +112,7 @@ def test_reward_is_the_weighted_sum_of_its_terms() -> None:
 def test_a_firm_hold_is_paid_for() -> None:
     """``slip`` adds up to how far the object has moved in the hand, ``secure`` comes with the info's flag."""
     env: Any = make(objects="procedural:can:0", reward="firm").unwrapped
-    reads = Codec("twist", graspbox.load_hand())
+    reads = Codec("twist", graspbox.load_hand(), fingers="each")
     actions = expert_actions(env, 0)
     env.reset(seed=0)
     slipped, greatest = 0.0, 0.0
@@ -160,7 +167,7 @@ def test_options_change_what_they_name_alone() -> None:
     state, info = env.reset(seed=2)
     moved, _ = env.reset(seed=2, options={"place": [0.02, -0.03, 1.0], "object": info["object"]})
     # The state begins with the columns of proprio.
-    proprio = spaces.size(env._core.tables["observations"]["twist"]["proprio"])
+    proprio = spaces.size(env._core.tables["observations"]["twist"]["each"]["proprio"])
     np.testing.assert_array_equal(state[:proprio], moved[:proprio])
     assert (state[proprio:] != moved[proprio:]).any()
     world_from_hand = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -200,7 +207,7 @@ def test_wrong_options_leave_the_episode_as_it_was(options: Any) -> None:
         ({"obs": "deep"}, "no observation 'deep'"),
         ({"obs": ()}, "at least one"),
         ({"obs": ("state", "state")}, "each once"),
-        ({"control": "joint"}, "no control mode"),
+        ({"control": "joint"}, "control is .joint.; choose from"),
         ({"reward": "shaped"}, "no reward"),
         ({"reward_weights": {"joy": 1.0}}, "no reward term 'joy'"),
         ({"reward_weights": {"lift": float("nan")}}, "finite"),

@@ -184,8 +184,8 @@ def test_a_urdf_without_meshes_stays_as_it_is() -> None:
     ("filename", "scale", "message"),
     [
         ("none.obj", "", r"collider 'leftfinger_pad': mesh 'none.obj' is missing; name it"),
-        ("pad.obj", ' scale="1 1"', r"has scale '1 1'; give three numbers"),
-        ("pad.obj", ' scale="0 1 1"', r"has scale '0 1 1'; give three numbers"),
+        ("pad.obj", ' scale="1 1"', r"has scale '1 1'; use three numbers"),
+        ("pad.obj", ' scale="0 1 1"', r"has scale '0 1 1'; use three numbers"),
         ("pad.obj", ' scale="a b c"', r"'a b c' is not a list of numbers"),
         ("empty.obj", "", r"mesh 'empty.obj': "),
         ("flat.obj", "", r"mesh 'flat.obj': "),

@@ -8,10 +8,10 @@ import pytest
 import graspbox
 from graspbox import object_sets
 from graspbox.hands import asymmetries_of, corners_of, load_hand, reach_of, symmetries_of
-from graspbox.models.scorer.inputs import ScorerInputs
 from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalConfig
 from graspbox.perception.anchors import AnchorConfig
 from graspbox.perception.hand_settings import seeing_both_sides, settings_of
+from graspbox.perception.inputs.scorer import ScorerInputs
 from graspbox.simulation import Scene
 
 MIRROR_Y, MIRROR_X, HALF_TURN = (1.0, -1.0, 1.0), (-1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)

@@ -8,19 +8,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 import graspbox
-from graspbox import cli, errors
+from command_line import invoke
+from graspbox import errors
 from graspbox._common.rotations import rotation_from_euler
 from graspbox.hand_tools import Finding, check_hand, guess_hand
+from graspbox.hand_tools.bodies import inertia_of
 from graspbox.hand_tools.boxes import gaps
 from graspbox.hand_tools.closing import Fingers, guess_closing
 from graspbox.hand_tools.tables import minimal, quoted
-from graspbox.hand_tools.urdf import read_tree
+from graspbox.hands.description import describe_urdf
 
 NAMES = graspbox.Hand.names()
 ASSETS = Path(__file__).parents[2] / "env/hand/assets"
+#: A ball of 0.2 kg, 0.1 m above its link's origin.
+INERTIAL = (
+    '<inertial><origin xyz="0 0 0.1"/><mass value="0.2"/>'
+    '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
 
 
 def broken(name: str, *changes: tuple[str, str]) -> graspbox.Hand:
@@ -49,7 +56,7 @@ def one(hand: graspbox.Hand, check: str, severity: str, message: str) -> Finding
 
 
 def run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(cli.typer_app, ["hand", *map(str, arguments)], catch_exceptions=True)
+    return invoke(["hand", *map(str, arguments)], catch_exceptions=True)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -151,10 +158,15 @@ def test_servos_that_ring_or_creep(damping: str, words: str) -> None:
 
 def test_inertia_that_a_joint_moves() -> None:
     """Two fingers of 15 g slide; a knuckle turns its finger."""
-    tree = read_tree(graspbox.load_hand("panda_gripper").files[0])
-    assert tree.inertia_of(0, [0.02]) == pytest.approx(0.03)
-    text = '<robot><link name="a"/><link name="b"><inertial><origin xyz="0 0 0.1"/><mass value="0.2"/><inertia iyy="0.01"/></inertial></link><joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/></joint></robot>'  # noqa: E501
-    assert read_tree(text).inertia_of(0, [0.4]) == pytest.approx(0.01 + 0.2 * 0.1**2)
+    assert inertia_of(graspbox.load_hand("panda_gripper"), 0, [0.02]) == pytest.approx(0.03)
+    text = (
+        f'<robot name="r"><link name="a">{INERTIAL}</link>'
+        f'<link name="b">{INERTIAL}</link>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>'
+        '<limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    hand = graspbox.Hand(text, minimal(describe_urdf(text, "r.urdf")))
+    assert inertia_of(hand, 0, [0.4]) == pytest.approx(0.01 + 0.2 * 0.1**2)
 
 
 def test_sensors() -> None:
@@ -254,7 +266,7 @@ def test_trials_of_hands_that_cannot_grasp() -> None:
     unknown = broken("panda_gripper", (r"\[grasp.ranking\]\nfingers", "[grasp.ranking]\nnonsense"))
     found = [f for f in check_hand(unknown).findings if f.check == "trials"]
     assert [f.severity for f in found] == ["error", "warning", "warning", "warning"]
-    assert "no term of the ranking" in found[1].message
+    assert "not a term of the ranking" in found[1].message
     buried = broken("panda_gripper", (r"(\[grasp\]\nxyz = \{ value = \[0.0, 0.0, )0.066", r"\g<1>0.4"))
     found = [f for f in check_hand(buried).findings if f.check == "trials"]
     assert found[0].severity == "error"
@@ -357,9 +369,8 @@ def test_directions_of_closing() -> None:
     opened = {}
     for name in NAMES:
         urdf = graspbox.load_hand(name).files[0]
-        tree = read_tree(urdf)
-        closing = guess_closing(Fingers(graspbox.Hand(urdf, minimal(tree)), tree))
-        joints = [joint.name for joint in tree.independent]
+        hand = graspbox.Hand(urdf, minimal(describe_urdf(urdf, name)))
+        closing, joints = guess_closing(Fingers(hand)), hand.joints
         opened[name] = dict(zip(joints, closing.opened.tolist(), strict=True))
         side = [joint for joint, closes in zip(joints, closing.closes, strict=True) if not closes]
         spread = {
@@ -409,10 +420,10 @@ def test_new_keeps_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "not XML"),
-        ("<robot/>", "no joint that moves"),
+        ("", "no root element"),
+        ("<robot/>", "there are no links"),
         ("<!DOCTYPE a [<!ENTITY b 'c'>]><robot/>", "document type"),
-        ('<robot><link name="a"/><link name="b"/><joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint></robot>', "no joint that moves"),  # noqa: E501
+        (f'<robot name="r"><link name="a">{INERTIAL}</link></robot>', "no joint that moves"),
         ('<robot><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>', r"hand\.urdf:1: link \"a\" has no inertial"),  # noqa: E501
     ],
 )  # fmt: skip

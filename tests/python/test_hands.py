@@ -12,7 +12,7 @@ import graspbox
 from acting import CAMERAS
 from graspbox import errors, object_sets
 from graspbox.envs import spaces
-from graspbox.envs.expert import Expert, planned
+from graspbox.envs.expert import ExpertGrasp, planned
 from graspbox.pictures import PosedHand
 from graspbox.pictures.hands import glyphs
 
@@ -71,7 +71,7 @@ def test_the_first_pose_holds_a_bottle(name: str) -> None:
 @pytest.mark.parametrize("name", OTHERS)
 def test_mujoco_agrees_on_the_first_pose(name: str) -> None:
     pytest.importorskip("mujoco", reason="the comparison needs mujoco, from the extra 'dev'")
-    from graspbox.validation import mujoco as judge
+    from validation import mujoco as judge
 
     scene = graspbox.Scene(bottle(), hand=name)
     plan = graspbox.plan(scene.mesh, hand=name, world_from_object=scene.world_from_object).best(1)
@@ -92,7 +92,7 @@ def test_the_expert_grasps_with_it(name: str) -> None:
     env: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:bottle:0", hand=name).unwrapped
     state, info = env.reset(seed=1)
     plan = planned(env.objects[0].load(), state, hand=name)
-    expert, done = Expert(state, plan.poses[0], plan.preshape[0], hand=name), False
+    expert, done = ExpertGrasp(state, plan.poses[0], plan.preshape[0], hand=name), False
     while not done and not expert.finished:
         state, _, done, _, info = env.step(expert.act(state))
     assert info["is_success"], info
@@ -100,17 +100,17 @@ def test_the_expert_grasps_with_it(name: str) -> None:
 
 def test_tables_follow_the_hand() -> None:
     tables = spaces.tables(graspbox.load_hand("panda_gripper"))
-    columns = {row["name"]: row for row in tables["observations"]["twist"]["state"]}
+    columns = {row["name"]: row for row in tables["observations"]["twist"]["each"]["state"]}
     assert columns["finger_joint1"]["unit"] == columns["actuator"]["unit"] == "m"
     assert not columns["finger_joint1"]["privileged"]
     assert columns["load"]["high"] == 140.0
     assert "preshape" not in columns
     assert columns["contact"]["size"] == 3
-    assert [row["name"] for row in tables["actions"]["twist"]] == ["linear", "angular", "actuator"]
+    assert [row["name"] for row in tables["actions"]["twist"]["each"]] == ["linear", "angular", "actuator"]
+    assert [row["name"] for row in tables["actions"]["twist"]["synergy"]] == ["linear", "angular", "close"]
     assert sum(row["size"] for row in tables["decision"]["actions"]) == 9, "a pose, and no preshape"
-    soft = {
-        row["name"]: row for row in spaces.tables(graspbox.load_hand("soft_hand"))["observations"]["twist"]["state"]
-    }
+    observations = spaces.tables(graspbox.load_hand("soft_hand"))["observations"]["twist"]["each"]
+    soft = {row["name"]: row for row in observations["state"]}
     groups = {name: soft[name]["size"] for name in ("abduction", "thumb_abduction", "inner", "outer")}
     assert groups == {"abduction": 4, "thumb_abduction": 1, "inner": 4, "outer": 10}
     assert all(soft[name]["privileged"] for name in groups), "the hand has no joint encoders"
@@ -127,7 +127,8 @@ def test_observations_have_entries_or_do_not_exist(name: str) -> None:
     """A bug here: a space without entries, or an error that does not name the missing sensor."""
     hand = graspbox.load_hand(name)
     tables = spaces.tables(hand)
-    for vectors in (*tables["observations"].values(), tables["decision"]["observations"]):
+    closed_loop = [vectors for by_fingers in tables["observations"].values() for vectors in by_fingers.values()]
+    for vectors in (*closed_loop, tables["decision"]["observations"]):
         assert all(spaces.size(columns) > 0 for columns in vectors.values())
         assert sorted([*vectors, *tables["absent"]]) == ["proprio", "state", "tactile"]
     assert tables["absent"] == ([] if name == "reflex" else ["tactile"])

@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 from graspbox import errors, evaluation, object_sets
 from graspbox.perception import CropConfig, DepthNoise, HandGrid, HeadFinder
 from graspbox.perception.anchors import AnchorConfig, Anchors, Candidates
-from graspbox.policies import DepthPolicy, HeadGrasp, Observer
+from graspbox.policies import DepthPolicy, Observer
 from graspbox.simulation import Scene
 
 torch = pytest.importorskip("torch")
 
-from graspbox.models.head.batches import HeadBatch, HeadSampler, untried_scenes  # noqa: E402
-from graspbox.models.head.configs import HeadConfig  # noqa: E402
-from graspbox.models.head.heads import ConstantNet, PoseNet, head_of, rotation_of  # noqa: E402
-from graspbox.models.head.network import AnchorNet, AnchorSamples  # noqa: E402
-from graspbox.models.head.training import HeadData, choose_constant, head_losses, load_head, train_head  # noqa: E402
-from graspbox.models.scenes import SceneConfig  # noqa: E402
-from graspbox.models.trials import GraspTrials  # noqa: E402
-from graspbox.training.runs import Rows  # noqa: E402
-from graspbox.training.trainer import TrainConfig  # noqa: E402
+from graspbox._common.runs import Rows  # noqa: E402
+from graspbox.learn.models.head.batches import HeadBatch, HeadSampler, untried_scenes  # noqa: E402
+from graspbox.learn.models.head.network import AnchorNet, AnchorSamples  # noqa: E402
+from graspbox.learn.models.head.policy import TrainedHead  # noqa: E402
+from graspbox.learn.models.head.training import HeadData, anchor_losses, load_head, train_head  # noqa: E402
+from graspbox.learn.models.scenes import SceneConfig  # noqa: E402
+from graspbox.learn.models.trials import GraspTrials  # noqa: E402
+from graspbox.learn.training.trainer import TrainConfig  # noqa: E402
+from graspbox.policies.published.head_configs import HeadConfig  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -93,7 +93,7 @@ def test_scenes_without_trials_show_where_the_hand_can_go(trials: GraspTrials, g
     assert batch.probes.sample_of.tolist() == [0] * 24 + [1] * 24 + [2] * 24
     alone = drawn.sample(0, np.array([5]), 200)
     assert 0 < float(alone.reached.mean()) < 1
-    losses = head_losses(head_of(3, SMALL), alone)
+    losses = anchor_losses(AnchorNet(3, SMALL), alone)
     assert set(losses) == {"reached"}
 
 
@@ -200,61 +200,29 @@ def test_the_own_choices_of_a_head_are_looked_up(trials: GraspTrials, grid: Hand
     np.testing.assert_allclose(scores[preshape, height, roll, x, y], scores.max(axis=(1, 3, 4)).ravel(), rtol=1e-5)
     # Where none of them is reached, the loss drives the logits of reach down.
     blocked = replace(batch, solids=np.full_like(batch.solids, 255))
-    head_losses(net, blocked, drawn)["chosen"].backward()
+    anchor_losses(net, blocked, drawn)["chosen"].backward()
     assert float(net.logits.bias.grad[: 3 * net.anchors.shape[1]].min()) >= 0.0
     assert float(net.logits.bias.grad.max()) > 0.0
-    assert "chosen" not in head_losses(net, batch)
+    assert "chosen" not in anchor_losses(net, batch)
 
 
-@pytest.mark.parametrize("kind", ["anchor", "set", "regressor"])
-def test_a_head_learns_one_batch_by_heart(kind: Any, trials: GraspTrials, grid: HandGrid) -> None:
+def test_a_head_learns_one_batch_by_heart(trials: GraspTrials, grid: HandGrid) -> None:
     torch.manual_seed(0)
     batch = sampler(trials, grid).sample(0, np.arange(4), 40)
-    net = head_of(3, replace(SMALL, kind=kind, width=16, hidden=64))
+    net = AnchorNet(3, replace(SMALL, width=16, hidden=64))
     optimizer = torch.optim.Adam(net.parameters(), 5e-3)
-    first = {name: float(loss.detach()) for name, loss in head_losses(net, batch).items()}
+    first = {name: float(loss.detach()) for name, loss in anchor_losses(net, batch).items()}
     for _ in range(120):
         optimizer.zero_grad()
-        torch.stack(list(head_losses(net, batch).values())).sum().backward()
+        torch.stack(list(anchor_losses(net, batch).values())).sum().backward()
         optimizer.step()
-    losses = {name: float(loss.detach()) for name, loss in head_losses(net, batch).items()}
-    if isinstance(net, AnchorNet):
-        with torch.no_grad():
-            logits = net.values(net.seen(batch.volumes), batch.trials)[:, 1]
-        right = (logits > 0) == (batch.success[batch.inside] > 0.5)
-        assert float(right.float().mean()) > 0.97
-        assert losses["reached"] < 0.5 * first["reached"]
-        assert losses["residual"] < first["residual"]
-    else:
-        # Eight poses can be near all successes of a scene; one cannot.
-        assert losses["pose"] < {"set": 0.6, "regressor": 0.9}[kind] * first["pose"]
-
-
-def test_a_set_learns_from_failures_by_its_confidence(trials: GraspTrials, grid: HandGrid) -> None:
-    """The same pose loses confidence if trials near it failed."""
-    torch.manual_seed(0)
-    net = PoseNet(3, replace(SMALL, kind="set"))
-    batch = sampler(trials, grid).sample(0, np.arange(4), 40)
-    position, rotation, preshape, _ = net(batch.volumes)
-    poses = torch.eye(4).repeat(4 * 8, 1, 1)
-    poses[:, :3, :3], poses[:, :3, 3] = rotation.flatten(0, 1).detach(), position.flatten(0, 1).detach()
-    of, shapes = torch.arange(4).repeat_interleave(8), preshape.argmax(2).flatten()
-    gradients = []
-    for outcome in (0.0, 1.0):
-        told = replace(batch, sample_of=of, poses=poses, preshape=shapes, success=torch.full((32,), outcome))
-        net.zero_grad()
-        head_losses(net, told)["confidence"].backward()
-        gradients.append(float(net.out.bias.grad.unflatten(0, (8, -1))[:, -1].sum()))
-    assert gradients[0] > 0 > gradients[1]
-
-
-def test_rotations_are_rotations() -> None:
-    torch.manual_seed(0)
-    columns = torch.randn(50, 6, dtype=torch.float64)
-    found = rotation_of(columns)
-    torch.testing.assert_close(found @ found.transpose(1, 2), torch.eye(3, dtype=torch.float64).expand(50, 3, 3))
-    assert (torch.linalg.det(found) > 0).all()
-    torch.testing.assert_close(rotation_of(found[:, :, :2].transpose(1, 2).flatten(1)), found)
+    losses = {name: float(loss.detach()) for name, loss in anchor_losses(net, batch).items()}
+    with torch.no_grad():
+        logits = net.values(net.seen(batch.volumes), batch.trials)[:, 1]
+    right = (logits > 0) == (batch.success[batch.inside] > 0.5)
+    assert float(right.float().mean()) > 0.97
+    assert losses["reached"] < 0.5 * first["reached"]
+    assert losses["residual"] < first["residual"]
 
 
 def test_a_head_is_trained_resumed_and_loaded(tmp_path: Path, trials: GraspTrials, grid: HandGrid) -> None:
@@ -277,29 +245,15 @@ def test_a_head_is_trained_resumed_and_loaded(tmp_path: Path, trials: GraspTrial
         assert 0.0 <= row["secure"] <= row["success"] <= 1.0
         assert row["held"] == pytest.approx(0.5 * (row["secure"] + row["success"]))
         assert row["auc"] >= 0.0
-    policy = HeadGrasp(tmp_path / "whole")
+    policy = TrainedHead(tmp_path / "whole")
     assert policy.obs == ("depth", "proprio")
     result = evaluation.evaluate(policy, objects="procedural:can:0", trials=2, seed=0, num_envs=2)
     again = evaluation.evaluate(policy, objects="procedural:can:0", trials=2, seed=0, num_envs=1)
     assert result.trials == again.trials
     with pytest.raises(errors.ConfigError, match="begun with other settings: width was 8, is now 16"):
         train_head(tmp_path / "whole", data, replace(SMALL, width=16))
-    with pytest.raises(errors.ConfigError, match="give both the same"):
+    with pytest.raises(errors.ConfigError, match="pass both the same"):
         train_head(tmp_path / "whole", data, replace(SMALL, anchors=AnchorConfig()))
-
-
-def test_the_constant_pose_is_the_best_of_those_tried(tmp_path: Path, trials: GraspTrials, grid: HandGrid) -> None:
-    data = HeadData.of(trials, trials, grid, SMALL.anchors, SCENES)
-    measures = choose_constant(tmp_path, data)
-    net = load_head(tmp_path, 3)
-    assert data.validation(net) == measures
-    assert all(data.validation(ConstantNet(height, 0))["held"] <= measures["held"] for height in (0.08, 0.095, 0.11))
-    view = data.sampler.view(0, 0)
-    assert view is not None
-    found = net.candidates(view.volume)
-    np.testing.assert_array_equal(found.poses[0, :3, :3], np.diag([1.0, -1.0, -1.0]))
-    with pytest.raises(errors.ConfigError, match="nothing to train"):
-        train_head(tmp_path / "other", data, HeadConfig(kind="constant"))
 
 
 class Central:
@@ -333,7 +287,7 @@ def test_it_does_what_the_head_says(filtered: bool) -> None:
     assert found is not None
     # The filter leaves out the grasp in which the palm is inside the object.
     assert found.score == 0.8
-    assert set(found.seconds) == {"crop", "head", "filter"}
+    assert set(found.seconds) == {"crop", "complete", "propose"}
 
 
 def test_in_the_closed_loop_the_hand_goes_there() -> None:
@@ -344,13 +298,10 @@ def test_in_the_closed_loop_the_hand_goes_there() -> None:
 def test_what_is_no_head_is_refused(tmp_path: Path) -> None:
     with pytest.raises(errors.ConfigError, match="run graspbox train head"):
         load_head(tmp_path, 3)
-    (tmp_path / "head.json").write_text('{"kind": "leg"}')
-    with pytest.raises(errors.ConfigError, match="no head 'leg'"):
-        load_head(tmp_path, 3)
-    (tmp_path / "head.json").write_text('{"kind": "set", "depth": 3}')
+    (tmp_path / "head.json").write_text('{"depth": 3}')
     with pytest.raises(errors.ConfigError, match="no field 'depth'"):
         load_head(tmp_path, 3)
-    (tmp_path / "head.json").write_text('{"kind": "set"}')
+    (tmp_path / "head.json").write_text('{"width": 8}')
     with pytest.raises(errors.ConfigError, match="no weights"):
         load_head(tmp_path, 3)
     for changed in ({"width": 0}, {"secure": -1.0}):

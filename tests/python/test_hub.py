@@ -10,8 +10,8 @@ import pytest
 
 import tiny_policy
 from graspbox import errors, policies
-from graspbox.artifacts import push_to_hub
-from graspbox.artifacts.downloads import repository
+from graspbox.policies.published import push_to_hub
+from graspbox.policies.published.downloads import repository
 from hub_server import Hub, running
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
@@ -21,7 +21,8 @@ pytest.importorskip("huggingface_hub", reason="policies on the hub need the extr
 Python = Callable[[str], str]
 _BEGIN = """
 import sys
-from graspbox import artifacts, errors, policies
+from graspbox import errors, policies
+from graspbox.policies import published as artifacts
 try:
     {line}
 except errors.GraspboxError as error:
@@ -145,7 +146,7 @@ def test_a_policy_that_is_too_large_is_not_downloaded(hub: Hub, python: Python, 
 def test_names_and_the_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert repository("hf://owner/a.b-c@refs/pr/1") == ("owner/a.b-c", "refs/pr/1")
     for name in ("hf://owner", "hf://owner/name/more", "hf:///x", "hf://a/b@", "hf://a/../b"):
-        with pytest.raises(errors.ConfigError, match="give hf://owner/name"):
+        with pytest.raises(errors.ConfigError, match="pass hf://owner/name"):
             policies.load(name)
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
     with pytest.raises(errors.MissingExtraError, match=r"pip install 'graspbox\[hub\]'"):

@@ -14,10 +14,10 @@ import pytest
 import graspbox
 import tiny_policy
 from graspbox import policies
-from graspbox.artifacts import installed
-from graspbox.artifacts.folders import load, save, use_of, used_folder
 from graspbox.errors import ConfigError, MissingExtraError
 from graspbox.policies.grasp_image import ImageGrasper
+from graspbox.policies.published import installed
+from graspbox.policies.published.folders import load, save, use_of, used_folder
 from installing import offer
 
 pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
@@ -74,8 +74,8 @@ def test_commands_take_the_name(site: Path) -> None:
 
 
 def test_servers_take_the_name(site: Path) -> None:
-    from graspbox.remote.policy_serving import PolicyServer
-    from graspbox.remote.settings import PolicyServerSettings
+    from graspbox.tools.remote.policy_serving import PolicyServer
+    from graspbox.tools.remote.settings import PolicyServerSettings
 
     with PolicyServer("depth", PolicyServerSettings(port=0)) as server:
         assert server.url.startswith("ws://")
@@ -144,9 +144,9 @@ def test_a_reference_leads_to_an_installed_policy(site: Path, tmp_path: Path) ->
 @pytest.mark.train
 def test_trainings_take_the_name(site: Path, tmp_path: Path) -> None:
     pytest.importorskip("torch")
-    from graspbox.recipes import feel
-    from graspbox.recipes.settings.feel import FeelSettings
-    from graspbox.sb3 import export
+    from graspbox.learn.recipes import feel
+    from graspbox.learn.recipes.settings.feel import FeelSettings
+    from graspbox.learn.sb3 import export
 
     assert export._goal_of(tmp_path / "clone", "depth")[0]["goal"].policy == "depth"
     with pytest.raises(ConfigError, match="which is not a published policy's folder"):

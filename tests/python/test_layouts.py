@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import graspbox
+from command_line import invoke
 from graspbox import object_sets
-from graspbox.cli import typer_app
 from graspbox.errors import ConfigError, SimulationError
 from graspbox.hands import cache_folder
-from graspbox.layouts import SCALES, Layout, bin_points, draw_objects, wall_points
+from graspbox.simulation.layouts import SCALES, Layout, bin_points, draw_objects, wall_points
 
 SETS = ["procedural:can:0-1", "procedural:mug:0-1", "procedural:banana:0"]
 LAYOUTS: tuple[Layout, ...] = ("packed", "pile", "bin")
@@ -130,7 +129,7 @@ def test_drawn_objects_are_one_attempt_each(meshes: list[graspbox.Mesh]) -> None
 def test_the_command_lists_and_draws_scenes(tmp_path: Path) -> None:
     picture = tmp_path / "scenes.png"
     command = ["scenes", "--objects", "procedural:can:0-4", "--layout", "bin", "--scenes", "2", "--seed", "5"]
-    found = CliRunner().invoke(typer_app, [*command, "--objects-per-scene", "3", "--json", "--picture", str(picture)])
+    found = invoke([*command, "--objects-per-scene", "3", "--json", "--picture", str(picture)])
     assert found.exit_code == 0, found.output
     scenes = json.loads(found.stdout)
     assert [scene["seed"] for scene in scenes] == [5, 6]
@@ -140,7 +139,7 @@ def test_the_command_lists_and_draws_scenes(tmp_path: Path) -> None:
         assert len(scene["walls"]) == 4
         assert all(np.shape(thing["world_from_object"]) == (4, 4) for thing in scene["objects"])
     assert picture.stat().st_size > 10_000
-    table = CliRunner().invoke(typer_app, command)
+    table = invoke(command)
     assert table.exit_code == 0
     assert "bin: 2 scenes" in table.stdout
 
@@ -149,7 +148,7 @@ def test_pictures_show_a_few_scenes(tmp_path: Path, meshes: list[graspbox.Mesh])
     from graspbox.pictures import save_arrangements
 
     scene = graspbox.arrange(meshes[:1], "packed")
-    with pytest.raises(ConfigError, match="13 arrangements; give 1 to 12"):
+    with pytest.raises(ConfigError, match="13 arrangements; pass 1 to 12"):
         save_arrangements(tmp_path / "a.png", [scene] * 13)
     with pytest.raises(ConfigError, match="extension"):
         save_arrangements(tmp_path / "a.txt", [scene])

@@ -11,8 +11,9 @@ torch = pytest.importorskip("torch", reason="networks need the extra 'train'")
 
 from graspbox._common.rotations import quaternion_from_rotation, rotation_from_euler  # noqa: E402
 from graspbox.errors import ConfigError  # noqa: E402
-from graspbox.study.losses import LOSSES, Errors, LossWeights, loss_named, normalized  # noqa: E402
-from graspbox.study.networks import NETWORKS, Cnn2d, Cnn2dDropout, Cnn3d, Units, network_named  # noqa: E402
+from graspbox.study.losses import LOSSES, Errors, LossWeights, normalized  # noqa: E402
+from graspbox.study.model_configs import ModelConfig  # noqa: E402
+from graspbox.study.networks import NETWORKS, Cnn2d, Cnn2dDropout, Cnn3d, Units  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -104,14 +105,14 @@ def test_same_seed_same_weights() -> None:
 
 
 def test_wrong_networks_are_refused() -> None:
-    with pytest.raises(ConfigError, match="units is 'tanh'; choose from sigmoid, relu"):
-        Cnn2d(7, units="tanh")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"units is 'tanh' .*; choose from sigmoid, relu"):
+        ModelConfig("cnn2d", "psi4", "image", units="tanh")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="size is 20; Cnn2d needs a larger input"):
         Cnn2d(7, size=20)
-    with pytest.raises(ConfigError, match="there is no network 'vgg'; choose from cnn2d, cnn2d_dropout, cnn3d"):
-        network_named("vgg")
-    with pytest.raises(ConfigError, match="there is no loss 'psi5'"):
-        loss_named("psi5")
+    with pytest.raises(ConfigError, match=r"network is 'vgg' .*; choose from cnn2d, cnn2d_dropout, cnn3d"):
+        ModelConfig("vgg", "psi4", "image")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"loss is 'psi5' .*; choose from posenet, psi1"):
+        ModelConfig("cnn2d", "psi5", "image")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

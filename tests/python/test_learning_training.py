@@ -15,20 +15,20 @@ pytest.importorskip("tensorboard", reason="training needs the extra 'train'")
 import graspbox  # noqa: E402
 from graspbox import evaluation, object_sets, policies  # noqa: E402
 from graspbox._common.rotations import poses_from, rotation_from_euler  # noqa: E402
-from graspbox.cli.train import train as command  # noqa: E402
+from graspbox._common.runs import Rows  # noqa: E402
 from graspbox.errors import ConfigError, FileError  # noqa: E402
+from graspbox.learn.commands import train as command  # noqa: E402
+from graspbox.learn.training.configs import OPTIMIZERS  # noqa: E402
+from graspbox.learn.training.trainer import TrainProgress  # noqa: E402
 from graspbox.policies import Task  # noqa: E402
 from graspbox.study import grasps  # noqa: E402
-from graspbox.study.execution import Scenes, execute  # noqa: E402
+from graspbox.study.execution import ObjectScenes, execute  # noqa: E402
 from graspbox.study.figures import read_curve  # noqa: E402
 from graspbox.study.losses import LossWeights  # noqa: E402
 from graspbox.study.model import ModelConfig, PoseModel  # noqa: E402
 from graspbox.study.regressor import PoseRegressor, cameras  # noqa: E402
 from graspbox.study.samples import Samples, split_at_random  # noqa: E402
 from graspbox.study.training import STUDY, Objective, measure, train  # noqa: E402
-from graspbox.training.configs import OPTIMIZERS  # noqa: E402
-from graspbox.training.runs import Rows  # noqa: E402
-from graspbox.training.trainer import TrainProgress  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -151,7 +151,7 @@ def test_an_interrupted_training_gives_the_same_bits(network: Any, tmp_path: Pat
     assert seen == list(range(7, 16))
     for name, weight in whole.state_dict().items():
         assert torch.equal(weight, again.state_dict()[name]), name
-    logs = [Rows(path / "losses.jsonl").rows for path in (folder, tmp_path / "whole")]
+    logs = [Rows(path / "losses.jsonl") for path in (folder, tmp_path / "whole")]
     assert [row | {"seconds": 0} for row in logs[0]] == [row | {"seconds": 0} for row in logs[1]]
     with pytest.raises(ConfigError, match=r"begun with other settings: learning_rate was 0\.003, is now 0\.01"):
         train(model, samples, SPLIT, folder, replace(config, learning_rate=1e-2))
@@ -233,7 +233,8 @@ def test_models_act_in_the_environment(network: str, kind: str) -> None:
     above = base_from_hand[base_from_hand[:, 2, 2] < -0.98]
     model = Known(ModelConfig(network, "psi4", kind, preshape=grasps.PRESHAPE, fully_connected=(8,)))  # type: ignore[arg-type]
     model.pose = above[0]
-    out = execute(Scenes(objects), Samples(objects.names, np.zeros((1, 1), dtype=np.uint8), np.zeros(1, dtype=np.int64),
+    scenes = ObjectScenes(objects)
+    out = execute(scenes, Samples(objects.names, np.zeros((1, 1), dtype=np.uint8), np.zeros(1, dtype=np.int64),
                   above[:1], np.array([grasps.PRESHAPE])), above[:1])  # fmt: skip
     assert out.success == 1
     policy = PoseRegressor(model)
@@ -277,7 +278,8 @@ def test_the_study_is_reproduced_and_resumed(tmp_path: Path, capsys: pytest.Capt
     """A small one: results per network, a page with all pictures, and nothing trained twice."""
     out = tmp_path / "study"
     arguments = ["--out", str(out), "--networks", "cnn3d", "--losses", "psi4", "--samples", "20", "--iterations", "2",
-                 "--objects", "procedural:can:0", "procedural:mug:3", "--torch-threads", "1", "--json"]  # fmt: skip
+                 "--objects", "procedural:can:0", "--objects", "procedural:mug:3",
+                 "--torch-threads", "1", "--json"]  # fmt: skip
     assert command("study", arguments) == 0
     results = json.loads(capsys.readouterr().out)
     assert [(row["settings"], row["network"], row["loss"]) for row in results] == [
@@ -314,4 +316,4 @@ def test_the_study_is_reproduced_and_resumed(tmp_path: Path, capsys: pytest.Capt
     capsys.readouterr()
     with pytest.raises(SystemExit):
         command("study", ["--out", str(tmp_path / "x"), "--samples", "5"])
-    assert "--samples is 5; give 20 or more" in capsys.readouterr().err
+    assert "--samples is 5; pass 20 or more" in capsys.readouterr().err

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 import graspbox
 from graspbox import object_sets
 from graspbox.errors import ConfigError
+from graspbox.meshes.views import Views
 from graspbox.perception import PoseNoise, add_depth_noise
 from graspbox.perception.cameras import lens
 from graspbox.perception.leveling import level
 from graspbox.perception.perturbations import perturbed
-from graspbox.views import Views
 
 
 def turned(axis: int, angle: float) -> NDArray[np.float64]:
@@ -85,8 +85,8 @@ def test_arrays_of_other_shapes_are_refused() -> None:
         ((depth, LENS, ABOVE[:3]), "world_from_camera has shape"),
         ((depth, np.zeros((3, 3)), ABOVE), "focal lengths"),
         # The fit did not end.
-        ((depth, LENS, ABOVE + 1e155 * np.eye(4)[:, [3, 1, 2, 0]]), "give metres, at most 10000"),
-        ((depth, LENS, ABOVE * np.nan), "give metres, at most 10000"),
+        ((depth, LENS, ABOVE + 1e155 * np.eye(4)[:, [3, 1, 2, 0]]), "pass metres, at most 10000"),
+        ((depth, LENS, ABOVE * np.nan), "pass metres, at most 10000"),
     ):
         with pytest.raises(ConfigError, match=said):
             level(*given)

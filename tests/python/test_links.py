@@ -79,7 +79,9 @@ def test_links_in_code_are_none() -> None:
 
 def test_every_page_has_a_place_in_the_navigation() -> None:
     named = re.findall(r"[\w/]+[\w-]*\.md", (ROOT / "mkdocs.yml").read_text())
-    assert sorted(named) == sorted(str(page.relative_to(DOCS)) for page in pages("docs"))
+    # `exclude_docs` names the notebook.
+    found = {page for page in pages("docs") if not page.is_relative_to(DOCS / "notebook")}
+    assert sorted(named) == sorted(str(page.relative_to(DOCS)) for page in found)
 
 
 def test_every_picture_is_shown() -> None:
@@ -210,7 +212,10 @@ def words(page: Path) -> list[str]:
 
 
 def test_documents_are_short_and_plain() -> None:
-    assert len(words(ROOT / "README.md")) <= 700
+    assert len(words(ROOT / "README.md")) <= 600
+    assert len(words(ROOT / "CHANGELOG.md")) <= 300
+    counted = [page for folder in ("", "guides/", "results/", "decisions/") for page in DOCS.glob(f"{folder}*.md")]
+    assert sum(len(words(page)) for page in counted) <= 25_000
     assert len(words(ROOT / "ARCHITECTURE.md")) <= 1500
     written = [page for page in pages("docs") if page != DOCS / "reference/cli.md"]
     text = "\n".join(CODE.sub("", page.read_text()) for page in written)

@@ -10,7 +10,7 @@ import pytest
 
 import graspbox
 from graspbox import object_sets
-from graspbox.programs import run_program
+from graspbox._common.programs import run_program
 
 
 def scanned() -> graspbox.Mesh:

@@ -7,8 +7,8 @@ from typing import Any
 import gymnasium
 import pytest
 
+from command_line import invoke
 from graspbox import object_sets
-from graspbox.cli import typer_app
 from graspbox.envs import IDS, SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.evaluation import evaluate
@@ -84,9 +84,8 @@ def test_wrong_tables_are_named(folder: Path, table: str | bytes, complaint: str
 
 
 def run(*words: Any) -> Any:
-    from typer.testing import CliRunner
 
-    return CliRunner().invoke(typer_app, list(map(str, words)), catch_exceptions=True)
+    return invoke(list(map(str, words)), catch_exceptions=True)
 
 
 def test_the_command_line_takes_the_mass_of_one_object(folder: Path, tmp_path: Path) -> None:
@@ -114,7 +113,7 @@ def test_the_command_line_takes_the_mass_of_one_object(folder: Path, tmp_path: P
 
 def test_demonstrations_remember_scale_and_mass(folder: Path, tmp_path: Path) -> None:
     """A mesh in millimetres, which could not be recorded without a copy in metres."""
-    from graspbox.demonstrations import Demonstrations
+    from graspbox.data.episodes import Demonstrations
 
     write_box(folder / "big.off", 60, 60, 100)
     words = ("--out", tmp_path / "out", "--objects", folder / "big.off", "--scale", 0.001, "--mass", 0.25)
@@ -150,7 +149,7 @@ def test_environments_take_scale_and_mass(folder: Path, env_id: str) -> None:
 
 
 def test_servers_take_scale_and_mass(folder: Path) -> None:
-    from graspbox.remote import EnvironmentServer, ServerSettings
+    from graspbox.tools.remote import EnvironmentServer, ServerSettings
 
     write_box(folder / "big.off", 60, 60, 100)
     keywords: dict[str, Any] = {"objects": "one", "obs": "state", "scale": 0.001, "mass": 0.25}

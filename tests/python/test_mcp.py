@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import tiny_policy
-from graspbox import cli, errors, object_sets
-from graspbox.mcp import ToolServer, ToolSettings, serving
-from graspbox.views import ViewPlan, views
+from command_line import invoke
+from graspbox import errors, object_sets
+from graspbox.meshes.views import ViewPlan, views
+from graspbox.tools.mcp import ToolServer, ToolSettings, serving
 from test_cli_files import write_box
 
 mcp = pytest.importorskip("mcp", reason="tools for agents need the extra 'mcp'")
@@ -184,7 +184,7 @@ def test_paths_that_leave_the_folder_are_refused(settings: ToolSettings, path: s
         ("look", {"object": "dir:."}, "does not offer the objects"),
         ("look", {"object": "procedural:can"}, "has 10 objects; give the name of one, such as can-000000"),
         ("look", {"object": "parts", "name": "wheel"}, "has no object 'wheel'; it has part"),
-        ("look", {"object": CAN, "hand": "barrett"}, "does not offer the hand 'barrett'; choose from reflex"),
+        ("look", {"object": CAN, "hand": "barrett"}, "does not offer the hand 'barrett' (str); choose from reflex"),
         ("look", {"object": CAN, "width": 5000}, "width is 5000 (int): input should be less than or equal to 1024"),
         ("look", {"object": CAN, "widht": 64}, "there is no argument 'widht'; did you mean 'width'?"),
         ("look", {"object": CAN, "elevation": "high"}, "elevation is 'high' (str): input should be a valid number"),
@@ -223,7 +223,7 @@ def test_large_files_are_refused_unread(settings: ToolSettings, tmp_path: Path) 
     assert "big.stl: it has 68157440 bytes; this server reads at most 67108864" in sentence
     np.save(tmp_path / "wide.npy", np.ones((3073, 4096), dtype=np.uint8))
     sentence = refusal(own, "grasp_image", depth="wide.npy", intrinsics=INTRINSICS)
-    assert "wide.npy has more than 12582912 pixels; give a smaller image" in sentence
+    assert "wide.npy has more than 12582912 pixels; pass a smaller image" in sentence
 
 
 def asleep(_settings: ToolSettings, name: str, _arguments: dict[str, Any]) -> tuple[dict[str, Any], tuple[bytes, ...]]:
@@ -283,7 +283,7 @@ def test_no_policy_no_tool(settings: ToolSettings) -> None:
     ],
 )
 def test_the_command_checks_its_options(option: str, value: str, complaint: str) -> None:
-    result = CliRunner().invoke(cli.typer_app, ["mcp", option, value])
+    result = invoke(["mcp", option, value])
     assert result.exit_code != 0
     said = str(result.exception) if isinstance(result.exception, errors.GraspboxError) else result.output
     assert complaint in " ".join(said.split())

@@ -53,15 +53,18 @@ GRIPPER = """
 """
 
 
-#: Finger of a parallel jaw: a crank with an actuator, a rocker of the same length, and a tip that both carry.
-FOUR_BAR = """
+#: Start of a finger with a closed loop: a palm, and a crank with an actuator.
+CRANK = """
 <mujoco model="linkage">
   <compiler angle="radian"/>
   <worldbody>
     <body name="palm">
       <geom type="box" size="0.03 0.03 0.01" mass="0.5"/>
       <body name="crank" pos="0.02 0 0.01">
-        <joint name="crank" axis="0 1 0" range="0 0.8"/>
+        <joint name="crank" axis="0 1 0" range="0 0.8"/>"""
+
+#: Finger of a parallel jaw: a rocker as long as the crank, and a tip that both carry.
+FOUR_BAR = f"""{CRANK}
         <geom type="capsule" fromto="0 0 0 0 0 0.05" size="0.003" mass="0.02"/>
         <body name="tip" pos="0 0 0.05">
           <joint name="tip" axis="0 1 0" range="-1 1"/>
@@ -78,15 +81,8 @@ FOUR_BAR = """
   <actuator><position joint="crank" kp="10"/></actuator>
 </mujoco>
 """
-#: The same with a joint more, so that the tip can turn about the end of the rocker when an object stops the crank.
-FIVE_BAR = """
-<mujoco model="linkage">
-  <compiler angle="radian"/>
-  <worldbody>
-    <body name="palm">
-      <geom type="box" size="0.03 0.03 0.01" mass="0.5"/>
-      <body name="crank" pos="0.02 0 0.01">
-        <joint name="crank" axis="0 1 0" range="0 0.8"/>
+#: The same with one more joint, so that the tip can turn about the end of the rocker when an object stops the crank.
+FIVE_BAR = f"""{CRANK}
         <geom type="capsule" fromto="0 0 0 0 0 0.04" size="0.003" mass="0.02"/>
         <body name="bend" pos="0 0 0.04">
           <joint name="bend" axis="0 1 0" range="-1.5 0"/>

@@ -12,8 +12,8 @@ import pytest
 
 import tiny_policy
 from graspbox import errors, evaluation, policies
-from graspbox.artifacts.folders import save
 from graspbox.policies import NetworkPolicy, Task
+from graspbox.policies.published.folders import save
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
 pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
@@ -33,7 +33,13 @@ def test_the_folder_names_its_environment(tiny: Path) -> None:
     policy = policies.load(str(tiny))
     assert isinstance(policy, NetworkPolicy)
     assert (policy.name, policy.obs, policy.env_id) == ("tiny", OBS, ENV)
-    assert policy.settings == {"control": "twist", "frame_skip": 4, "hand": "reflex", "max_episode_steps": 6}
+    assert policy.settings == {
+        "control": "twist",
+        "fingers": "each",
+        "control_freq": 5,
+        "hand": "reflex",
+        "max_episode_steps": 6,
+    }
 
 
 def test_it_acts_in_its_own_environment_without_torch(tiny: Path) -> None:
@@ -50,7 +56,7 @@ def test_it_acts_in_its_own_environment_without_torch(tiny: Path) -> None:
 @pytest.mark.parametrize("obs", [OBS, ("state", *OBS)])
 def test_it_does_what_its_network_says(tiny: Path, obs: tuple[str, ...]) -> None:
     policy = policies.load(str(tiny))
-    envs = gymnasium.make_vec(ENV, num_envs=3, objects="procedural:can:0", obs=obs, frame_skip=4)
+    envs = gymnasium.make_vec(ENV, num_envs=3, objects="procedural:can:0", obs=obs, fingers="each")
     policy.bind(Task.of(envs))
     observation, info = envs.reset(seed=0)
     policy.reset(seed=0, info=info)
@@ -72,7 +78,8 @@ def test_results_do_not_depend_on_how_many_act_at_once(tiny: Path) -> None:
     [
         ({"env_id": "graspbox/GraspPose-v0"}, "acts in 'graspbox/Grasp-v0', not in 'graspbox/GraspPose-v0'"),
         ({"hand": "soft_hand", "obs": "proprio"}, "was trained for the hand 'reflex', not 'soft_hand'"),
-        ({"frame_skip": 1}, "needs frame_skip=4; the environments have frame_skip=1"),
+        ({"control_freq": 20}, "needs control_freq=5; the environments have control_freq=20"),
+        ({"fingers": "synergy"}, "needs fingers='each'; the environments have fingers='synergy'"),
         ({"control": "delta_pose"}, "needs control='twist'; the environments have control='delta_pose'"),
         ({"obs": "state"}, r"needs obs=\('proprio', 'tactile'\)"),
     ],
@@ -82,7 +89,7 @@ def test_another_environment_is_refused(tiny: Path, given: dict[str, Any], messa
     keywords: dict[str, Any] = {"env_id": ENV, **given}
     env_id = keywords.pop("env_id")
     if env_id == ENV:
-        keywords = {"obs": OBS, "frame_skip": 4, **keywords}
+        keywords = {"obs": OBS, "fingers": "each", **keywords}
     if env_id != ENV or "hand" in given:
         # There is nothing to feel.
         policy.obs = None

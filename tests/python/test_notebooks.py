@@ -75,7 +75,7 @@ def test_a_depth_image_of_ones_own(tmp_path: Path) -> None:
     import numpy as np
 
     from graspbox import object_sets
-    from graspbox.views import ViewPlan, views
+    from graspbox.meshes.views import ViewPlan, views
 
     plan = ViewPlan("random", axis=(-1.0, 0.0, 1.2), cap=0.0, distance=(0.6, 0.6), shift=0.0)
     mesh = object_sets.load("procedural:mug:3")[0].load()

@@ -61,7 +61,9 @@ def test_the_graspable_objects_are_ycb_objects() -> None:
 
 def test_ycb_masses_say_how_they_are_known() -> None:
     rows = list(
-        csv.DictReader((Path(object_sets.__file__).parents[1] / "data/ycb_masses.csv").read_text().splitlines())
+        csv.DictReader(
+            (Path(object_sets.__file__).parents[1] / "object_sets/ycb/ycb_masses.csv").read_text().splitlines()
+        )
     )
     assert {row["name"] for row in rows} == set(object_sets.load("ycb").names)
     assert all(row["source"] and (row["note"] or row["source"] == "paper; list") for row in rows)

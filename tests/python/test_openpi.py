@@ -20,9 +20,9 @@ from graspbox import _core, policies
 from graspbox.errors import ConfigError
 from graspbox.policies import Task
 from graspbox.policies.grasp_image import ImageGrasper
-from graspbox.remote.grasp_requests import decide
-from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
-from graspbox.remote.remote_policy import RemotePolicy
+from graspbox.policies.remote_policy import RemotePolicy
+from graspbox.tools.remote.grasp_requests import decide
+from graspbox.tools.remote.policy_serving import PolicyServer, PolicyServerSettings
 
 missing = find_spec("openpi_client") is None and not os.environ.get("GRASPBOX_REQUIRE_ADAPTERS")
 pytestmark = [
@@ -154,7 +154,7 @@ def test_our_client_asks_a_server_of_openpi() -> None:
     def infer(observation: dict[str, Any]) -> dict[str, Any]:
         asked.append(observation)
         assert observation["prompt"] == "lift the can"
-        return {"actions": np.arange(5)[:, None] / 10 + np.zeros(10)}
+        return {"actions": np.arange(5)[:, None] / 10 + np.zeros(8)}
 
     envs = gymnasium.make_vec("graspbox/Grasp-v0", 2, objects="procedural:can:0", obs="proprio")
     with openpi_server(infer) as url:
@@ -167,7 +167,7 @@ def test_our_client_asks_a_server_of_openpi() -> None:
         observation, _ = envs.reset(seed=0)
         for step in range(6):
             actions = policy.act(observation)
-            np.testing.assert_array_equal(actions, np.full((2, 10), step % 3 / 10, dtype=np.float32))
+            np.testing.assert_array_equal(actions, np.full((2, 8), step % 3 / 10, dtype=np.float32))
             if step % 3 == 0:
                 latest = sorted(found["observation/state"].tobytes() for found in asked[-2:])
                 assert latest == sorted(row.tobytes() for row in observation)

@@ -18,14 +18,15 @@ import pytest
 import yaml
 
 import graspbox
-from graspbox.artifacts import installed
-from graspbox.artifacts.folders import load, used_folder
+from graspbox.policies.published import installed
+from graspbox.policies.published.folders import load, used_folder
 from program_files import imported
 
 pytest.importorskip("hatchling", reason="the data wheel is built with hatchling, from the extra 'dev'")
 
 ROOT = Path(__file__).parents[2]
 WORKFLOW = ROOT / ".github/workflows/release.yml"
+CHECKS = ROOT / ".github/workflows/ci.yml"
 WORKSPACE = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]
 
 
@@ -49,8 +50,8 @@ def test_the_wheel_holds_the_policies(wheel: Path, tmp_path: Path, monkeypatch: 
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
     package = tmp_path / "graspbox_policies"
-    # Networks as ONNX and as weights; a package index takes files of at most 100 MB.
-    assert sum(path.stat().st_size for path in package.rglob("*")) < 84e6
+    check = imported(ROOT / "scripts/check_wheels.py").files
+    assert check.unpacked_size(wheel) <= check.LARGEST_POLICIES
     assert tuple(sorted(path.name for path in package.iterdir() if path.is_dir())) == installed.PUBLISHED
     for name in installed.PUBLISHED:
         # `load` compares every file with its hash in config.json.
@@ -133,6 +134,13 @@ def test_the_workflow_runs_the_recipes_that_exist() -> None:
     assert "graspbox evaluate depth --trials 1" in lines
 
 
+def test_every_push_is_checked() -> None:
+    workflow = yaml.safe_load(CHECKS.read_text())
+    assert "make lint test" in commands(workflow)
+    # YAML 1.1 reads the key `on` as a truth value.
+    assert workflow[True] == "push"
+
+
 def test_the_workflow_publishes_without_a_secret() -> None:
     workflow = yaml.safe_load(WORKFLOW.read_text())
     assert "secrets." not in WORKFLOW.read_text()
@@ -146,7 +154,8 @@ def test_the_workflow_publishes_without_a_secret() -> None:
 
 
 @pytest.mark.parametrize(
-    ("schema", "name"), [("github-workflows", WORKFLOW), ("citation-file-format", ROOT / "CITATION.cff")]
+    ("schema", "name"),
+    [("github-workflows", WORKFLOW), ("github-workflows", CHECKS), ("citation-file-format", ROOT / "CITATION.cff")],
 )
 def test_files_for_other_programs_follow_their_schema(schema: str, name: Path) -> None:
     pytest.importorskip("check_jsonschema", reason="schemas come with check-jsonschema, from the extra 'dev'")

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 import graspbox
 from graspbox import errors, object_sets
 from graspbox.configs.cameras import CameraConfig
+from graspbox.meshes.views import ViewPlan
 from graspbox.perception import CropConfig, DepthNoise, add_depth_noise, crop, solid_occupancy
 from graspbox.perception.cameras import camera_pose, lens
-from graspbox.views import ViewPlan
 
 N = CropConfig().resolution
 H = CropConfig().voxel_size

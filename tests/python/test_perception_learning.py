@@ -12,28 +12,29 @@ from graspbox.perception import CropConfig, HandGrid, ProposalConfig
 
 torch = pytest.importorskip("torch")
 
-from graspbox.artifacts.graphs import CompletionGraph, ScorerGraph  # noqa: E402
-from graspbox.artifacts.runtimes import Completion, Scorer, torch_network  # noqa: E402
-from graspbox.models.calibration import Calibration  # noqa: E402
-from graspbox.models.cluttered import read_scene  # noqa: E402
-from graspbox.models.completion.network import (  # noqa: E402
+from graspbox._common.runs import Rows  # noqa: E402
+from graspbox.learn.export.graphs import CompletionGraph, ScorerGraph  # noqa: E402
+from graspbox.learn.models.cluttered import read_scene  # noqa: E402
+from graspbox.learn.models.completion.network import (  # noqa: E402
     CompletionBatch,
     CompletionNet,
     completion_losses,
     iou,
     train_completion,
 )
-from graspbox.models.scene_views import SceneViews  # noqa: E402
-from graspbox.models.scenes import SceneConfig, SceneSampler  # noqa: E402
-from graspbox.models.scorer.inputs import ScorerInputs  # noqa: E402
-from graspbox.models.scorer.network import ScorerBatch, ScorerNet, scorer_losses  # noqa: E402
-from graspbox.models.scorer.training import TrialSampler, auc, train_scorer  # noqa: E402
-from graspbox.models.trials import GraspTrials  # noqa: E402
+from graspbox.learn.models.scene_views import SceneViews  # noqa: E402
+from graspbox.learn.models.scenes import SceneConfig, SceneSampler  # noqa: E402
+from graspbox.learn.models.scorer.network import ScorerBatch, ScorerNet, scorer_losses  # noqa: E402
+from graspbox.learn.models.scorer.training import TrialSampler, train_scorer  # noqa: E402
+from graspbox.learn.models.trials import GraspTrials  # noqa: E402
+from graspbox.learn.recipes.collection import CollectConfig, collect, load_trials  # noqa: E402
+from graspbox.learn.training.metrics import auc  # noqa: E402
+from graspbox.learn.training.trainer import TrainConfig, load_weights  # noqa: E402
 from graspbox.perception.configs import FinderConfig  # noqa: E402
+from graspbox.perception.inputs.scorer import ScorerInputs  # noqa: E402
 from graspbox.perception.perturbations import PoseNoise  # noqa: E402
-from graspbox.recipes.collection import CollectConfig, collect, load_trials  # noqa: E402
-from graspbox.training.runs import Rows  # noqa: E402
-from graspbox.training.trainer import TrainConfig, load_weights  # noqa: E402
+from graspbox.policies.published.calibration import Calibration  # noqa: E402
+from graspbox.policies.published.runtimes import Completion, Scorer, torch_network  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -55,7 +56,7 @@ def test_scenes_follow_from_their_number() -> None:
     assert first.crops.channels.shape[1:] == (3, N, N, N)
     assert not np.array_equal(first.crops.channels[:2], other.crops.channels[:2])
     # Visible points are on the object's surface: within a voxel and a half of it.
-    solids = first.solids(CropConfig())
+    solids = first.occupancies(CropConfig())
     for channels, solid in zip(first.crops.channels, solids, strict=True):
         near = solid >= 128
         for axis in range(3):
@@ -65,14 +66,15 @@ def test_scenes_follow_from_their_number() -> None:
         assert (seen & near).sum() > 0.97 * seen.sum()
 
 
+@pytest.mark.usefixtures("one_thread")
 def test_a_completion_learns_one_batch_by_heart() -> None:
     torch.manual_seed(0)
     scenes = sampler("procedural:box:0-1").sample(0, 2, 2)
     channels = torch.from_numpy(scenes.crops.channels).float() / 255
-    batch = CompletionBatch(channels, torch.from_numpy(scenes.solids(CropConfig())).float() / 255)
+    batch = CompletionBatch(channels, torch.from_numpy(scenes.occupancies(CropConfig())).float() / 255)
     net = CompletionNet(width=8)
     optimizer = torch.optim.Adam(net.parameters(), 1e-2)
-    for _ in range(70):
+    for _ in range(100):
         optimizer.zero_grad()
         torch.stack(list(completion_losses(net, batch).values())).sum().backward()
         optimizer.step()
@@ -172,8 +174,8 @@ def test_an_ensemble_chooses_by_mean_minus_half_a_deviation(inputs: ScorerInputs
         np.testing.assert_allclose(judged.choice[rows], (success + 0.5 * secure) / 1.5, atol=1e-6)
     first = int(np.flatnonzero(np.isclose(judged.logits[:, 0], logit))[0])
     # Scores to average are those of all members, for every grasp.
-    each = Scorer(torch_network(graph_of(inputs, biases, calibration)), inputs, 24, len(biases)).each
-    np.testing.assert_allclose(each(volume, poses, preshape), np.full(30, judged.choice[first]), atol=1e-6)
+    each = Scorer(torch_network(graph_of(inputs, biases, calibration)), inputs, 24, len(biases)).judge_each
+    np.testing.assert_allclose(each(volume, poses, preshape).choice, np.full(30, judged.choice[first]), atol=1e-6)
     # Fewer grasps than finalists are padded, and one member alone loses nothing.
     alone = Scorer(torch_network(graph_of(inputs, [1.0], Calibration())), inputs, 24)
     few = alone.judge(volume, poses[:3], preshape[:3])
@@ -211,14 +213,11 @@ def trials() -> GraspTrials:
 
 
 def test_trials_are_kept_by_scene(tmp_path: Path) -> None:
-    part = trials().of_scenes(np.array([True, False, True]))
-    assert part.source.tolist() == ["procedural:can:0", "procedural:can:1"]
-    assert part.scene_of.tolist() == [0, 1, 1]
-    assert part.world_from_hand[:, 0, 3].tolist() == [0, 3, 4]
-    both = GraspTrials.joined([part, trials()])
-    assert both.scene_of.tolist() == [0, 1, 1, 2, 3, 3, 4, 4]
+    assert [rows.tolist() for rows in trials().rows_of_scenes()] == [[0], [1, 2], [3, 4]]
+    both = GraspTrials.joined([trials(), trials()])
+    assert both.scene_of.tolist() == [0, 1, 1, 2, 2, 3, 4, 4, 5, 5]
     both.save(tmp_path / "some.npz")
-    assert len(load_trials(tmp_path)) == 8
+    assert len(load_trials(tmp_path)) == 10
     with pytest.raises(errors.ConfigError, match="no trials"):
         GraspTrials.joined([])
 

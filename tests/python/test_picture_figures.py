@@ -17,6 +17,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from graspbox import pictures
+from graspbox._common.colors import FAILURE, NEIGHBOUR, NOT_SIMULATED, SUCCESS, WALL
 from graspbox.pictures import (
     GraspExample,
     Trial,
@@ -29,7 +30,6 @@ from graspbox.pictures import (
     sweeps,
     trials,
 )
-from graspbox.pictures.solids import FAILURE, NEIGHBOUR, NOT_SIMULATED, SUCCESS, WALL
 from program_files import imported
 from test_pictures import check_picture
 
@@ -119,14 +119,14 @@ def test_default_thresholds_show_what_changes(fit: Any, tmp_path: Path, figures:
 
 def test_an_episode_shows_what_happens(tmp_path: Path, figures: list[Figure]) -> None:
     small = PictureConfig((48, 36), 1)
-    episode = episodes.play("procedural:mug:3", seed=3, image_size=32, picture=small, observed="approach")
-    assert [name for name, _, _ in episode.moments] == list(episodes.MOMENTS)
-    times = [seconds for _, seconds, _ in episode.moments]
+    _, moments, images = episodes.play("procedural:mug:3", 3, small, "approach", image_size=32)
+    assert [name for name, _, _ in moments] == list(episodes.MOMENTS)
+    times = [seconds for _, seconds, _ in moments]
     assert times == sorted(times)
     assert times[0] == 0.0
-    assert len({picture.tobytes() for _, _, picture in episode.moments}) == 5
-    assert set(episode.images) == set(episodes.IMAGES)
-    assert all(np.ptp(image) > 0 and episodes.colored(image).shape[2] == 3 for image in episode.images.values())
+    assert len({picture.tobytes() for _, _, picture in moments}) == 5
+    assert set(images) == set(episodes.IMAGES)
+    assert all(np.ptp(image) > 0 and episodes.colored(image).shape[2] == 3 for image in images.values())
     pictures.save_episode(str(tmp_path / "episode.png"), "procedural:mug:3", seed=3)
     check_picture(tmp_path / "episode.png")
     (figure,) = figures
@@ -139,7 +139,7 @@ def test_an_episode_shows_what_happens(tmp_path: Path, figures: list[Figure]) ->
         assert len(ticks) >= 2
         assert all(low <= tick <= high for tick in ticks)
     with pytest.raises(errors.ConfigError, match="choose another seed"):
-        episodes.play("procedural:fork:1", seed=0, image_size=32, picture=small, observed="held")
+        episodes.play("procedural:fork:1", 0, small, "held", image_size=32)
     with pytest.raises(errors.ConfigError, match="observed is 'later'; use one of start, approach"):
         pictures.save_episode(tmp_path / "later.png", "procedural:mug:3", observed="later")
 
@@ -258,7 +258,7 @@ def test_neighbours_and_walls_are_grey_and_where_the_trial_left_them(
     drawn.clear()
     pictures.save_gallery(tmp_path / "gallery.png", [example], hand="panda_gripper")
     assert [len(solids) for solids in drawn] == [len(rest), len(end)]
-    with pytest.raises(errors.ConfigError, match="1 neighbours of a trial with 2; give those of its scene"):
+    with pytest.raises(errors.ConfigError, match="1 neighbours of a trial with 2; pass those of its scene"):
         pictures.save_plan(
             tmp_path / "few.png", scene.mesh, plan, example.outcomes, neighbours=others.without(0), **settings
         )
@@ -289,7 +289,7 @@ def test_a_gallery_has_a_column_for_each_object(
     assert len(figure.axes) == 9
     assert [axes.get_title() for axes in figure.axes] == [t for t in example.captions(20) for _ in range(3)]
     assert texts(figure).count(scene.mesh.name) == 3
-    with pytest.raises(errors.ConfigError, match="0 examples; give 1 to 8"):
+    with pytest.raises(errors.ConfigError, match="0 examples; pass 1 to 8"):
         pictures.save_gallery(tmp_path / "none.png", [])
 
 
@@ -351,7 +351,7 @@ def test_trials_that_show_nothing_are_refused(
         pictures.save_stages(tmp_path / "stages.png", scene, [still])
     with pytest.raises(errors.ConfigError, match="pose 1 is infeasible"):
         pictures.save_kindness(tmp_path / "kindness.png", "bottle", still, both[0])
-    with pytest.raises(errors.ConfigError, match="0 trials; give 1 to 8"):
+    with pytest.raises(errors.ConfigError, match="0 trials; pass 1 to 8"):
         pictures.save_stages(tmp_path / "stages.png", scene, [])
     assert not list(tmp_path.iterdir())
 

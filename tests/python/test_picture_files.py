@@ -64,7 +64,7 @@ def test_bad_paths_are_refused_before_the_work(name: str, tmp_path: Path) -> Non
         (tmp_path / "a.npy", errors.ConfigError, r"extension '.npy'"),
         (str(folder), errors.ConfigError, "is a folder; name a picture in it"),
         (tmp_path / "none" / "a.png", errors.FileError, "folder does not exist"),
-        (3, errors.ConfigError, "path is 3; give a str or a Path"),
+        (3, errors.ConfigError, "path is 3; pass a str or a Path"),
     ):
         with pytest.raises(error, match=reason):
             save(path)

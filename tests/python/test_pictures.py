@@ -1,6 +1,5 @@
 """Elements of pictures: cameras, surfaces, hidden lines, hands and glyphs of grasp poses."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,8 @@ import pytest
 
 import graspbox
 from graspbox import _core, errors
+from graspbox.meshes import mesh_from_arrays
+from graspbox.meshes.shapes import cylinder
 from graspbox.planning import Box
 
 pytest.importorskip("matplotlib")
@@ -18,7 +19,7 @@ from PIL import Image
 
 from graspbox.pictures import Camera, PosedHand, Solid, View
 from graspbox.pictures.hands import glyphs
-from graspbox.pictures.solids import box_mesh, cylinder_mesh
+from graspbox.pictures.solids import box_mesh
 from graspbox.pictures.view import Lens
 
 
@@ -136,9 +137,9 @@ def test_a_hand_is_shown_whole_where_it_is() -> None:
 
 def test_wrong_scenes_are_refused() -> None:
     lens = Lens.showing(CORNERS, FRONT, (32, 32))
-    config = json.dumps({"image_size": (32, 32), "samples": 1, "near": 0.01, "far": 10.0, "light": {}})
+    config: dict[str, Any] = {"image_size": (32, 32), "samples": 1, "near": 0.01, "far": 10.0, "light": {}}
 
-    def render(poses: Any, colors: Any, config: str = config) -> Any:
+    def render(poses: Any, colors: Any, config: dict[str, Any] = config) -> Any:
         return _core.render(
             [CUBE.mesh], poses, colors, [True], None, lens.intrinsics, lens.world_from_camera, config, None
         )
@@ -155,7 +156,7 @@ def test_wrong_scenes_are_refused() -> None:
         with pytest.raises(errors.ConfigError, match=reason):
             render(poses, colors)
     with pytest.raises(errors.ConfigError, match="samples"):
-        render(np.eye(4)[None], color, config.replace('"samples": 1', '"samples": 9'))
+        render(np.eye(4)[None], color, {**config, "samples": 9})
 
 
 def turned(axis: int, angle: float) -> Any:
@@ -227,6 +228,6 @@ def test_glyphs_show_approach_roll_and_preshape() -> None:
 
 
 def test_cylinders_are_closed_and_face_outward() -> None:
-    mesh = cylinder_mesh((0.1, 0.0, 0.0), (0.0, 2.0, 0.0), 0.03, 0.05)
+    mesh = mesh_from_arrays(*cylinder((0.1, 0.0, 0.0), (0.0, 2.0, 0.0), 0.03, 0.05))
     assert mesh.volume == pytest.approx(np.pi * 0.03**2 * 0.1, rel=0.01)
     np.testing.assert_allclose(mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0), [0.06, 0.1, 0.06], atol=1e-3)

@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,15 +14,13 @@ import pytest
 
 import tiny_policy
 from graspbox import errors, evaluation, object_sets, policies
-from graspbox.artifacts.configs import DepthPolicyConfig, Environment, FeelPolicyConfig, NetworkInput
-from graspbox.artifacts.folders import load, save, use_of
-from graspbox.artifacts.onnx_weights import check_weights
-from graspbox.artifacts.registry import KINDS
-from graspbox.models.calibration import Calibration, calibration_error, fit_logits
-from graspbox.models.scenes import SceneConfig
+from graspbox.learn.models.scenes import SceneConfig
+from graspbox.learn.recipes.cards.depth import write_depth_card
 from graspbox.policies import DepthGrasp
-from graspbox.recipes.cards import times, write_card
-from graspbox.recipes.depth_cards import depth_card
+from graspbox.policies.published.calibration import Calibration, calibration_error, fit_logits
+from graspbox.policies.published.configs import DepthPolicyConfig, Environment, FeelPolicyConfig, NetworkInput
+from graspbox.policies.published.folders import load, save, use_of
+from graspbox.policies.published.registry import kinds, policy_class
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
 pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
@@ -49,15 +46,19 @@ def tiny(made: Path) -> Path:
     return made / "depth"
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", tiny_policy.MAKERS)
 def test_a_folder_is_read_as_it_was_written(kind: str, tmp_path: Path) -> None:
     config = tiny_policy.MAKERS[kind](tmp_path / "tiny")
     assert (config.kind, config.hand) == (kind, "reflex")
     assert load(tmp_path / "tiny", type(config)) == load(tmp_path / "tiny") == config
-    assert type(policies.load(str(tmp_path / "tiny"))) is KINDS[kind].policy_class()
+    assert type(policies.load(str(tmp_path / "tiny"))) is policy_class(kind)
     wrong = FeelPolicyConfig if kind == "depth" else DepthPolicyConfig
     with pytest.raises(errors.ConfigError, match=f"config.json: kind is '{kind}'; expected '{wrong.kind}'"):
         load(tmp_path / "tiny", wrong)
+
+
+def test_every_kind_has_a_maker() -> None:
+    assert kinds() == tuple(sorted(tiny_policy.MAKERS))
 
 
 def test_it_grasps_without_torch(tiny: Path) -> None:
@@ -153,11 +154,11 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     (
         "depth",
         put("kind", "walker"),
-        "kind is 'walker'; this version of graspbox reads depth, head, feel, network, study",
+        "there is no policy kind 'walker'; the installed packages have depth, feel, head, network, study: install",
     ),
-    ("depth", put("kind", ["depth"]), r"kind is \['depth'\]; this version"),
+    ("depth", put("kind", ["depth"]), r"there is no policy kind \['depth'\]"),
     ("depth", put("kind", "head"), "(head is missing|no field depth)"),
-    ("depth", without("kind"), "kind is None"),
+    ("depth", without("kind"), "there is no policy kind None"),
     ("depth", rewritten("{"), "is not valid JSON"),
     ("depth", rewritten("[" * 100_000), "is not valid JSON: recursion limit"),
     ("depth", rewritten("[]"), "format is missing"),
@@ -168,21 +169,25 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     # Fields of every policy.
     *(
         (kind, without(name), f"{name} is missing")
-        for kind in KINDS
+        for kind in tiny_policy.MAKERS
         for name in ("learned_from", "uses", "environment")
     ),
-    *((kind, without(kind), f"{kind} is missing") for kind in KINDS),
-    *((kind, put(kind, wrong), f"{kind} is .*give an object") for kind in KINDS for wrong in _NO_OBJECTS),
+    *((kind, without(kind), f"{kind} is missing") for kind in tiny_policy.MAKERS),
+    *(
+        (kind, put(kind, wrong), f"{kind} is .*it must be an object")
+        for kind in tiny_policy.MAKERS
+        for wrong in _NO_OBJECTS
+    ),
     ("depth", without("hand"), "hand is missing"),
-    ("depth", put("hand", ""), "hand is '' .*give a text of at least 1 character"),
+    ("depth", put("hand", ""), "hand is '' .*it must have at least 1 character"),
     ("depth", put("hand", "claw"), "hand is 'claw', which is none of"),
-    ("depth", put("name", 3), r"name is 3 \(int\); give a valid string"),
+    ("depth", put("name", 3), r"name is 3 \(int\); it must be a valid string"),
     ("depth", put("nane", "x"), "there is no field nane; did you mean 'name'"),
-    ("depth", put("learned_from", [3]), r"learned_from\.0 is 3 \(int\); give a valid string"),
+    ("depth", put("learned_from", [3]), r"learned_from\.0 is 3 \(int\); it must be a valid string"),
     (
         "depth",
         put("environment", {"id": "graspbox/Grasp-v0", "obs": "state", "settings": {}}),
-        "environment is .*give null",
+        "environment is .*it must be null",
     ),
     (
         "depth",
@@ -193,25 +198,25 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     ("feel", put("uses.depth.policy", "nowhere"), "uses.depth.policy is 'nowhere', but .* is missing, or differs from"),
     ("feel", put("uses.depth.sha256", "0" * 64), "uses.depth.policy is 'chooser', but .* differs from the policy"),
     ("feel", put("hand", "panda_gripper"), "hand is 'panda_gripper', but the policy of uses.depth, .* hand 'reflex'"),
-    ("feel", put("uses.depth.sha256", "0"), "uses.depth.sha256 is '0'; give a SHA-256"),
-    ("feel", put("uses.depth.policy", "hf://nobody"), "the policy is 'hf://nobody'; give hf://owner/name"),
+    ("feel", put("uses.depth.sha256", "0"), "uses.depth.sha256 is '0'; pass a SHA-256"),
+    ("feel", put("uses.depth.policy", "hf://nobody"), "the policy is 'hf://nobody'; pass hf://owner/name"),
     # Files.
     (
         "depth",
         put("files", {}),
-        "files lacks 'completion.onnx'; .*'depth' has completion.onnx, scorer.onnx, completion.safetensors, scorer-0.",
+        "files lacks 'completion.onnx'; .*'depth' has completion.onnx, scorer.onnx",
     ),
     ("depth", changed(lambda c: c["files"].update({"../x": "0" * 64})), r"files has '\.\./x'"),
     ("depth", changed(lambda c: c["files"].update({"a\0b": "0" * 64})), r"files has 'a\\x00b'"),
-    ("depth", put("files", "all"), "files is 'all' .*give an object"),
-    ("depth", changed(lambda c: c["files"].update({"scorer.onnx": "0"})), "files.scorer.onnx is '0'; give a SHA-256"),
+    ("depth", put("files", "all"), "files is 'all' .*it must be an object"),
+    ("depth", changed(lambda c: c["files"].update({"scorer.onnx": "0"})), "files.scorer.onnx is '0'; pass a SHA-256"),
     ("depth", lambda folder: (folder / "scorer.onnx").write_bytes(b"x"), "scorer.onnx is not the file"),
     ("depth", lambda folder: (folder / "scorer.onnx").unlink(), "there is no scorer.onnx in"),
     ("depth", linked("scorer.onnx", "../elsewhere.onnx"), "scorer.onnx is a link to a file outside its folder"),
     ("depth", linked("config.json", "../elsewhere.json"), "config.json is a link to a file outside its folder"),
     # Sections.
-    ("depth", put("depth.calibration", None), "depth.calibration is None .*give an object"),
-    ("depth", put("depth.calibration", 1e308), r"depth.calibration is 1e\+308 .*give an object"),
+    ("depth", put("depth.calibration", None), "depth.calibration is None .*it must be an object"),
+    ("depth", put("depth.calibration", 1e308), r"depth.calibration is 1e\+308 .*it must be an object"),
     ("depth", put("depth.calibration.success", [0.0, 1.0]), "depth.calibration.success is .*positive slope"),
     ("depth", put("depth.calibration.success", [1.0]), "depth.calibration.success"),
     (
@@ -222,14 +227,14 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     *(("depth", without(f"depth.{n}"), f"depth.{n} is missing") for n in ("crop", "grid", "finder", "head", "members")),
     ("depth", without("depth.crop.side"), "depth.crop.side is missing"),
     ("depth", without("depth.finder.proposals.seeds"), "depth.finder.proposals.seeds is missing"),
-    *(("depth", put("depth.finder", value), "depth.finder is .*give an object") for value in (None, 3)),
-    ("depth", put("depth.head", 1e308), r"depth.head is 1e\+308 .*give an object"),
+    *(("depth", put("depth.finder", value), "depth.finder is .*it must be an object") for value in (None, 3)),
+    ("depth", put("depth.head", 1e308), r"depth.head is 1e\+308 .*it must be an object"),
     ("depth", put("depth.finder.finaliste", 3), "there is no field depth.finder.finaliste; did you mean 'finalists'"),
     ("depth", put("depth.crop.sides", 3), "there is no field depth.crop.sides; did you mean 'side'"),
     ("depth", put("depth.finalists", 0), "finalists is 0 .*give a number from 1 to"),
-    ("depth", put("depth.members", True), "depth.members is True .*give a valid integer"),
+    ("depth", put("depth.members", True), "depth.members is True .*it must be a valid integer"),
     ("depth", put("depth.members", 10**30), "config.json: depth.members is an integer of 100 bits"),
-    ("depth", put("depth.width", 1.0), "depth.width is 1.0 .*give a valid integer"),
+    ("depth", put("depth.width", 1.0), "depth.width is 1.0 .*it must be a valid integer"),
     (
         "depth",
         put("depth.finder.refinements", 100_000),
@@ -238,37 +243,37 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     ("depth", put("depth.finder.finalists", 2**31), "depth.finder.finalists is 2147483648"),
     ("depth", put("depth.finder.proposals.seeds", 10**6), "`seeds` is 1000000, but it must be between"),
     ("depth", put("depth.finder.proposals.standoffs", [0.01] * 101), r"`len\(standoffs\)` is 101"),
-    ("depth", put("depth.finder.proposals.standoffs", ["a"]), "standoffs.0 is 'a' .*give a valid number"),
+    ("depth", put("depth.finder.proposals.standoffs", ["a"]), "standoffs.0 is 'a' .*it must be a valid number"),
     ("depth", put("depth.crop.side", 1e308), "`side` is 1e308, but it must be between"),
     ("depth", put("depth.crop.side", float("inf")), "(is not valid JSON|finite)"),
     ("depth", put("depth.crop.resolution", 10_000), "`resolution` is 10000"),
     ("depth", put("depth.grid.cell", 0.0), "`cell` is 0, but it must be between"),
-    ("head", put("head.head.kind", "set"), "head.kind is 'set'; heads of the kind 'anchor' alone"),
+    ("head", put("head.head.kind", "set"), "no field head.head.kind"),
     ("head", put("head.head.width", 0), "head.head.width is 0 .*give a number from 1"),
-    ("head", put("head.head.anchors.cells", 7), "head.head.anchors.cells is 7; give an even number"),
+    ("head", put("head.head.anchors.cells", 7), "head.head.anchors.cells is 7; pass an even number"),
     ("head", put("head.head.anchors.heights", 2**40), "head.head.anchors.heights is 1099511627776"),
     ("head", put("head.head.anchors.spacing", 0.02), "12 anchors 0.02 m apart do not fit a crop of 48 voxels"),
     ("head", put("head.preshapes", 0), "preshapes is 0 .*give a number from 1"),
     ("head", without("head.filtered"), "head.filtered is missing"),
-    ("feel", put("feel.threshold", 1.5), "threshold is 1.5; give a probability"),
-    ("feel", put("feel.times", []), r"times is \(\) .*give 1 to 16 ascending numbers"),
+    ("feel", put("feel.threshold", 1.5), "threshold is 1.5; pass a probability"),
+    ("feel", put("feel.times", []), r"times is \(\) .*pass 1 to 16 ascending numbers"),
     ("feel", put("feel.times", [1.0, 0.5]), "times is .*ascending"),
     ("feel", put("feel.times", [1e300]), "times is .*less than 60"),
     ("feel", put("feel.calibration", [0.0, 0.0]), "calibration is .*positive slope"),
-    ("feel", put("feel.members", 2), "files lacks 'feel-1.safetensors'"),
-    ("network", put("environment", None), "environment is None .*give an object"),
+    ("network", put("environment", None), "environment is None .*it must be an object"),
     ("network", put("environment.id", "CartPole-v1"), "environment.id is 'CartPole-v1'; choose from"),
     (
         "network",
         put("environment.settings.objects", "dir:/"),
-        "environment.settings has 'objects'; a policy names control",
+        "environment.settings has 'objects'; a policy names only control",
     ),
     *(
         ("network", put(f"environment.settings.{name}", value), f"environment, with the hand 'reflex': .*{message}")
         for name, value, message in (
-            ("control", "x", "no control mode 'x'"),
-            ("frame_skip", -1, "frame_skip is -1"),
-            ("frame_skip", 10**6, "`frame_skip` is 1000000, but it must be between 1 and 100"),
+            ("control", "x", "control is 'x'; choose from"),
+            ("fingers", "x", "fingers is 'x'; choose from each, synergy"),
+            ("control_freq", -1, "`control_freq` is -1, but it must be between 5 and 100 Hz"),
+            ("control_freq", 10**6, "`control_freq` is 1000000, but it must be between 5 and 100 Hz"),
             ("image_size", 2**63, "image_size is 9223372036854775808"),
             ("max_episode_steps", 0, "`max_episode_steps` is 0"),
             ("cameras", {"cameras": [{"fov": 4.0}]}, "`vertical_fov` is 4"),
@@ -279,23 +284,27 @@ SPOILT: list[tuple[str, Spoil, str]] = [
     ("network", without("environment.settings"), "environment.settings is missing"),
     ("network", put("network.actions", 0), "actions is 0 .*give a number from 1"),
     ("network", put("network.actions", 9), r"network.actions is 9, but the actions .* have the shape \(10,\)"),
-    ("network", changed(lambda c: c["network"]["inputs"].pop()), r"inputs has \['proprio'\]; give one for each name"),
+    ("network", changed(lambda c: c["network"]["inputs"].pop()), r"inputs has \['proprio'\]; pass one for each name"),
     (
         "network",
         put("network.inputs.0.dtype", "float33"),
-        "network.inputs.0.dtype is 'float33'; give the name of a type",
+        "network.inputs.0.dtype is 'float33'; pass the name of a type",
     ),
-    ("network", put("network.inputs.0.shape", [0]), r"network.inputs.0.shape is \(0,\); give integers from 1"),
-    ("study", put("study.model", 3), "study.model is 3 .*give an object"),
+    ("network", put("network.inputs.0.shape", [0]), r"network.inputs.0.shape is \(0,\); pass integers from 1"),
+    ("study", put("study.model", 3), "study.model is 3 .*it must be an object"),
     ("study", put("study.model.widht", 3), "there is no field study.model.widht"),
     ("study", without("study.model.units"), "study.model.units is missing"),
-    ("study", put("study.model.network", "x"), "study.model.network is 'x' .*give 'cnn2d', 'cnn2d_dropout' or 'cnn3d'"),
-    ("study", put("study.model.loss", "x"), "study.model.loss is 'x' .*give 'posenet'"),
+    (
+        "study",
+        put("study.model.network", "x"),
+        "study.model.network is 'x' .*it must be 'cnn2d', 'cnn2d_dropout' or 'cnn3d'",
+    ),
+    ("study", put("study.model.loss", "x"), "study.model.loss is 'x' .*it must be 'posenet'"),
     ("study", put("study.model.preshape", 1e308), r"study.model.preshape is 1e\+308; the hand 'reflex' has 0 to"),
     ("study", put("study.model.size", -1), "study.model.size is -1 .*give an integer that is not negative"),
     ("study", put("study.model.size", 0), "study.model.size is 0 .*give a number from 1 to 1024"),
-    ("study", put("study.model.fully_connected", []), r"study.model.fully_connected is \(\) .*give integers from 1"),
-    ("study", put("study.model.fully_connected", [0]), r"study.model.fully_connected is \(0,\) .*give integers from 1"),
+    ("study", put("study.model.fully_connected", []), r"study.model.fully_connected is \(\) .*must be integers"),
+    ("study", put("study.model.fully_connected", [0]), r"study.model.fully_connected is \(0,\) .*must be integers"),
 ]
 
 
@@ -345,8 +354,8 @@ NAN = np.full(1, np.nan, dtype=np.float32)
 @pytest.mark.parametrize(
     ("kind", "name", "inputs", "outputs", "message"),
     [
-        ("depth", "completion.onnx", CHANNELS, {"filled": FULL}, "gives filled, but no 'occupancy'"),
-        ("depth", "completion.onnx", CHANNELS, {"occupancy": FULL[0]}, r"gives 'occupancy' of shape \(48, 48, 48\)"),
+        ("depth", "completion.onnx", CHANNELS, {"filled": FULL}, "returns filled, but no 'occupancy'"),
+        ("depth", "completion.onnx", CHANNELS, {"occupancy": FULL[0]}, r"returns 'occupancy' of shape \(48, 48, 48\)"),
         ("depth", "completion.onnx", {"voxels": FULL}, {"occupancy": FULL}, "completion.onnx does not take channels"),
         ("depth", "scorer.onnx", {"cells": FULL}, {"choice": NAN}, "scorer.onnx does not take cells"),
         (
@@ -358,14 +367,14 @@ NAN = np.full(1, np.nan, dtype=np.float32)
         ),
         ("head", "head.onnx", VOLUMES, {**ANCHOR, "anchors": np.array([-1])}, "anchors that are not among the 124416"),
         ("head", "head.onnx", VOLUMES, {**ANCHOR, "scores": NAN}, "head.onnx: output 'scores' is not finite"),
-        ("head", "head.onnx", VOLUMES, {"anchors": np.zeros(0, dtype=np.int64)}, "gives anchors, but no 'residuals'"),
+        ("head", "head.onnx", VOLUMES, {"anchors": np.zeros(0, dtype=np.int64)}, "returns anchors, but no 'residuals'"),
         ("network", "policy.onnx", SEEN, {"action": ACTION * np.nan}, "policy.onnx: output 'action' is not finite"),
         (
             "network",
             "policy.onnx",
             SEEN,
             {"action": ACTION[:, :3]},
-            r"gives 'action' of shape \(1, 3\), expected \(1, 10\)",
+            r"returns 'action' of shape \(1, 3\), expected \(1, 10\)",
         ),
         ("network", "policy.onnx", {"state": NAN}, {"action": ACTION}, "policy.onnx does not take proprio"),
     ],
@@ -392,12 +401,12 @@ def test_a_network_that_does_not_fit_is_refused(
 
 @pytest.mark.parametrize(
     ("kind", "name", "output"),
-    [("depth", "scorer", "choice"), ("feel", "feel", "probability"), ("depth", "completion", "occupancy")],
+    [("depth", "scorer", "choice"), ("feel", "feel", "probability")],
 )
 def test_nan_is_not_used_in_silence(folder: Path, name: str, output: str) -> None:
-    """It would be the best of all scores, less than no threshold, and any byte."""
+    """It would be the best of all scores, and less than no threshold."""
     tiny_policy.give_nan(folder, name, output)
-    with pytest.raises(errors.ConfigError, match=rf"{name}\.onnx: the weights 'nan' are not finite; train or"):
+    with pytest.raises(errors.ConfigError, match=rf"{name}\.onnx: output '{output}' is not finite; train or"):
         evaluation.evaluate(str(folder), objects="procedural:can:0", trials=1)
 
 
@@ -476,11 +485,6 @@ def test_logits_are_made_to_say_how_often() -> None:
         Calibration(secure_weight=-1.0)
 
 
-def test_a_table_of_times_has_a_rule_for_each_column() -> None:
-    assert times({"train": (60.0, "")}).splitlines()[:2] == ["| stage | time |", "| --- | --: |"]
-    assert times({"train": (60.0, "9 steps")}).splitlines()[1] == "| --- | --: | --- |"
-
-
 def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
     """For people, and for the hub in its metadata."""
     huggingface_hub = pytest.importorskip("huggingface_hub", reason="cards need the extra 'train'")
@@ -489,13 +493,16 @@ def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
         """Settings of a training that the card reads."""
 
         seed, data, objects, fresh = 3, (), ("procedural:seen:0-9", "ycb"), ("procedural:seen:10-19",)
-        layout = ("single",)
+        layout, start = ("single",), None
 
     stages: dict[str, dict[str, Any]] = {
         "scorer": {"seconds": 60.0, "trials": 500, "on_policy": 0, "reason": "steps", "steps": 9, "best": 0.9},
         "round-1": {"seconds": 30.0, "trials": 500, "on_policy": 64, "reason": "time", "steps": 5, "best": 0.95},
-        "calibrate-0": {"seconds": 5.0, "choices": 40, "rates": {"0.0": [0.9, 0.5], "0.3": [0.875, 0.625]}},
-        "evaluate": {"seconds": 9.0, "ycb": {"trials": 100, "succeeded": 90, "secure": 60, "ece": 0.021}},
+        "calibrate": {"seconds": 5.0, "choices": 40, "rates": {"0.0": [0.9, 0.5], "0.3": [0.875, 0.625]}},
+        "evaluate": {
+            "seconds": 9.0,
+            "ycb": {"trials": 100, "succeeded": 90, "secure": 60, "ece": 0.021, "fitting": {"trials": 100}},
+        },
     }
     config = tiny_policy.make(tmp_path)
     given: dict[str, Any] = {
@@ -504,10 +511,10 @@ def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
         "scenes": SceneConfig(),
         "stages": stages,
     }
-    write_card(tmp_path, config, depth_card(tmp_path, config, **given))
+    write_depth_card(tmp_path, config, **given)
     card = huggingface_hub.ModelCard.load(tmp_path / "README.md")
     assert "| `ycb/test` | 100 | 90.0% (82.6% to 94.5%) | 60.0% (50.2% to 69.1%) | 0.021 |" in card.text
-    assert "| 0 | 0.3 | 40 | 87.5% | 62.5% |" in card.text
+    assert "| 0.3 | 40 | 87.5% | 62.5% |" in card.text
     assert "500 trials of `procedural:seen:0-9` and `ycb`" in card.text
     assert "then 64 trials" in card.text
     assert "| all | 0:01:44 |" in card.text
@@ -519,33 +526,3 @@ def test_a_card_states_what_was_measured(tmp_path: Path) -> None:
         "graspbox/GraspPose-v0",
     )
     assert card.data.to_dict()["tags"] == ["robotics", "grasping", "policy-depth", "hand-reflex"]
-
-
-@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
-@pytest.mark.parametrize("raw", [True, False])
-def test_weights_of_a_network_are_scanned(dtype: str, raw: bool) -> None:
-    """As onnx stores them, as bytes or one by one; a lone infinity is a bound."""
-    from onnx import helper, numpy_helper
-
-    for values, is_wrong in (
-        ([1.0, -2.0], False),
-        ([np.inf], False),
-        ([np.nan], True),
-        ([0.0, np.nan, 1.0], True),
-        ([-np.inf, 1.0], True),
-    ):
-        array = np.array(values, dtype=dtype)
-        kind = helper.np_dtype_to_tensor_dtype(array.dtype)
-        tensor = numpy_helper.from_array(array, "w") if raw else helper.make_tensor("w", kind, array.shape, array)
-        if not raw and dtype == "float16":
-            continue  # stored as integers, which the exporter does not write
-        counts = numpy_helper.from_array(np.arange(3), "counts")
-        content = helper.make_model(helper.make_graph([], "g", [], [], [counts, tensor])).SerializeToString()
-        if is_wrong:
-            with pytest.raises(errors.ConfigError, match=r"^a\.onnx: the weights 'w' are not finite"):
-                check_weights(content, "a.onnx")
-        else:
-            check_weights(content, "a.onnx")
-        for end in range(len(content)):
-            with suppress(errors.ConfigError):
-                check_weights(content[:end], "a.onnx")

@@ -3,7 +3,6 @@
 ``tests/rust`` tests their behaviour.
 """
 
-import json
 import os
 import signal
 import threading
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acting import ACTING, EACH
 from graspbox import _core, errors
 
 NUM_ENVS = 3
@@ -22,12 +22,12 @@ FLAGS = ("terminated", "truncated", "reset")
 @pytest.fixture(scope="module")
 def objects() -> _core.Objects:
     names = ("box", "can", "ball")
-    sources = [json.dumps({"name": name, "family": name, "seed": 0}) for name in names]
-    return _core.Objects(sources, _core.Hand.named("reflex"), "{}", None)
+    sources = [{"name": name, "family": name, "seed": 0} for name in names]
+    return _core.Objects(sources, _core.Hand.named("reflex"), {}, None)
 
 
 def make(objects: _core.Objects, num_envs: int = NUM_ENVS, **config: Any) -> _core.EnvPool:
-    return _core.EnvPool(objects, json.dumps(config), num_envs, None)
+    return _core.EnvPool(objects, {**EACH, **config}, num_envs, None)
 
 
 def actions(seed: int, num_envs: int = NUM_ENVS, size: int = 10) -> Iterator[np.ndarray[Any, Any]]:
@@ -42,24 +42,24 @@ def flat(arrays: Any) -> dict[str, np.ndarray[Any, Any]]:
 
 
 def tables() -> Any:
-    return json.loads(_core.agent_tables(_core.Hand.named("reflex")))
+    return _core.env_tables(_core.Hand.named("reflex"))
 
 
-@pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
-def test_arrays_are_as_the_tables_say(objects: _core.Objects, control: str) -> None:
+@pytest.mark.parametrize(("control", "fingers"), ACTING)
+def test_arrays_are_as_the_tables_say(objects: _core.Objects, control: str, fingers: str) -> None:
     table = tables()
     assert objects.names == ["box", "can", "ball"]
     assert len(objects) == 3
-    size = sum(row["size"] for row in table["actions"][control])
-    assert size == (13 if control == "target_pose" else 10)
-    pool = make(objects, control=control)
+    size = sum(row["size"] for row in table["actions"][control][fingers])
+    assert size == {"target_pose": 9, "top_down": 4}.get(control, 6) + (2 if fingers == "synergy" else 4)
+    pool = make(objects, control=control, fingers=fingers)
     first = pool.reset([1, 2, 3])
     assert first["reset"].all()
     assert not first["terms"].any()
     stepped, last = pool.step(np.zeros((NUM_ENVS, size), np.float32))
     assert last is None
     for arrays in (first, stepped):
-        for name, rows in table["observations"][control].items():
+        for name, rows in table["observations"][control][fingers].items():
             low, high = (np.concatenate([np.full(row["size"], row[end]) for row in rows]) for end in ("low", "high"))
             values: np.ndarray[Any, Any] = arrays[name]  # type: ignore[literal-required]
             assert values.dtype == np.float32
@@ -77,8 +77,7 @@ def test_arrays_are_as_the_tables_say(objects: _core.Objects, control: str) -> N
         kind = "" if arrays["reset"].all() else "no_contact"
         assert all(table["failures"][code] == kind for code in arrays["info"]["failure"])
     assert table["privileged"] == ["state"]
-    config = json.loads(_core._config("AgentConfig", json.dumps({"randomization": table["randomization"]["standard"]})))
-    assert config["randomization"] == table["randomization"]["standard"]
+    make(objects, randomization=table["randomization"]["standard"])
     object_from, hand, believed = pool.poses()
     assert object_from.shape == hand.shape == (NUM_ENVS, 4, 4)
     np.testing.assert_allclose(hand, believed, atol=1e-12)
@@ -145,8 +144,8 @@ def test_environments_come_back_as_they_arrive(objects: _core.Objects) -> None:
 
 def test_an_interrupt_calls_back_what_was_sent(objects: _core.Objects) -> None:
     """Once, `recv` looked for signals only while nothing arrived, and everything that was sent was stepped."""
-    count = 400
-    pool, other = (_core.EnvPool(objects, json.dumps({"frame_skip": 100}), count, 1) for _ in range(2))
+    count = 4000
+    pool, other = (_core.EnvPool(objects, {"fingers": "each"}, count, 1) for _ in range(2))
     pool.reset(list(range(count)))
     first = pool.now()["state"].copy()
     still = np.zeros((count, 10), np.float32)
@@ -185,9 +184,12 @@ def test_the_number_of_environments_is_bounded(objects: _core.Objects) -> None:
 
 
 def half_broken() -> _core.Objects:
-    """Give a box, and an object whose file is not there."""
-    sources = ['{"name": "box", "family": "box", "seed": 0}', '{"name": "gone", "path": "/no/such/file.stl"}']
-    return _core.Objects(sources, _core.Hand.named("reflex"), "{}", None)
+    """Return a box, and an object whose file does not exist."""
+    sources: list[dict[str, Any]] = [
+        {"name": "box", "family": "box", "seed": 0},
+        {"name": "gone", "path": "/no/such/file.stl"},
+    ]
+    return _core.Objects(sources, _core.Hand.named("reflex"), {}, None)
 
 
 def seeds_of(objects: _core.Objects, count: int, *, breaks: bool) -> list[int]:
@@ -277,15 +279,15 @@ def test_a_state_crosses_as_bytes(objects: _core.Objects) -> None:
 def test_errors_name_what_is_wrong(objects: _core.Objects) -> None:
     hand = _core.Hand.named("reflex")
     for source, match in (
-        ('{"name": "x"}', "path, or a family"),
-        ('{"name": "x", "family": "box", "seed": 0, "scale": -1}', "scale"),
-        ('{"name": "x", "colour": 1}', "colour"),
+        ({"name": "x"}, "path, or a family"),
+        ({"name": "x", "family": "box", "seed": 0, "scale": -1}, "scale"),
+        ({"name": "x", "colour": 1}, "colour"),
     ):
         with pytest.raises(errors.ConfigError, match=match):
-            _core.Objects([source], hand, "{}", None)
+            _core.Objects([source], hand, {}, None)
     with pytest.raises(errors.ConfigError, match="empty"):
-        _core.Objects([], hand, "{}", None)
-    missing = _core.Objects(['{"name": "gone", "path": "/no/such/file.stl"}'], hand, "{}", None)
+        _core.Objects([], hand, {}, None)
+    missing = _core.Objects([{"name": "gone", "path": "/no/such/file.stl"}], hand, {}, None)
     with pytest.raises(errors.FileError):
         make(missing, 1).reset([0])
     for config, match in (({"control": "thought"}, "thought"), ({"max_episode_steps": 0}, "max_episode_steps")):
@@ -298,7 +300,7 @@ def test_errors_name_what_is_wrong(objects: _core.Objects) -> None:
     with pytest.raises(errors.ConfigError, match="seed"):
         pool.reset()
     with pytest.raises(errors.ConfigError, match='"sphere"'):
-        pool.reset([0, 0, 0], None, [json.dumps({"object": "sphere"})])
+        pool.reset([0, 0, 0], None, [{"object": "sphere"}])
     pool.reset([0, 0, 0])
     bad = zeros.copy()
     bad[1, 3] = np.nan

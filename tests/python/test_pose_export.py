@@ -12,13 +12,13 @@ import pytest
 
 import graspbox
 from graspbox import errors, evaluation, object_sets, policies
-from graspbox.artifacts.folders import load
 from graspbox.policies import Task
+from graspbox.policies.published.folders import load
 from graspbox.study import grasps
 from graspbox.study.execution import Score
 from graspbox.study.pose_folders import PosePolicyConfig
 from graspbox.study.regressor import PoseRegressor
-from graspbox.study.results import NetworkResult
+from graspbox.study.reproduction.results import NetworkResult
 from graspbox.study.samples import observe
 
 pytestmark = pytest.mark.train
@@ -26,9 +26,9 @@ pytestmark = pytest.mark.train
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
 export = pytest.importorskip("graspbox.study.export")
-from graspbox.artifacts.weight_files import LARGEST_NETWORK  # noqa: E402
-from graspbox.recipes.study import best_small  # noqa: E402
+from graspbox.learn.export.weight_files import LARGEST_NETWORK  # noqa: E402
 from graspbox.study.model import ModelConfig, PoseModel  # noqa: E402
+from graspbox.study.reproduction.stages import best_small  # noqa: E402
 
 OBJECTS = object_sets.load("procedural:can:0-1")
 
@@ -55,7 +55,7 @@ def test_a_published_network_acts_as_the_trained_one(tmp_path: Path, network: st
     """So does one that is made of its weights; only in the environment that it knows."""
     model = model_of(network, loss, kind)
     config = export.export_pose_model(tmp_path, "tiny", model, seen(kind, 4), learned_from=["ycb/train"])
-    assert set(config.files) == {"pose.onnx", "pose.safetensors"}
+    assert set(config.files) == {"pose.onnx"}
     assert load(tmp_path, PosePolicyConfig) == config
     policy = policies.load(str(tmp_path))
     assert isinstance(policy, PoseRegressor)
@@ -98,12 +98,14 @@ def test_what_cannot_be_published_is_refused(tmp_path: Path) -> None:
     ):
         export.export_pose_model(tmp_path / "x", "study", large, seen("image", 2), learned_from=[])
     small = model_of("cnn3d", "psi4", "ternary")
-    with pytest.raises(errors.ConfigError, match="there are 1 examples; give two or more"):
+    with pytest.raises(errors.ConfigError, match="there are 1 examples; pass two or more"):
         export.export_pose_model(tmp_path / "x", "study", small, seen("ternary", 1), learned_from=[])
     assert not (tmp_path / "x").exists()
     with torch.no_grad():
         small.network.layers[-1].weight.fill_(float("nan"))
-    with pytest.raises(errors.ConfigError, match=r"pose\.onnx: output 'poses' is not finite"):
+    with pytest.raises(
+        errors.ConfigError, match=r"pose\.onnx: the weights 'model\.network\..*' are not finite; train again"
+    ):
         export.export_pose_model(tmp_path / "y", "study", small, seen("ternary", 2), learned_from=[])
 
 

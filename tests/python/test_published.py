@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from graspbox import evaluation, object_sets, policies
-from graspbox.artifacts.folders import load
+from graspbox.policies.published.folders import load
 
 pytest.importorskip("onnxruntime", reason="published policies need onnxruntime, from the extra 'onnx'")
 

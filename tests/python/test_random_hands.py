@@ -8,12 +8,12 @@ import pytest
 
 from graspbox import object_sets
 from graspbox.errors import ConfigError
-from graspbox.hand_tools import check_hand, random_hand
-from graspbox.hand_tools.families import FAMILIES
+from graspbox.hand_tools import check_hand
 from graspbox.hands import Hand, load_hand
-from graspbox.models.scorer.hand_numbers import HAND_NUMBERS, hand_numbers
+from graspbox.learn.random_hands import FAMILIES, random_hand
 from graspbox.perception import HandGrid, HandGridConfig
 from graspbox.perception.hand_settings import settings_of
+from graspbox.perception.inputs.hand_numbers import HAND_NUMBERS, hand_numbers
 from graspbox.planning import plan
 from graspbox.simulation import Scene
 

@@ -10,11 +10,12 @@ import gymnasium
 import pytest
 
 import graspbox
-from graspbox import dataset, object_sets
+from graspbox import object_sets
 from graspbox._common.refusals import errors_of, is_refusal, reason
-from graspbox.dataset.scenes import SceneTask, Subject
-from graspbox.dataset.shards import Shard, make
-from graspbox.demonstrations import Demonstrations, record
+from graspbox.data import trials as dataset
+from graspbox.data.episodes import Demonstrations, record
+from graspbox.data.trials.scenes import GroupedObject, SceneTask
+from graspbox.data.trials.shards import Shard, make
 from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.errors import ConfigError, FileError, GraspboxError, InternalError, MeshError, SimulationError
 from graspbox.evaluation import evaluate, trial_seeds
@@ -197,7 +198,7 @@ def test_a_mesh_whose_centre_of_mass_is_outside_does_not_stop_a_data_set(monkeyp
     good, odd = object_sets.load("procedural:can:0-1")
     real = object_sets.ObjectSpec.load
     monkeypatch.setattr(object_sets.ObjectSpec, "load", lambda spec: Odd() if spec == odd else real(spec))
-    tasks = tuple(SceneTask(Subject(spec, spec.name, "train"), 0) for spec in (odd, good))
+    tasks = tuple(SceneTask(GroupedObject(spec, spec.name, "train"), 0) for spec in (odd, good))
     config = dataset.DatasetConfig(poses=2, rests=1, views=0)
     facts = make(Shard("train-00000-of-00001.parquet", tasks, ""), graspbox.load_hand("reflex"), config).facts
     assert list(facts["refused"]) == [f"{odd.name}/0"]

@@ -12,11 +12,12 @@ import tiny_policy
 from graspbox import object_sets, policies
 from graspbox.errors import ConfigError
 from graspbox.hands import load_hand
-from graspbox.models.scene_trials import RenderedScene, render_scene
-from graspbox.models.scenes import SceneConfig, SceneSampler
+from graspbox.learn.models.scene_trials import RenderedScene, render_scene
+from graspbox.learn.models.scenes import SceneConfig, SceneSampler
 from graspbox.perception import HandGrid, PoseNoise, ProposalConfig
 from graspbox.perception.configs import CropConfig, FinderConfig, RehearsalConfig
 from graspbox.perception.crops import OCCUPIED
+from graspbox.perception.depth_views import Seen
 from graspbox.perception.finder import FoundGrasp, GraspFinder
 from graspbox.perception.shapes import Rehearsal, rehearsed_score, rehearsed_success, surface_of
 
@@ -44,7 +45,7 @@ def highest(
 def decide(scene: RenderedScene, config: FinderConfig) -> FoundGrasp:
     finder = GraspFinder(HandGrid(), scene.true_occupancy, highest, config)
     assert scene.crops is not None
-    found = finder.decide(scene.crops)
+    found = finder.find(Seen(scene.crops))
     assert found is not None
     return found
 
@@ -177,8 +178,8 @@ def test_scores_rise_with_the_score_and_with_the_share() -> None:
         ({"grasps": 0}, "grasps is 0 .*; give a number from 1 to 256"),
         ({"trials": 100}, "trials is 100 .*; give a number from 1 to 64"),
         ({"density": 0.5}, "density is 0.5 .*; give a number from 10"),
-        ({"thresholds": ()}, r"thresholds is \(\); give 1 to 16 numbers of 1 to 255"),
-        ({"thresholds": (0, 64)}, r"thresholds is \(0, 64\); give 1 to 16 numbers"),
+        ({"thresholds": ()}, r"thresholds is \(\); pass 1 to 16 numbers of 1 to 255"),
+        ({"thresholds": (0, 64)}, r"thresholds is \(0, 64\); pass 1 to 16 numbers"),
     ],
 )
 def test_settings_out_of_range_are_refused(wrong: dict[str, object], message: str) -> None:
@@ -226,21 +227,22 @@ def test_the_probability_of_a_grasp_without_trials_is_that_of_the_scorer(scene: 
     assert stated[0] == 0.9
     np.testing.assert_array_equal(stated[1:], rehearsed_score(success[1:], np.array([0.0, 1.0]), config))
     finder = GraspFinder(HandGrid(), scene.true_occupancy, highest, CONFIG)
-    with pytest.raises(ConfigError, match="takes all that is seen for one object; rehearse none, or give no target"):
-        finder.targeting(np.ones((CROP.resolution,) * 3, dtype=np.bool_))
+    assert scene.crops is not None
+    with pytest.raises(ConfigError, match="takes all that is seen for one object; rehearse none, or pass no target"):
+        finder.find(Seen(scene.crops, np.ones((CROP.resolution,) * 3, dtype=np.bool_)))
 
 
 def test_the_command_line_rehearses(tmp_path: Path) -> None:
-    runner = pytest.importorskip("typer.testing", reason="the command line needs the extra 'cli'").CliRunner()
+    pytest.importorskip("typer", reason="the command line needs the extra 'cli'")
 
-    from graspbox.cli import typer_app
+    from command_line import invoke
 
     tiny_policy.make(tmp_path)
     words = ["evaluate", str(tmp_path), "--objects", "procedural:can:0", "--trials", "2", "--json"]
-    plain, tried = (runner.invoke(typer_app, [*words, "--rehearse", grasps]) for grasps in ("0", "4"))
+    plain, tried = (invoke([*words, "--rehearse", grasps]) for grasps in ("0", "4"))
     assert (plain.exit_code, tried.exit_code) == (0, 0), tried.output
     assert plain.output != tried.output
-    refused = runner.invoke(typer_app, [*words, "--rehearse", "1000"])
+    refused = invoke([*words, "--rehearse", "1000"])
     assert refused.exit_code == 2
-    served = runner.invoke(typer_app, ["evaluate", "ws://localhost:1", "--rehearse", "8"])
+    served = invoke(["evaluate", "ws://localhost:1", "--rehearse", "8"])
     assert served.exit_code != 0

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 import graspbox
-from acting import OBJECTS
+from acting import ACTING, OBJECTS, lower
 from graspbox.configs import (
     CameraConfig,
     CamerasConfig,
@@ -25,7 +25,7 @@ from graspbox.configs import (
 )
 from graspbox.envs import spaces
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 
 GRASP, POSE, CLEAR = "graspbox/Grasp-v0", "graspbox/GraspPose-v0", "graspbox/Clear-v0"
 IDS, HANDS, MODES = (GRASP, POSE), tuple(graspbox.Hand.names()), tuple(AutoresetMode)
@@ -73,8 +73,12 @@ AMONG: dict[str, dict[str, Any]] = {
 
 
 def defaults(env_id: str) -> dict[str, Any]:
-    own = {"frame_skip": 2} if env_id == GRASP else {}
+    own = {"control_freq": 10} if env_id == GRASP else {}
     return {"objects": OBJECTS, "reward": "dense", "image_size": 20, **own}
+
+
+#: Entries of an action that move the hand.
+SIZES = {"twist": 6, "delta_pose": 6, "target_pose": 9, "top_down": 4}
 
 
 def make(num_envs: int = 3, env_id: str = GRASP, **settings: Any) -> Any:
@@ -95,9 +99,10 @@ def acting(env: Any, steps: int, seed: int = 0) -> NDArray[np.float32]:
         height = -0.34 if env.spec.kwargs.get("hand") == "leap" else -0.42
         actions[..., :9] = [0.1, 0.1, 0.2, 0, 0, 0, 0, 0, 0] * actions[..., :9] + [0, 0, height, 1, 0, 0, 0, -1, 0]
     else:
-        actions[..., 2] = 1.0
         closing = np.where(np.arange(steps) % 8 > 3, 1.0, -1.0)
-        actions[..., 6:] = closing.reshape(steps, *[1] * len(shape))
+        control = env.spec.kwargs.get("control", "twist")
+        actions[..., SIZES[control] :] = closing.reshape(steps, *[1] * len(shape))
+        return lower(actions.astype(np.float32), control)
     return actions.astype(np.float32)
 
 
@@ -129,7 +134,7 @@ def rollout_single(env: Any, steps: int) -> list[Any]:
 
 def pools_of(env: Any) -> list[Any]:
     pool = env.unwrapped._core.pool
-    return [shard.pool for shard in pool._shards] if hasattr(pool, "_shards") else [pool]
+    return list(getattr(pool, "_shards", [pool]))
 
 
 def breaking(env: Any, before: bool) -> Any:
@@ -197,6 +202,13 @@ def test_equals_environments_of_this_process(urls: Urls, case: Case) -> None:
     check_equality(urls, case)
 
 
+@pytest.mark.parametrize(("control", "fingers"), ACTING)
+def test_every_meaning_of_an_action_is_that_of_this_process(urls: Urls, control: str, fingers: str) -> None:
+    index = ACTING.index((control, fingers))
+    case = (("state", "proprio"), HANDS[index % len(HANDS)], MODES[index % 3], GRASP)
+    check_equality(urls, case, control=control, fingers=fingers, control_freq=(5, 10)[index // 2 % 2])
+
+
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("env_id", AMONG)
 def test_scenes_of_several_objects_equal_those_of_this_process(urls: Urls, env_id: str, mode: AutoresetMode) -> None:
@@ -229,7 +241,7 @@ SIDE = CameraConfig("side", eye=(0.4, 0.4, 0.4), target=(0.0, 0.0, 0.1), fov=0.8
 SETTINGS: list[tuple[str, dict[str, Any]]] = [
     (GRASP, {"control": "target_pose"}),
     (GRASP, {"control": "delta_pose"}),
-    (GRASP, {"frame_skip": 3}),
+    (GRASP, {"control_freq": 50, "fingers": "each"}),
     (GRASP, {"max_episode_steps": 3}),
     (GRASP, {"autoreset_mode": "SameStep"}),
     (GRASP, {"randomization": "standard"}),
@@ -269,7 +281,6 @@ def test_servers_are_named_in_several_ways(urls: Urls) -> None:
         [*urls, urls[0], urls[1]],
         RemoteConfig(urls),
         {"urls": [urls[1]], "grace": 5.0},
-        RemoteConfig(urls, reconnect="restore", checkpoint=2),
         RemoteConfig(urls[:1], grace=0.0),
     ]
     for remote in ways:

@@ -14,10 +14,10 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import vector as wrappers
 
-from acting import OBJECTS, pressing
+from acting import EACH, OBJECTS, pressing
 from graspbox import errors
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 from test_remote import GRASP, PICTURE, POSE, Urls, acting, begun, make, make_single, rollout, same
 from test_remote_sessions import error_of, spoiled
 
@@ -44,8 +44,7 @@ def test_an_unreachable_server_is_named(urls: Urls) -> None:
 
 WRONG_CONFIGS: list[Any] = [
     {"urls": "ws://a"}, {"urls": ()}, {"urls": (3,)}, {"grace": -1.0}, {"grace": float("nan")}, {"grace": float("inf")},
-    {"grace": "long"}, {"checkpoint": 0}, {"checkpoint": "often"}, {"depth": "float64"}, {"reconnect": "never"},
-    {"token_file": 3},
+    {"grace": "long"}, {"depth": "float64"}, {"token_file": 3},
 ]  # fmt: skip
 
 
@@ -57,13 +56,14 @@ def test_wrong_configs_are_refused_by_name(urls: Urls, wrong: dict[str, Any]) ->
 
 KEYWORDS: list[Any] = [
     {"moon": 1}, {"obs": "deep"}, {"reward": "fair"}, {"reward_weights": {"moon": 1.0}}, {"control": "fly"},
-    {"frame_skip": 0}, {"max_episode_steps": 0}, {"autoreset_mode": "sometimes"}, {"info": "brief"}, {"image_size": 8},
+    {"control_freq": 0}, {"max_episode_steps": 0}, {"autoreset_mode": "sometimes"}, {"info": "brief"},
+    {"image_size": 8},
     {"randomization": "strong"}, {"render_mode": "ansi"}, {"split": "half"}, {"physics": {"gravty": 1}},
     {"physics": {"gravity": -1.0}}, {"success": {"hold_time": -1.0}}, {"prepare_files": -1}, {"num_threads": 0},
     {"objects": "procedural:moon"}, {"objects": 3}, {"num_envs": 0}, {"num_envs": 1.5}, {"num_envs": -3},
     {"num_envs": "x"}, {"objects": []}, {"reward": []}, {"control": {}}, {"obs": 5}, {"obs": [5]}, {"info": []},
     {"split": []}, {"image_size": [1, 2, 3]}, {"image_size": "x"}, {"randomization": 5}, {"render_mode": []},
-    {"autoreset_mode": []}, {"reward_weights": []}, {"physics": []}, {"cameras": 5}, {"frame_skip": "x"},
+    {"autoreset_mode": []}, {"reward_weights": []}, {"physics": []}, {"cameras": 5}, {"control_freq": "x"},
 ]  # fmt: skip
 
 
@@ -71,7 +71,7 @@ KEYWORDS: list[Any] = [
 def test_wrong_keywords_are_refused_as_in_this_process(urls: Urls, wrong: dict[str, Any]) -> None:
     found = {error_of(partial(make, **{"remote": remote, **wrong})) for remote in (None, urls[0], urls)}
     assert len(found) == 1
-    assert {kind for kind, _ in found} <= {"ConfigError", "ObjectSetError"}
+    assert {kind for kind, _ in found} <= {"ConfigError", "ObjectSetError", "UnknownKeywordError"}
 
 
 @pytest.mark.parametrize("call", ["step", "send"])
@@ -182,12 +182,13 @@ def make_sb3(num_envs: int = 3, **settings: Any) -> Any:
     pytest.importorskip("stable_baselines3")
     from graspbox.sb3 import VecEnv
 
-    return VecEnv.make(GRASP, num_envs, **{"objects": OBJECTS, "reward": "dense", "max_episode_steps": 7, **settings})
+    defaults = {"objects": OBJECTS, "reward": "dense", "max_episode_steps": 7, **EACH}
+    return VecEnv.make(GRASP, num_envs, **{**defaults, **settings})
 
 
 @pytest.mark.train
 @pytest.mark.parametrize("obs", ["state", ("proprio", "tactile")])
-def test_a_vec_env_is_that_of_this_process(urls: Urls, obs: Any) -> None:
+def test_a_vec_env_is_that_of_this_process(urls: Urls, stopped_clock: None, obs: Any) -> None:
     """Observations, rewards, dones and infos, terminal observations included; methods, pictures and copies."""
     settings: dict[str, Any] = {"obs": obs, "render_mode": "rgb_array", "picture": PICTURE}
     local, env = make_sb3(**settings), make_sb3(remote=urls, **settings)

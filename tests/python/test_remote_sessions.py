@@ -4,7 +4,6 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,16 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 from foreign_server import Proxy
 from graspbox import errors, load_hand
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 from test_remote import (
-    AMONG,
-    CLEAR,
-    GRASP,
     POSE,
     Urls,
     acting,
@@ -116,17 +111,13 @@ def test_a_server_that_stops_ends_its_sessions_at_once() -> None:
 
 
 def test_a_session_that_nobody_takes_up_ends() -> None:
-    """After that it is lost, and with it its environments, but where they are restored."""
+    """After that it is lost, and with it its environments."""
     with served() as server:
-        config = RemoteConfig((server.url,), grace=0.1)
-        envs = [begun(2, remote=config), begun(2, remote=RemoteConfig(config.urls, grace=0.1, reconnect="restore"))]
-        for env in envs:
-            pools_of(env)[0]._client._break_off()
+        env = begun(2, remote=RemoteConfig((server.url,), grace=0.1))
+        pools_of(env)[0]._client._break_off()
         until(lambda: sessions(server) == 0)
-        action = acting(envs[0], 1)[0]
         with pytest.raises(errors.ConnectionLostError, match=f"session on {server.url} is (lost|over)"):
-            envs[0].step(action)
-        assert same(envs[1].step(action), begun(2).step(action))
+            env.step(acting(env, 1)[0])
 
 
 def test_without_grace_a_lost_connection_is_an_error(urls: Urls) -> None:
@@ -134,43 +125,6 @@ def test_without_grace_a_lost_connection_is_an_error(urls: Urls) -> None:
     pools_of(env)[1]._client._break_off()
     with pytest.raises(errors.ConnectionLostError, match=rf"{urls[1]} .*environments 2 to 4 "):
         env.step(acting(env, 1)[0])
-
-
-LOST: list[tuple[AutoresetMode, int, int, float]] = [
-    (AutoresetMode.NEXT_STEP, 0, 3, 0.0),
-    (AutoresetMode.SAME_STEP, 1, 1, 0.2),
-    (AutoresetMode.DISABLED, 0, 4, 0.0),
-    (AutoresetMode.NEXT_STEP, 1, 50, 0.0),
-]
-
-
-@pytest.mark.parametrize("lost", LOST, ids=str)
-@pytest.mark.parametrize("env_id", [GRASP, CLEAR])
-def test_environments_are_restored_on_another_server(urls: Urls, lost: Any, env_id: str) -> None:
-    """As if nothing had happened: also partial resets, states and settings since the states were saved."""
-    mode, which, checkpoint, grace = lost
-    among = {} if env_id == GRASP else AMONG[env_id]
-    settings: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 4, "obs": ("state", "depth")}
-    settings |= {"env_id": env_id, **among}
-    with served() as server:
-        order = (server.url, urls[0]) if which == 0 else (urls[0], server.url)
-        config = RemoteConfig(order, reconnect="restore", checkpoint=checkpoint, grace=grace)
-        env, local = begun(remote=config, **settings), begun(**settings)
-        mask = np.array([True, False, True, False, True])
-        for step, action in enumerate(acting(local, 13)):
-            if step == 8:
-                server.stop(patient=False)
-            expected = local.step(action)
-            assert same(env.step(action), expected)
-            done = expected[2] | expected[3]
-            if step == 6 or (mode == AutoresetMode.DISABLED and done.any()):
-                chosen = mask | done
-                assert same(*(one.reset(seed=step, options={"reset_mask": chosen.copy()}) for one in (env, local)))
-            if step == 7:
-                assert same(*(one.set_state(3, local.get_state(1)) for one in (env, local)))
-        assert env.call("get_state") == local.call("get_state")
-        assert {pool.url for pool in pools_of(env)} == {urls[0]}
-    env.close()
 
 
 def interrupted(env: Any, which: int, call: Callable[[], Any]) -> None:
@@ -189,10 +143,10 @@ def interrupted(env: Any, which: int, call: Callable[[], Any]) -> None:
 @pytest.mark.parametrize("command", ["step", "reset", "send"])
 @pytest.mark.parametrize("which", [0, 1])
 def test_a_call_that_was_interrupted_is_not_forgotten(urls: Urls, which: int, command: str) -> None:
-    """Servers after the awaited one had stepped, unknown to the restoration: later bits were wrong."""
+    """Servers after the awaited one had stepped, unknown to the client: later bits were wrong."""
     with served() as server:
-        config = RemoteConfig((urls[0], server.url), reconnect="restore", checkpoint=50, grace=0.0)
-        env, local = begun(remote=config, max_episode_steps=4), begun(max_episode_steps=4)
+        urls = (urls[0], server.url)
+        env, local = begun(remote=urls, max_episode_steps=4), begun(max_episode_steps=4)
         actions = acting(local, 6)
         for action in actions[:2]:
             assert same(env.step(action), local.step(action))
@@ -205,9 +159,7 @@ def test_a_call_that_was_interrupted_is_not_forgotten(urls: Urls, which: int, co
         # Each environment continues from its current state.
         for index, state in enumerate(env.call("get_state")):
             local.set_state(index, state)
-        assert same(env.step(actions[3]), local.step(actions[3]))
-        server.stop(patient=False)
-        for action in actions[4:]:
+        for action in actions[3:]:
             assert same(env.step(action), local.step(action))
     env.close()
 
@@ -227,7 +179,7 @@ def test_an_interruption_leaves_no_episode_that_is_over_unnoticed(urls: Urls) ->
 
 
 def test_environments_that_have_not_begun_are_known_after_an_interruption(urls: Urls) -> None:
-    env = make(5, remote=RemoteConfig(urls, reconnect="restore"))
+    env = make(5, remote=urls)
     interrupted(env, 1, lambda: env.reset(seed=3))
     found = env.reset(seed=4)
     assert same(found, make(5).reset(seed=4))
@@ -236,7 +188,7 @@ def test_environments_that_have_not_begun_are_known_after_an_interruption(urls: 
 
 def test_a_signal_ends_a_call_over_several_servers(urls: Urls) -> None:
     """As a user sends it: the call ends at once, and the environments continue from their current states."""
-    env = make(128, POSE, remote=RemoteConfig(urls, reconnect="restore"))
+    env = make(128, POSE, remote=urls)
     env.reset(seed=3)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
     action[:, [2, 3, 7]] = [-0.3, 1.0, -1.0]
@@ -253,70 +205,6 @@ def test_a_signal_ends_a_call_over_several_servers(urls: Urls) -> None:
     env.close()
 
 
-def test_what_was_sent_and_received_is_restored(urls: Urls) -> None:
-    with served() as server:
-        env = begun(remote=RemoteConfig((server.url, urls[0]), reconnect="restore", checkpoint=5, grace=0.0))
-        local = begun()
-        actions = acting(local, 4)
-        for one in (env, local):
-            one.step(actions[0])
-            one.send(actions[1])
-            one.recv()
-        server.stop(patient=False)
-        for action in actions[2:]:
-            assert same(env.step(action), local.step(action))
-
-
-def test_what_is_on_its_way_is_restored(urls: Urls) -> None:
-    with served() as server:
-        env = begun(remote=RemoteConfig((server.url, urls[0]), reconnect="restore", checkpoint=5, grace=0.0))
-        local = begun()
-        action = acting(local, 1)[0]
-        for one in (env, local):
-            one.send(action)
-        server.stop(patient=False)
-        expected, received = rows(local.recv()), rows(env.recv())
-        assert all(same(received[i], expected[i]) for i in range(5))
-
-
-def test_a_server_without_room_is_passed_over(urls: Urls) -> None:
-    with served() as server, served(max_envs=2) as full:
-        names = (server.url, full.url, urls[0])
-        env, local = begun(6, remote=RemoteConfig(names, reconnect="restore", grace=0.0)), begun(6)
-        server.stop(patient=False)
-        for action in acting(local, 2):
-            assert same(env.step(action), local.step(action))
-        assert [pool.url for pool in pools_of(env)] == [urls[0], full.url, urls[0]]
-    env.close()
-
-
-def again_at(port: int) -> EnvironmentServer:
-    """Serve where another server did, whose port may be free only after a moment."""
-    started: list[EnvironmentServer] = []
-
-    def start() -> bool:
-        with suppress(errors.ConfigError):
-            started.append(EnvironmentServer(ServerSettings(port=port)))
-        return bool(started)
-
-    until(start)
-    return started[0]
-
-
-def test_environments_are_restored_on_a_server_that_was_restarted() -> None:
-    with served() as server:
-        env, local = begun(remote=RemoteConfig((server.url,), reconnect="restore", checkpoint=2)), begun()
-        port = int(server.url.rpartition(":")[2])
-        actions = acting(local, 5)
-        for action in actions[:3]:
-            assert same(env.step(action), local.step(action))
-        server.stop(patient=False)
-        with again_at(port):
-            for action in actions[3:]:
-                assert same(env.step(action), local.step(action))
-            env.close()
-
-
 CALLS: dict[str, Callable[[Any], Any]] = {
     "step": lambda env: env.step(acting(env, 1)[0]),
     "reset": lambda env: env.reset(seed=1),
@@ -325,11 +213,9 @@ CALLS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-@pytest.mark.parametrize("reconnect", ["resume", "restore"])
-def test_the_error_of_a_lost_server_names_it_and_its_environments(reconnect: Any) -> None:
-    """Where no other server can take its place, or none is to."""
+def test_the_error_of_a_lost_server_names_it_and_its_environments() -> None:
     with served() as one, served() as two:
-        config = RemoteConfig((one.url, two.url), grace=0.0, reconnect=reconnect)
+        config = RemoteConfig((one.url, two.url), grace=0.0)
         envs = {name: begun(remote=config) for name in CALLS}
         envs["recv"].send(acting(envs["recv"], 1)[0])
         for server in (one, two):
@@ -342,7 +228,6 @@ def test_the_error_of_a_lost_server_names_it_and_its_environments(reconnect: Any
 
 
 def test_the_error_of_the_only_server_names_it_and_its_environments() -> None:
-    """It named the environments of one of several servers alone."""
     with served() as server:
         env, alone = begun(3, remote=RemoteConfig((server.url,), grace=0.0)), make_single(remote=server.url)
         alone.reset(seed=0)
@@ -380,7 +265,7 @@ def spoiled(env: Any, *rows: int) -> Any:
 #: Wrong in environments that have begun.
 WRONG: dict[str, Callable[[Any], Any]] = {
     "step with NaN": lambda env: env.step(spoiled(env, 3)),
-    "step of other shape": lambda env: env.step(acting(env, 1)[0][:, :9]),
+    "step of other shape": lambda env: env.step(acting(env, 1)[0][:, :-1]),
     "reset object": lambda env: env.reset(options={"each": [None, None, None, {"object": "moon"}, None]}),
     "reset friction": lambda env: env.reset(options={"each": [None, None, None, None, {"friction": -1.0}]}),
     "recv of none": lambda env: env.recv(0),

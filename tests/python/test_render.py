@@ -11,7 +11,7 @@ from gymnasium.wrappers import RecordVideo
 from gymnasium.wrappers.vector import RecordVideo as RecordVideos
 from moviepy import VideoFileClip
 
-from acting import OBJECTS, TASKS, pressing
+from acting import EACH, OBJECTS, TASKS, pressing
 from graspbox import errors
 from graspbox.configs import FRONT, PALM, CameraConfig, CamerasConfig, PictureConfig
 from graspbox.envs.grasp import GraspEnv
@@ -24,14 +24,17 @@ pytestmark = pytest.mark.filterwarnings(
 )
 
 
+def defaults(env_id: str) -> dict[str, Any]:
+    acting = EACH if env_id == ID else {}
+    return {"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL, **acting}
+
+
 def make(env_id: str = ID, **settings: Any) -> Any:
-    return gymnasium.make(env_id, **{"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL, **settings})
+    return gymnasium.make(env_id, **{**defaults(env_id), **settings})
 
 
 def make_vec(num_envs: int, env_id: str = ID, **settings: Any) -> Any:
-    return gymnasium.make_vec(
-        env_id, num_envs=num_envs, **{"objects": OBJECTS, "render_mode": "rgb_array", "picture": SMALL, **settings}
-    )
+    return gymnasium.make_vec(env_id, num_envs=num_envs, **{**defaults(env_id), **settings})
 
 
 def test_pictures_follow_the_world() -> None:
@@ -63,6 +66,21 @@ def test_vector_pictures_are_those_of_the_single_environments(task: str) -> None
         np.testing.assert_array_equal(env.render(), frame)
 
 
+@pytest.mark.parametrize("hand", ["reflex", "leap"])
+def test_pictures_show_what_happens(hand: str) -> None:
+    """Hand and object are within the picture, and large in it: a mug was 30 pixels wide."""
+    picture = PictureConfig()
+    cameras = CamerasConfig(cameras=(picture.camera,), image_size=picture.image_size)
+    env = make(objects="procedural:mug", hand=hand, obs="segmentation", cameras=cameras)
+    for seed in range(5):
+        labels = env.reset(seed=seed)[0][:, :, 0]
+        rows, columns = np.nonzero(labels == 2)
+        assert max(np.ptp(rows), np.ptp(columns)) > 60
+        borders = np.concatenate([labels[[0, -1]].ravel(), labels[:, [0, -1]].ravel()])
+        assert (borders < 2).all()
+        assert (labels > 2).any()
+
+
 def test_nothing_is_rendered_unless_asked() -> None:
     env, envs = make(render_mode=None).unwrapped, make_vec(2, render_mode=None)
     env.reset(seed=0)
@@ -70,7 +88,7 @@ def test_nothing_is_rendered_unless_asked() -> None:
     assert env.render() is None
     assert envs.render() is None
     with pytest.raises(errors.ConfigError, match="'ansi' is not available; use None or one of 'human', 'rgb_array'"):
-        GraspEnv(render_mode="ansi")  # type: ignore[arg-type]
+        GraspEnv(render_mode="ansi")
 
 
 def test_a_palm_camera_can_take_the_pictures() -> None:

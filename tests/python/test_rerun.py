@@ -16,20 +16,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import graspbox
 import tiny_policy
-from graspbox import cli, demonstrations, object_sets
+from command_line import invoke
+from graspbox import object_sets
 from graspbox._core import Hand
+from graspbox.data import episodes as demonstrations
 from graspbox.errors import ConfigError, FileError, MissingExtraError
 from graspbox.evaluation import evaluate
 from graspbox.evaluation.replays import ActionLog, shown
+from graspbox.hands.description import describe
+from graspbox.meshes.shapes import boxes
 from graspbox.policies import load
-from graspbox.rerun.episodes import of_demonstrations
-from graspbox.rerun.links import boxes_mesh, link_frames, links
-from graspbox.rerun.motions import Motion, of_replay, of_trial
-from graspbox.rerun.sensed import hand_links, sensor_forces
+from graspbox.tools.hand_links import HandLinks, link_boxes, moving_frames
+from graspbox.tools.rerun.episodes import of_demonstrations
+from graspbox.tools.rerun.motions import RecordedMotion, of_replay, of_trial, sensor_forces
 
 HAS_SDK = find_spec("rerun_bindings") is not None
 REQUIRED = os.environ.get("GRASPBOX_REQUIRE_RERUN", "0") not in ("", "0")
@@ -48,7 +50,7 @@ def grasp(scene: graspbox.Scene) -> graspbox.Grasp:
 
 
 @pytest.fixture(scope="module")
-def held(scene: graspbox.Scene, grasp: graspbox.Grasp) -> Motion:
+def held(scene: graspbox.Scene, grasp: graspbox.Grasp) -> RecordedMotion:
     return of_trial(scene, grasp.pose, float(grasp.preshape), probability=0.75)
 
 
@@ -63,8 +65,8 @@ def test_links_have_the_collision_shapes_at_every_position(name: str) -> None:
     shapes, halves, _, _ = hand.shapes(joints)
     placed = [
         (frame @ box, half)
-        for frame, link in zip(hand_links(hand, joints), links(hand), strict=True)
-        for box, half in link.boxes
+        for frame, link in zip(moving_frames(hand, joints), link_boxes(hand), strict=True)
+        for box, half in zip(link.frames, link.half_extents, strict=True)
     ]
     assert len(placed) == len(shapes)
     for shape, half in zip(shapes, halves, strict=True):
@@ -76,19 +78,18 @@ def test_frames_of_links_are_those_of_the_urdf(name: str) -> None:
     """A collision box of the URDF, in the frame of its link, lies where the core has it."""
     hand = Hand.named(name)
     element_tree = import_module("xml.etree.ElementTree")
-    rows, offsets = link_frames(hand)
     # A body that moves bears the name of its first link.
-    first = {row: name for name, row in reversed(rows.items()) if row}
-    assert [link.name for link in links(hand)][1:] == [first[row] for row in sorted(first)]
-    zero = np.zeros(len(hand.joints))
-    frames = hand_links(hand, zero)
+    moved = describe(hand).moving
+    assert [link.name for link in link_boxes(hand)] == ["palm", *(link.name for link in moved)]
+    zero, links = np.zeros(len(hand.joints)), HandLinks(hand)
+    frames = dict(zip(links.names, links.frames(zero), strict=True))
     centers = hand.shapes(zero)[0][:, :3, 3]
     count = 0
     for link in element_tree.fromstring(hand.files[0]).findall("link"):
         for collision in link.findall("collision"):
             origin = collision.find("origin")
             place = [0.0] * 3 if origin is None else [float(v) for v in origin.get("xyz", "0 0 0").split()]
-            found = frames[rows[link.get("name")]] @ offsets[link.get("name")] @ [*place, 1.0]
+            found = frames[link.get("name")] @ [*place, 1.0]
             assert np.linalg.norm(centers - found[:3], axis=1).min() < 1e-9
             count += 1
     assert count == len(centers)
@@ -98,18 +99,18 @@ def test_meshes_of_boxes_are_closed_and_face_outwards() -> None:
     pose = np.eye(4)
     pose[:3, 3] = 1.0, 2.0, 3.0
     half = np.array([0.1, 0.2, 0.3])
-    vertices, faces, normals = boxes_mesh(((pose, half),))
+    vertices, faces = boxes(pose[None], half[None])
     corners = vertices[faces]
-    np.testing.assert_allclose(np.abs(vertices - pose[:3, 3]), np.tile(half, (24, 1)))
+    np.testing.assert_allclose(np.abs(vertices - pose[:3, 3]), np.tile(half, (8, 1)))
     ways = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.einsum("ij,ij->", corners[:, 0] - pose[:3, 3], ways) / 6 == pytest.approx(8 * half.prod())
-    assert (np.einsum("ij,ij->i", ways, normals[faces[:, 0]]) > 0).all()
+    assert (np.einsum("ij,ij->i", ways, corners[:, 0] - pose[:3, 3]) > 0).all()
 
 
 # --- motions ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_motion_is_the_trace_of_its_trial(held: Motion, scene: graspbox.Scene, grasp: graspbox.Grasp) -> None:
+def test_a_motion_is_the_trace_of_its_trial(held: RecordedMotion, scene: graspbox.Scene, grasp: graspbox.Grasp) -> None:
     outcomes, trace = scene.trace(grasp, config=graspbox.TrialConfig())
     assert outcomes.success[0]
     assert held.outcome == "success"
@@ -118,7 +119,7 @@ def test_a_motion_is_the_trace_of_its_trial(held: Motion, scene: graspbox.Scene,
     assert {"hand_force", "lift", "tension/finger_1", "load/preshape"} <= held.scalars.keys()
 
 
-def test_the_force_on_a_held_object_is_its_weight(held: Motion, scene: graspbox.Scene) -> None:
+def test_the_force_on_a_held_object_is_its_weight(held: RecordedMotion, scene: graspbox.Scene) -> None:
     points, forces = held.contact_force(scene.center_of_mass)
     still = slice(-30, None)
     np.testing.assert_allclose(forces[still].mean(axis=0), [0.0, 0.0, 9.81 * held.mass], atol=0.05 * 9.81 * held.mass)
@@ -128,7 +129,7 @@ def test_the_force_on_a_held_object_is_its_weight(held: Motion, scene: graspbox.
     assert lifted[:, 2].max() > 9.81 * held.mass
 
 
-def test_contacts_of_a_trial_carry_the_object(held: Motion) -> None:
+def test_contacts_of_a_trial_carry_the_object(held: RecordedMotion) -> None:
     last = held.contact_samples == len(held.time) - 1
     weight = 9.81 * held.mass
     np.testing.assert_allclose(held.contact_forces[last].sum(axis=0), [0.0, 0.0, weight], atol=0.01 * weight)
@@ -214,8 +215,10 @@ def rows_with(found: dict[str, list[tuple[int, str]]], entity: str, column: str)
 
 
 @needs_sdk
-def test_rerun_reads_a_trial(held: Motion, scene: graspbox.Scene, grasp: graspbox.Grasp, tmp_path: Path) -> None:
-    log = import_module("graspbox.rerun").log
+def test_rerun_reads_a_trial(
+    held: RecordedMotion, scene: graspbox.Scene, grasp: graspbox.Grasp, tmp_path: Path
+) -> None:
+    log = import_module("graspbox.tools.rerun").log
     path = log([held, (scene, grasp)], tmp_path / "trial.rrd", root="here")
     found = entities(path)
     count = len(held.time)
@@ -232,13 +235,13 @@ def test_rerun_reads_a_trial(held: Motion, scene: graspbox.Scene, grasp: graspbo
 
 
 @needs_sdk
-def test_rerun_reads_a_trial_among_other_objects(held: Motion, tmp_path: Path) -> None:
+def test_rerun_reads_a_trial_among_other_objects(held: RecordedMotion, tmp_path: Path) -> None:
     meshes = [spec.load() for spec in object_sets.load("procedural:can:0-3")]
     found = graspbox.arrange(meshes, "bin", seed=0)
     scene = graspbox.Scene.of(found, target=0)
     motion = of_trial(scene, np.linalg.inv(scene.world_from_object) @ [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.4],
                                                                        [0, 0, 0, 1]], 0.0)  # fmt: skip
-    path = import_module("graspbox.rerun").log([motion, held], tmp_path / "bin.rrd")
+    path = import_module("graspbox.tools.rerun").log([motion, held], tmp_path / "bin.rrd")
     recorded = entities(path)
     for index in range(len(found) - 1):
         assert rows_with(recorded, f"/world/others/{index}", "Mesh3D:vertex_positions") == 1
@@ -267,7 +270,7 @@ def test_commands_write_recordings(name: str, tmp_path: Path) -> None:
         ),
     }[name]
     more = ("--rerun", str(path), "--rerun-episodes", "2")
-    result = CliRunner().invoke(cli.typer_app, [*words, *more, "--json"], catch_exceptions=False)
+    result = invoke([*words, *more, "--json"], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     json.loads(result.stdout)
     found = entities(path)
@@ -299,7 +302,7 @@ def test_the_grasps_of_an_image_are_recorded(tmp_path: Path) -> None:
         str(tmp_path / "seen.rrd"),
         "--json",
     ]
-    result = CliRunner().invoke(cli.typer_app, words, catch_exceptions=False)
+    result = invoke(words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     count = len(json.loads(result.stdout)["grasps"])
     found = entities(tmp_path / "seen.rrd")
@@ -311,7 +314,7 @@ def test_the_grasps_of_an_image_are_recorded(tmp_path: Path) -> None:
 
 @needs_sdk
 def test_a_failed_recording_leaves_no_file(tmp_path: Path) -> None:
-    module = import_module("graspbox.rerun")
+    module = import_module("graspbox.tools.rerun")
     with pytest.raises(ConfigError, match=r"name a file that ends in \.rrd"):
         module.log([], tmp_path / "x.txt")
     with pytest.raises(ConfigError, match="items has a int"):
@@ -326,14 +329,14 @@ def test_a_failed_recording_leaves_no_file(tmp_path: Path) -> None:
 def test_without_the_sdk_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingExtraError, match=re.escape("pip install 'graspbox[rerun]'")):
-        import_module("graspbox.rerun").log([], tmp_path / "x.rrd")
+        import_module("graspbox.tools.rerun").log([], tmp_path / "x.rrd")
     words = ["grasp", "--objects", CAN, "--poses", "1", "--rerun", str(tmp_path / "x.rrd")]
-    result = CliRunner().invoke(cli.typer_app, words)
+    result = invoke(words)
     assert isinstance(result.exception, MissingExtraError)
 
 
 def test_servers_cannot_be_recorded() -> None:
     words: list[Any] = ["evaluate", "zero", "--remote", "ws://127.0.0.1:1", "--rerun", "x.rrd"]
-    result = CliRunner().invoke(cli.typer_app, words)
+    result = invoke(words)
     assert isinstance(result.exception, ConfigError)
     assert "leave out --remote" in str(result.exception)

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from graspbox._common.runs import Rows, Run, read_settings, refuse_changes
 from graspbox.errors import ConfigError
-from graspbox.training.runs import Rows, Run, read_settings, refuse_changes
 
 
 def test_a_refusal_names_the_first_three_differences_and_what_to_do() -> None:
@@ -41,7 +41,7 @@ def test_a_run_is_continued_with_the_same_settings_alone(tmp_path: Path) -> None
     ):
         pass
     with Run(tmp_path, {"seed": 1}) as run:
-        assert run.rows("results").rows == [{"a": 1}]
+        assert run.rows("results") == [{"a": 1}]
     with pytest.raises(ConfigError, match="there is no run in"):
         read_settings(tmp_path / "none")
 
@@ -86,7 +86,7 @@ def test_other_settings_start_another_clock(tmp_path: Path) -> None:
 
 
 def test_two_processes_do_not_work_in_one_directory(tmp_path: Path) -> None:
-    other = "import sys; from graspbox.training.runs import Run\nwith Run(sys.argv[1], {}): print('in')"
+    other = "import sys; from graspbox._common.runs import Run\nwith Run(sys.argv[1], {}): print('in')"
     command = [sys.executable, "-c", other, str(tmp_path)]
     with Run(tmp_path, {}), pytest.raises(ConfigError, match="another process is writing"), Run(tmp_path, {}):
         pass
@@ -104,10 +104,10 @@ def test_rows_continue_after_a_line_that_was_cut_off(tmp_path: Path) -> None:
         rows.append({"name": name})
     path.write_bytes(path.read_bytes()[:-4])
     again = Rows(path)
-    assert again.rows == [{"name": "a"}, {"name": "b"}]
+    assert again == [{"name": "a"}, {"name": "b"}]
     again.append({"name": "d"})
     again.keep(lambda row: row["name"] != "b")
-    assert Rows(path).rows == again.rows == [{"name": "a"}, {"name": "d"}]
+    assert Rows(path) == again == [{"name": "a"}, {"name": "d"}]
 
 
 @pytest.mark.parametrize("content", ["hello\n", "[1]\n", "3\n"])
@@ -117,6 +117,32 @@ def test_a_file_that_holds_no_rows_is_left_alone(tmp_path: Path, content: str) -
     with pytest.raises(ConfigError, match="has no rows of a run"):
         Rows(path)
     assert path.read_text() == content
+
+
+def test_no_time_left_is_told_before_it_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What came before the first steps of a training made hundreds of hours of the first time left."""
+    clock, lines = [0.0], []
+    monkeypatch.setattr("graspbox._common.runs.time.monotonic", lambda: clock[0])
+    with Run(tmp_path, {"seed": 0}, echo=lambda line: lines.append(line.partition("; ")[2])) as run:
+
+        def after(seconds: float, share: float) -> str:
+            clock[0] += seconds
+            run.report("so far", share)
+            return lines[-1]
+
+        # Four minutes of other work, at the same pace all the time.
+        assert after(0.0, 0.0) == "0:00:00 taken"
+        assert after(20.0, 0.05) == "0:00:20 taken"
+        assert after(20.0, 0.1) == "0:00:40 taken, 0:06:00 left"
+        assert after(200.0, 0.6).endswith("0:02:40 left")
+        # Then 1,000 seconds of steps.
+        assert after(10.0, 0.0001) == "0:04:10 taken"
+        assert after(10.0, 0.01) == "0:04:20 taken"
+        assert after(10.0, 0.02) == "0:04:30 taken, 0:16:20 left"
+        # What has become slower: the last lines count.
+        for share in (0.03, 0.031, 0.032, 0.033, 0.034, 0.035):
+            after(10.0, share)
+        assert lines[-1] == "0:05:30 taken, 2:40:50 left"
 
 
 def test_stages_keep_their_time_and_results(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """`graspbox.sb3`: vector environments equal single ones for Stable-Baselines3. Needs the extra ``train``."""
 
+import json
 import pickle
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-from acting import OBJECTS, Experts, pressing
+from acting import EACH, OBJECTS, Experts, pressing
 from graspbox import errors
 from graspbox.configs import PictureConfig
 
@@ -25,16 +26,18 @@ ID = "graspbox/Grasp-v0"
 def make(num_envs: int = 3, **settings: Any) -> Any:
     from graspbox.sb3 import VecEnv
 
-    return VecEnv.make(ID, num_envs, **{"objects": OBJECTS, "reward": "dense", "max_episode_steps": 9, **settings})
+    defaults = {"objects": OBJECTS, "reward": "dense", "max_episode_steps": 9, **EACH}
+    return VecEnv.make(ID, num_envs, **{**defaults, **settings})
 
 
 @pytest.mark.parametrize("obs", ["state", ("proprio", "tactile")])
-def test_equals_dummy_vec_env(obs: Any) -> None:
-    """Observations, rewards, dones and infos, terminal observations included, over several episodes."""
+def test_equals_dummy_vec_env(stopped_clock: None, obs: Any) -> None:
+    """Observations, rewards, dones and infos with ends and statistics of episodes, over several episodes."""
+    from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     def single() -> Any:
-        return gymnasium.make(ID, objects=OBJECTS, reward="dense", obs=obs, max_episode_steps=9)
+        return Monitor(gymnasium.make(ID, objects=OBJECTS, reward="dense", obs=obs, max_episode_steps=9, **EACH))
 
     native, dummy = make(obs=obs), DummyVecEnv([single] * 3)
     for env in (native, dummy):
@@ -52,16 +55,24 @@ def test_equals_dummy_vec_env(obs: Any) -> None:
         assert data_equivalence(native.reset_infos, dummy.reset_infos, exact=True)
         ends += int(ours[2].sum())
     assert ends >= 6
+    # A reset in the middle of an episode begins its statistics, too.
+    native.reset()
+    dones, infos = native.step(actions)[2:]
+    while not dones.any():
+        dones, infos = native.step(actions)[2:]
+    assert infos[0]["episode"]["l"] == 9
 
 
-def test_a_success_ends_an_episode_as_in_dummy_vec_env() -> None:
+def test_a_success_ends_an_episode_as_in_dummy_vec_env(stopped_clock: None) -> None:
     """An end that is none of time: the terminal observation is there, and nothing says that it was cut off."""
+    from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    settings: dict[str, Any] = {"objects": "procedural:can:0-1", "frame_skip": 2}
+    settings: dict[str, Any] = {"objects": "procedural:can:0-1", "fingers": "synergy", "control_freq": 10}
     native = make(2, max_episode_steps=200, reward="sparse", **settings)
-    dummy: Any = DummyVecEnv([lambda: gymnasium.make(ID, **settings)] * 2)
-    experts = Experts(native.get_attr("objects", 0)[0], 2, "twist", 2)
+    made = {"max_episode_steps": 200, "reward": "sparse", **settings}
+    dummy: Any = DummyVecEnv([lambda: Monitor(gymnasium.make(ID, **made))] * 2)
+    experts = Experts(native.get_attr("objects", 0)[0], 2, control_freq=10)
     for env in (native, dummy):
         env.seed(5)
     states, ends = native.reset(), np.ones(2, dtype=bool)
@@ -84,7 +95,7 @@ def dict_of(observation: Any) -> Any:
     return dict(observation) if isinstance(observation, dict) else observation
 
 
-def test_attributes_methods_and_their_errors() -> None:
+def test_attributes_methods_and_their_errors(stopped_clock: None) -> None:
     env = make()
     env.reset()
     assert env.get_attr("num_envs", indices=[0, 2]) == [3, 3]
@@ -140,7 +151,7 @@ def test_what_belongs_to_one_environment_is_had_alone() -> None:
     np.testing.assert_array_equal(cameras[0]["palm"][1], env.env.cameras()["palm"][1][1])
 
 
-def test_a_copy_continues_with_the_same_bits() -> None:
+def test_a_copy_continues_with_the_same_bits(stopped_clock: None) -> None:
     env = make(2, randomization="standard")
     env.seed(3)
     env.reset()
@@ -179,12 +190,28 @@ def test_ppo_learns_and_is_evaluated() -> None:
     assert lengths == [9] * 4
 
 
+def test_plain_training_logs_returns_lengths_and_successes(tmp_path: Path) -> None:
+    """The first curves that people look at, without a wrapper."""
+    from stable_baselines3.common.logger import configure
+
+    model = sb3.PPO("MlpPolicy", make(4), n_steps=18, batch_size=36, n_epochs=1, seed=0, device="cpu")
+    model.set_logger(configure(str(tmp_path), ["json"]))
+    model.learn(72)
+    model.logger.close()
+    logged = json.loads((tmp_path / "progress.json").read_text())
+    episodes = model.ep_info_buffer
+    assert len(episodes) == 8
+    assert logged["rollout/ep_rew_mean"] == pytest.approx(np.mean([episode["r"] for episode in episodes]))
+    assert logged["rollout/ep_len_mean"] == 9
+    assert logged["rollout/success_rate"] == 0
+
+
 def test_subproc_vec_env_after_a_rollout_in_the_parent() -> None:
     from stable_baselines3.common.vec_env import SubprocVecEnv
 
     from test_conformance import factory
 
-    single = factory((ID, {"obs": "state"}))
+    single = factory((ID, {"obs": "state", "fingers": "each"}))
     parent = single()
     parent.reset(seed=0)
     parent.step(parent.action_space.sample())
@@ -200,12 +227,34 @@ def test_subproc_vec_env_after_a_rollout_in_the_parent() -> None:
         env.close()
 
 
+@pytest.mark.parametrize("start_method", ["spawn", "forkserver"])
+def test_workers_of_subproc_vec_env_know_the_ids(start_method: str) -> None:
+    """Only this process has imported graspbox; "Namespace graspbox not found" was the workers' answer."""
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    settings = {"objects": OBJECTS}
+    env = make_vec_env(
+        ID,
+        2,
+        seed=3,
+        env_kwargs=settings,
+        vec_env_cls=SubprocVecEnv,
+        vec_env_kwargs={"start_method": start_method},
+    )
+    try:
+        observations: Any = env.reset()
+    finally:
+        env.close()
+    np.testing.assert_array_equal(observations[1], gymnasium.make(ID, objects=OBJECTS).reset(seed=4)[0])
+
+
 @pytest.mark.filterwarnings("ignore:This DataLoader will create")  # of torch, on one core
 def test_data_loader_workers_step_after_a_rollout_in_the_parent() -> None:
     torch = pytest.importorskip("torch")
     from test_conformance import factory
 
-    single = factory((ID, {"obs": "state"}))
+    single = factory((ID, {"obs": "state", "fingers": "each"}))
     parent = single()
     expected = [parent.reset(seed=seed)[0] for seed in range(4)]
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from graspbox import errors, evaluation, policies
-from graspbox.artifacts.configs import NetworkPolicyConfig
-from graspbox.artifacts.folders import load
-from graspbox.artifacts.runtimes import onnx_network
-from graspbox.demonstrations import record
+from graspbox.data.episodes import record
 from graspbox.hands import load_hand
 from graspbox.policies import Task
+from graspbox.policies.published.configs import NetworkPolicyConfig
+from graspbox.policies.published.folders import load
+from graspbox.policies.published.runtimes import onnx_network
 from test_scripts import script
 
 pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
@@ -26,15 +26,15 @@ pytestmark = [pytest.mark.train, pytest.mark.usefixtures("one_thread")]
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
-running = pytest.importorskip("graspbox.sb3.running")
-export = pytest.importorskip("graspbox.sb3.export")
+running = pytest.importorskip("graspbox.learn.sb3.running")
+export = pytest.importorskip("graspbox.learn.sb3.export")
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # noqa: E402
 
-from graspbox.artifacts import weight_files  # noqa: E402
-from graspbox.sb3 import cloning, training  # noqa: E402
+from graspbox.learn.export import weight_files  # noqa: E402
+from graspbox.learn.sb3 import cloning, training  # noqa: E402
+from graspbox.learn.sb3.running import model_arguments  # noqa: E402
+from graspbox.learn.sb3.settings import CloneSettings, Sb3Settings  # noqa: E402
 from graspbox.sb3.policy import ModelPolicy  # noqa: E402
-from graspbox.sb3.running import model_arguments  # noqa: E402
-from graspbox.sb3.settings import CloneSettings, Sb3Settings  # noqa: E402
 
 OBJECTS = ("procedural:can:0-3",)
 HEAD = Path(__file__).parents[2] / "policies/head"
@@ -55,7 +55,7 @@ def trained(algorithm: str, env_id: str, env: dict[str, Any], *, scaled: bool = 
         # Large enough actions that some are clipped, or squashed noticeably.
         head = model.policy.action_net if algorithm == "ppo" else model.policy.actor.mu
         for parameter in head.parameters():
-            parameter.mul_(20.0)
+            parameter.mul_(40.0)
     return ModelPolicy(model, model.get_vec_normalize_env())
 
 
@@ -80,7 +80,7 @@ def test_a_published_policy_acts_as_its_model(
 ) -> None:
     """So do its weights, without the model: on observations that the export has not seen."""
     env: dict[str, Any] = {"obs": obs, "objects": OBJECTS}
-    env |= {"frame_skip": 4, "max_episode_steps": 9} if env_id == GRASP else {}
+    env |= {"fingers": "each", "control_freq": 5, "max_episode_steps": 9} if env_id == GRASP else {}
     env |= {} if obs == "state" else {"image_size": 20}
     model = trained(algorithm, env_id, env, scaled=scaled)
     config = exported(tmp_path, model, algorithm, env_id, env)
@@ -204,7 +204,7 @@ def test_a_network_that_leaves_torch_is_refused(tmp_path: Path) -> None:
 
 def clone(source: Path, folder: Path, **given: Any) -> None:
     """Clone demonstrations."""
-    cloning.train(CloneSettings(algorithm="ppo", demonstrations=source, out=folder, **given), "", lambda _: None)
+    cloning.train(CloneSettings(algorithm="ppo", demonstrations=(source,), out=folder, **given), "", lambda _: None)
 
 
 def train(algorithm: Any, folder: Path, **given: Any) -> None:
@@ -216,7 +216,7 @@ def train(algorithm: Any, folder: Path, **given: Any) -> None:
 def published(run: Path, out: Path, *more: str) -> dict[str, Any]:
     """Publish a run; the rows of its scores."""
     program = script("publish_sb3")
-    given = [str(run), "--out", str(out), "--objects", "procedural:can:0-19", "procedural:can:0-199/test"]
+    given = [str(run), "--out", str(out), "--objects", "procedural:can:0-19", "--objects", "procedural:can:0-199/test"]
     code = program.main([*given, "--trials", "3", *more])
     return {"code": code, "card": (out / "README.md").read_text() if code == 0 else ""}
 
@@ -225,7 +225,12 @@ def published(run: Path, out: Path, *more: str) -> dict[str, Any]:
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten episodes of the expert."""
     out = tmp_path_factory.mktemp("publishing") / "shown"
-    keywords: dict[str, Any] = {"objects": ("procedural:can:0-9",), "frame_skip": 4, "max_episode_steps": 50}
+    keywords: dict[str, Any] = {
+        "objects": ("procedural:can:0-9",),
+        "fingers": "each",
+        "control_freq": 5,
+        "max_episode_steps": 50,
+    }
     record("expert", out, episodes=10, obs=("state", *SEEING), num_envs=4, split="train", image_size=16, **keywords)
     return out
 
@@ -250,7 +255,7 @@ def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path:
     words = shlex.split(recorded)
     assert words[:5] == ["graspbox", "record", "expert", "--out", "out/shown"]
     assert words[words.index("--episodes") + 1] == "10"
-    assert {"frame_skip=4", "image_size=16", "max_episode_steps=50"} <= set(words)
+    assert {"control_freq=5", "image_size=16", "max_episode_steps=50"} <= set(words)
     (cloned,) = (line for line in card.splitlines() if line.startswith("graspbox train clone"))
     words = shlex.split(cloned)
     assert words[3:7] == ["ppo", "out/shown", "--out", "out/clone"]
@@ -283,15 +288,13 @@ def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path:
 
 def test_a_clone_of_a_hand_of_ones_own_is_recorded_and_published(tmp_path: Path) -> None:
     """A hand with fingers and without tactile sensors, by its files, which are gone when its policy acts."""
-    from typer.testing import CliRunner
-
-    from graspbox.cli import typer_app
+    from command_line import invoke
 
     files = own_hand(tmp_path / "own", "inspire")
     words = ["record", "expert", "--out", str(tmp_path / "shown"), "--hand", ",".join(files), "--obs", "proprio"]
     words += ["--objects", "procedural:can:0-9", "--split", "train", "--episodes", "10", "--keep", "success"]
-    words += ["--set", "frame_skip=4", "--set", "max_episode_steps=50"]
-    CliRunner().invoke(typer_app, words, catch_exceptions=False)
+    words += ["--set", "control_freq=5", "--set", "max_episode_steps=50"]
+    invoke(words, catch_exceptions=False)
     changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.policy_kwargs={net_arch: [16]}")
     given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, "obs": ("proprio",), "keep": "success"}
     clone(tmp_path / "shown", tmp_path / "clone", **given)
@@ -313,7 +316,12 @@ def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp
     """It finds it there, says so on its card, and refuses another one."""
     base = tmp_path / "policies/head"
     shutil.copytree(HEAD, base)
-    keywords: dict[str, Any] = {"objects": ("procedural:can:0-9",), "frame_skip": 4, "max_episode_steps": 50}
+    keywords: dict[str, Any] = {
+        "objects": ("procedural:can:0-9",),
+        "fingers": "each",
+        "control_freq": 5,
+        "max_episode_steps": 50,
+    }
     names = ("proprio", "goal")
     record(str(base), tmp_path / "shown", episodes=10, obs=names, num_envs=4, split="train", keep="all", **keywords)
     changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.policy_kwargs={net_arch: [16]}")

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("mujoco", reason="exported scenes are loaded with mujoco, from the extra 'dev'")
 pytest.importorskip("scipy", reason="exported scenes need scipy, from the extra 'scenes'")
@@ -16,13 +15,14 @@ pytest.importorskip("scipy", reason="exported scenes need scipy, from the extra 
 import mujoco
 
 import graspbox
-from graspbox import cli, scene_export
+from command_line import invoke
 from graspbox.configs import FrictionConfig, PhysicsConfig
 from graspbox.errors import ConfigError, FileError, MissingExtraError
-from graspbox.scene_export.contents import number_text
-from graspbox.scene_export.mesh_files import hull_faces, obj
-from graspbox.validation.__main__ import main
-from graspbox.validation.mujoco.exported import drift_at_rest, load_export, replay_export
+from graspbox.tools import scene_export
+from graspbox.tools.scene_export.elements import number_text
+from graspbox.tools.scene_export.mesh_files import hull_faces, obj
+from validate import main
+from validation.mujoco.exported import drift_at_rest, load_export, replay_export
 
 HANDS = graspbox.Hand.names()
 
@@ -143,7 +143,7 @@ def test_the_lift_actuator_lifts_the_hand(mug: graspbox.Scene, tmp_path: Path) -
 
 
 def test_labels_of_exports_are_the_judge_s(capsys: pytest.CaptureFixture[str]) -> None:
-    """Three trials with both labels; `python -m graspbox.validation export` measures 200."""
+    """Three trials with both labels; `python tests/validate.py export` measures 200."""
     call = ["export", "--trials", "4", "--seed", "1", "--objects", "procedural:can:2", "procedural:hammer:2", "--json"]
     assert main(call) == 0
     report = json.loads(capsys.readouterr().out)
@@ -174,9 +174,9 @@ def test_a_trial_above_the_object_touches_nothing(mug: graspbox.Scene, tmp_path:
 
 
 def test_the_command_fails_below_its_goal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    import graspbox.validation.mujoco.export_command as command
-    from graspbox.validation.mujoco.exported import ExportReport, ExportRow
-    from graspbox.validation.mujoco.replay import Outcome
+    import validation.mujoco.export_command as command
+    from validation.mujoco.exported import ExportReport, ExportRow
+    from validation.mujoco.replay import Outcome
 
     held = Outcome(True, None, 0.2, 0.0, (3, 3), 0.0, 3.3)
     lost = Outcome(False, "slipped", 0.0, 0.0, (3, 0), 0.0, 3.3)
@@ -298,7 +298,7 @@ def test_a_failed_export_leaves_nothing(mug: graspbox.Scene, tmp_path: Path, mon
         (folder / "half").write_text("x")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("graspbox.scene_export.exports.write_all", full)
+    monkeypatch.setattr("graspbox.tools.scene_export.exports.write_all", full)
     with pytest.raises(FileError, match="No space left"):
         scene_export.export_scene(mug, tmp_path / "out", "mjcf", above(mug, 0.5), 0.0)
     assert list(tmp_path.iterdir()) == []
@@ -417,7 +417,7 @@ def test_wrong_arguments_are_one_sentence(mug: graspbox.Scene, tmp_path: Path) -
     urdf, toml = graspbox.load_hand("panda_gripper").files
     second = '[[grasp.preshapes]]\nname = "other"\nwidth = { value = [0.0, 0.05], unit = "m", source = "a test" }\n\n'
     hand = graspbox.Hand(urdf, toml.replace("[[grasp.preshapes]]", second + "[[grasp.preshapes]]"))
-    with pytest.raises(ConfigError, match="give the number of a named preshape"):
+    with pytest.raises(ConfigError, match="pass the number of a named preshape"):
         scene_export.export_scene(graspbox.Scene(mug.mesh, hand=hand), tmp_path / "out", "mjcf", pose, 0.5)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "full").mkdir()
@@ -452,7 +452,7 @@ def test_a_missing_package_is_named(mug: graspbox.Scene, tmp_path: Path, monkeyp
 
 def run(*words: str) -> tuple[int, str]:
     """Run the command; returns the exit status and all that it printed, or its error."""
-    result = CliRunner().invoke(cli.typer_app, ["export-scene", *words])
+    result = invoke(["export-scene", *words])
     return result.exit_code, result.output if isinstance(result.exception, SystemExit | None) else str(result.exception)
 
 
@@ -486,7 +486,7 @@ def test_the_command_exports_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyP
     status, text = run(*call, "--out", str(tmp_path / "a"), "--json")
     assert status == 0, text
     words = ["scenes", "--objects", *call[:7], "--scenes", "1", "--json"]
-    listed = CliRunner().invoke(cli.typer_app, words)
+    listed = invoke(words)
     (scene,) = json.loads(listed.stdout)
     facts, record = json.loads(text), json.loads((tmp_path / "a" / "scene.json").read_text())
     assert facts["objects"] == [row["name"] for row in scene["objects"]]
@@ -524,9 +524,9 @@ def test_the_command_exports_layouts(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (["--objects", "procedural:can:0", "--to", "mjcf", "--layout", "pile"], "name the set as OBJECT"),
         (["procedural:mug", "--to", "mjcf", "--layout", "heap"], "layout is 'heap'; choose from packed, pile, bin"),
         (["procedural:mug", "--to", "mjcf", "--objects-per-scene", "3"], "belongs to --layout"),
-        (["procedural:mug", "--to", "mjcf", "--layout", "pile", "--plan", "x.json"], "about a single object"),
+        (["procedural:mug", "--to", "mjcf", "--layout", "pile", "--plan", "x.json"], "applies to a single object"),
         (["procedural:mug:0", "--to", "mjcf", "--layout", "packed", "--grasp", "100000"], "--grasp is 100000; the "),
-        (["procedural:mug:2", "--to", "mjcf", "--without-hand", "--grasp", "2"], "about the hand"),
+        (["procedural:mug:2", "--to", "mjcf", "--without-hand", "--grasp", "2"], "applies to the hand"),
     ],
 )
 def test_wrong_calls_are_one_sentence(words: list[str], message: str, tmp_path: Path) -> None:
@@ -536,8 +536,9 @@ def test_wrong_calls_are_one_sentence(words: list[str], message: str, tmp_path: 
     assert not (tmp_path / "out").exists()
 
 
-def test_the_guide_repeats_what_formats_cannot_say() -> None:
-    guide = (Path(__file__).parents[2] / "docs/guides/scenes.md").read_text().partition("## Limits of the formats")[2]
+def test_the_reference_repeats_what_formats_cannot_say() -> None:
+    page = Path(__file__).parents[2] / "docs/reference/python/scene_export.md"
+    guide = page.read_text().partition("## Limits of the formats")[2]
     points = re.findall(r"^- (.+?)(?=\n- |\n\n|\Z)", guide, flags=re.DOTALL | re.MULTILINE)
     found = [" ".join(point.split()) for point in points]
     assert found == [point for form in scene_export.FORMATS for point in scene_export.NOT_EXPRESSED[form]]

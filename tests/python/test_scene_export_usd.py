@@ -14,13 +14,13 @@ pytest.importorskip("scipy", reason="exported scenes need scipy, from the extra 
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 import graspbox
-from graspbox import scene_export
 from graspbox.configs import FrictionConfig, PhysicsConfig
 from graspbox.errors import MissingExtraError
-from graspbox.exchange.conventions import mechanism_of
-from graspbox.scene_export.description import HandDescription, read_hand
-from graspbox.scene_export.mjcf import colliding_shapes
-from graspbox.scene_export.usd_hand import identifiers
+from graspbox.hands.conventions import mechanism_of
+from graspbox.hands.description import HandDescription, describe
+from graspbox.tools import scene_export
+from graspbox.tools.scene_export.mjcf import colliding_shapes
+from graspbox.tools.scene_export.usd_hand import identifiers
 
 HANDS = graspbox.Hand.names()
 PHYSICS = PhysicsConfig(gravity=3.71, friction=FrictionConfig(table=0.45, object=0.8))
@@ -36,7 +36,7 @@ class Exported:
         self.grasp = plan[0]
         done = scene_export.export_scene(self.scene, folder, "usd", self.grasp)
         self.stage = Usd.Stage.Open(str(done.files[0]))
-        self.hand: HandDescription = read_hand(*self.scene.hand.files)
+        self.hand: HandDescription = describe(self.scene.hand)
         names = [link.name for link in self.hand.links]
         self.links = [f"/World/hand/links/{name}" for name in identifiers(names)]
 
@@ -306,9 +306,7 @@ def test_names_of_usd_differ() -> None:
 
 def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = graspbox.object_sets.load("procedural:can:0")[0].load()
-    for name in [
-        name for name in sys.modules if name.split(".")[0] == "pxr" or name.startswith("graspbox.scene_export.usd")
-    ]:
+    for name in [name for name in sys.modules if name.split(".")[0] == "pxr" or "scene_export.usd" in name]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.delattr(scene_export, "usd", raising=False)
     monkeypatch.setitem(sys.modules, "pxr", None)

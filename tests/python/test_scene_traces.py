@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import graspbox
-from datasets_for_tests import config
-from graspbox import Mesh, Plan, Scene, Trace, dataset, errors
+from graspbox import Mesh, Plan, Scene, Trace, errors
+from graspbox.learn.models.scenes import PlacedObjects
 from graspbox.meshes import mesh_from_arrays
-from graspbox.models.scenes import PlacedObjects
-from graspbox.outcomes import Outcomes
+from graspbox.simulation.outcomes import Outcomes
 
 HAND = "panda_gripper"
 #: Index of the tower, on which the cap stands; the cube stands elsewhere.
@@ -120,17 +119,6 @@ def test_a_neighbour_that_is_grasped_instead_moves(placed: PlacedObjects) -> Non
     np.testing.assert_allclose(trace.world_from_object[:, 2, 3] - towers, 0.075, atol=3e-3)
 
 
-def test_a_trace_from_before_others_were_recorded_is_unpickled(traced: tuple[Outcomes, Trace]) -> None:
-    _, trace = traced
-    assert pickle.loads(pickle.dumps(trace)) == trace
-    old = dict(trace.__dict__)
-    del old["world_from_others"]
-    found = Trace.__new__(Trace)
-    found.__setstate__(old)
-    assert found.world_from_others.shape == (len(trace.time), 0, 4, 4)
-    assert found == replace(trace, world_from_others=found.world_from_others)
-
-
 # --- pictures --------------------------------------------------------------------------------------------------------
 
 
@@ -173,7 +161,7 @@ def test_a_trial_is_saved_as_a_video(scene: Scene, traced: tuple[Outcomes, Trace
 
 
 def test_a_recording_has_the_motion_of_the_others(scene: Scene, plan: Plan) -> None:
-    of_trial = import_module("graspbox.rerun.motions").of_trial
+    of_trial = import_module("graspbox.tools.rerun.motions").of_trial
     motion = of_trial(scene, plan.poses[0], float(plan.preshape[0]))
     assert [mesh.name for mesh in motion.others] == ["cap", "cube"]
     assert motion.world_from_others.shape == (len(motion.time), 2, 4, 4)
@@ -185,14 +173,14 @@ def test_a_recording_has_the_motion_of_the_others(scene: Scene, plan: Plan) -> N
 
 def test_the_others_of_an_earlier_episode_disappear(scene: Scene, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rerun itself is replaced here; its own reader is asked in `test_rerun`."""
-    recording, motions = import_module("graspbox.rerun.recording"), import_module("graspbox.rerun.motions")
+    recording, motions = import_module("graspbox.tools.rerun.recording"), import_module("graspbox.tools.rerun.motions")
     rr, stream = MagicMock(), MagicMock()
     monkeypatch.setattr(recording, "sdk", lambda: rr)
 
     def logged(thing: MagicMock) -> set[str]:
         return {call.args[0] for call in stream.log.call_args_list if call.args[1] is thing.return_value}
 
-    recorder = recording.Recorder(stream)
+    recorder = recording.RecordingWriter(stream)
     motion = motions.of_trial(scene, plan.poses[0], float(plan.preshape[0]))
     recorder.motion(motion)
     assert {"world/object", "world/others/0", "world/others/1"} <= logged(rr.Mesh3D)
@@ -215,13 +203,13 @@ def test_the_others_of_an_earlier_episode_disappear(scene: Scene, plan: Plan, mo
 def viewer(scene: Scene) -> Iterator[Any]:
     if find_spec("viser") is None:
         pytest.skip("the viewer needs viser, from the extra 'view'")
-    with import_module("graspbox.viewer").show(scene, port=0, poses=0) as shown:
+    with import_module("graspbox.tools.viewer").show(scene, port=0, poses=0) as shown:
         yield shown
 
 
 def test_the_player_moves_the_others(viewer: Any, scene: Scene) -> None:
     page = viewer.page
-    cap, cube = page.around.others
+    cap, cube = page.around.nodes
     np.testing.assert_allclose([cap.position, cube.position], scene.world_from_others[:, :3, 3], atol=1e-9)
     assert viewer.canvas.scene.get_handle_by_name("/walls") is not None
     page.select(0)
@@ -237,25 +225,12 @@ def test_an_arrangement_is_shown_as_a_scene() -> None:
     pytest.importorskip("viser", reason="the viewer needs viser, from the extra 'view'")
     meshes = [spec.load() for spec in graspbox.object_sets.load("procedural:can:0-3")]
     found = graspbox.arrange(meshes, "packed", seed=0, hand=HAND)
-    with import_module("graspbox.viewer").show(found, port=0, poses=0, hand=HAND) as shown:
+    with import_module("graspbox.tools.viewer").show(found, port=0, poses=0, hand=HAND) as shown:
         page: Any = shown.page
-        assert len(page.around.others) == len(found) - 1
+        assert len(page.around.nodes) == len(found) - 1
         assert page.scene.hand.name == HAND
 
 
-def test_a_row_of_a_bin_is_replayed_with_its_walls(tmp_path: Path) -> None:
-    pytest.importorskip("viser", reason="the viewer needs viser, from the extra 'view'")
-    settings = config(layout="bin", bin_size=(0.24, 0.2, 0.05), objects_per_scene=(2, 3), images=False, poses=4)
-    dataset.generate(["procedural:can:0-1"], tmp_path, hand=HAND, config=settings, runner=dataset.local(1))
-    with import_module("graspbox.viewer").show(tmp_path, port=0) as shown:
-        page: Any = shown.page
-        walls = shown.canvas.scene.get_handle_by_name("/walls")
-        assert len(walls.points) == 4 * 12
-        for row in range(len(page.table)):
-            page.select(row)
-            if (trace := page.player.trace) is not None:
-                break
-        page.player.seek(len(trace.time) - 1)
-        ends = [node.position for node in page._around.others]
-        np.testing.assert_allclose(ends, trace.world_from_others[-1, :, :3, 3])
-        assert len(ends) > 0
+def test_a_trace_can_be_pickled(traced: tuple[Outcomes, Trace]) -> None:
+    _, trace = traced
+    assert pickle.loads(pickle.dumps(trace)) == trace

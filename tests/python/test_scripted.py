@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import graspbox
+from acting import EACH
 from graspbox import errors
 from graspbox.configs import CameraConfig, TrialConfig
 from graspbox.envs.coding import Codec
-from graspbox.envs.expert import Expert, planned
-from graspbox.envs.scripted import ScriptedMotion, ScriptedRelease
+from graspbox.envs.expert import ExpertGrasp, planned
+from graspbox.envs.scripted import MotionOptions, ScriptedMotion, ScriptedRelease
 from graspbox.perception.cameras import camera_pose, lens
 from graspbox.policies._hand_view import HandView
 
@@ -19,19 +20,21 @@ from graspbox.policies._hand_view import HandView
 HAND_LABEL = 3
 
 
+@pytest.mark.parametrize("fingers", ["synergy", "each"])
 @pytest.mark.parametrize("control", ["twist", "delta_pose", "target_pose"])
-def test_a_release_puts_the_object_down_and_leaves_it(control: str) -> None:
-    env: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:can:0", control=control).unwrapped
-    codec = Codec(control)
+def test_a_release_puts_the_object_down_and_leaves_it(control: str, fingers: str) -> None:
+    options = MotionOptions(control=control, fingers=fingers, control_freq=20)
+    env: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:can:0", **options).unwrapped
+    codec = Codec(control, fingers=fingers)
     state, _ = env.reset(seed=0)
     lay = codec.pose(state, "object")
     plan = planned(env.objects[0].load(), state, control=control)
-    expert = Expert(state, plan.poses[0], plan.preshape[0], control=control)
+    expert = ExpertGrasp(state, plan.poses[0], plan.preshape[0], **options)
     while expert.time < expert.lifts_at + 0.3:
         state, *_ = env.step(expert.act(state))
     assert codec.column(state, "on_table")[0] == 0.0
     lifted = codec.pose(state, "hand")
-    release = ScriptedRelease(lifted, expert.goal, float(plan.preshape[0]), [lifted], control=control)
+    release = ScriptedRelease(lifted, expert.goal, float(plan.preshape[0]), [lifted], **options)
     while not release.finished:
         state, *_ = env.step(release.follow(codec.pose(state, "hand")))
     assert codec.column(state, "on_table")[0] == 1.0
@@ -46,7 +49,7 @@ def test_the_hand_backs_off_before_it_goes_elsewhere() -> None:
     goal[2, 3] = 0.1
     elsewhere = goal.copy()
     elsewhere[:3, 3] = 0.3, 0.0, 0.5
-    release = ScriptedRelease(goal, goal, 0.0, [elsewhere])
+    release = ScriptedRelease(goal, goal, 0.0, [elsewhere], control_freq=20)
     heights = []
     while not release.finished:
         heights.append(release._wanted(release.time)[:3, 3])
@@ -72,7 +75,7 @@ def test_a_hand_that_leaves_the_image_is_not_rendered_there(name: str) -> None:
     camera = camera_of(name)
     cameras = graspbox.CamerasConfig(cameras=(camera,), image_size=(96, 96))
     env: Any = gymnasium.make(
-        "graspbox/Grasp-v0", objects="procedural:can:0", obs=("segmentation", "proprio"), cameras=cameras
+        "graspbox/Grasp-v0", objects="procedural:can:0", obs=("segmentation", "proprio"), cameras=cameras, **EACH
     ).unwrapped
     codec = Codec("twist", vector="proprio")
     view = HandView(graspbox.load_hand("reflex"), camera_pose(camera), lens(camera.fov, (96, 96)), (96, 96))
@@ -83,7 +86,7 @@ def test_a_hand_that_leaves_the_image_is_not_rendered_there(name: str) -> None:
         assert view.sees(hand, 0.0) == bool(stops)
         # A hand in the image is always detected; one close to its border may count as visible.
         assert stops or not (seen["segmentation"] >= HAND_LABEL).any()
-        motion = ScriptedMotion([hand, *stops], 0.0)
+        motion = ScriptedMotion([hand, *stops], 0.0, **EACH)
         while not motion.finished:
             seen, *_ = env.step(motion.follow(codec.pose(seen["proprio"], "hand")))
         assert not (seen["segmentation"] >= HAND_LABEL).any()

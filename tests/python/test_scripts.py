@@ -113,8 +113,6 @@ def with_closed_output(words: list[str]) -> "subprocess.CompletedProcess[str]":
 @pytest.mark.parametrize("name", ["bench_server.py --help", "plot_sb3.py --help"])
 def test_closed_outputs_end_a_program_without_a_word(name: str) -> None:
     program, *words = name.split()
-    if program == "bench_server.py":
-        pytest.importorskip("tyro", reason="the script needs tyro, from the extra 'train'")
     done = with_closed_output([str(SCRIPTS / program), *words])
     assert done.stderr == ""
     assert done.returncode in (0, 141)
@@ -149,7 +147,7 @@ def test_every_program_ends_in_the_same_way() -> None:
     ],
 )
 def test_errors_become_a_line_and_a_status(body: str, status: int, stderr: str) -> None:
-    code = f"from graspbox import errors\nfrom graspbox.programs import run_program\ndef main():\n    {body}\n"
+    code = f"from graspbox import errors\nfrom graspbox._common.programs import run_program\ndef main():\n    {body}\n"
     command = [sys.executable, "-c", f"{code}run_program(main)"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (status, stderr)

@@ -50,7 +50,7 @@ def test_what_a_file_does_not_have_is_named() -> None:
 def test_shares_of_proposals_that_hold() -> None:
     """A gripper holds many of a wooden block's proposals; the value is the mean of roots over families."""
     hand = graspbox.load_hand("panda_gripper")
-    found = search_posture.shares(hand, search_posture.subjects("procedural:wood_block:2", hand))
+    found = search_posture.shares(hand, search_posture.resting_objects("procedural:wood_block:2", hand))
     held, firm = found["wood_block"]
     assert 0.3 < held <= 1.0
     assert 0.0 < firm <= held

@@ -23,10 +23,10 @@ import pytest
 import typer
 
 import graspbox
-from graspbox.cli.serving.environments import serve_until_stopped
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError
-from graspbox.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.commands.serve import serve_until_stopped
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
 from hostile_wire import Peer
 from test_remote_sessions import until
 
@@ -35,14 +35,18 @@ CAN: dict[str, Any] = {"objects": "procedural:can:0", "num_envs": 2}
 
 
 @contextmanager
-def served(*options: str, command: str = "serve") -> Iterator[tuple["subprocess.Popen[str]", str]]:
-    """Run a server in a process of its own; its address."""
+def served(
+    *options: str, command: str = "serve", printed: list[str] | None = None
+) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """Run a server in a process of its own; its address. Its first line is appended to `printed`."""
     call = [sys.executable, "-m", "graspbox", command, *options, "--port", "0"]
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             assert process.stderr is not None
             line = process.stdout.readline()
+            if printed is not None:
+                printed.append(line)
             found = re.search(r"wss?://\S+?:\d+", line)
             if found is None:
                 raise AssertionError(line + process.stderr.read())
@@ -60,6 +64,19 @@ def get(url: str, path: str, token: str | None = None) -> tuple[int, str]:
             return response.status, response.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
+
+
+def test_a_killed_server_is_told_at_once() -> None:
+    """The client was silent for the grace of its session, a minute by default."""
+    with served("--objects", "procedural", "--threads", "1") as (process, url):
+        env = gymnasium.make_vec("graspbox/Grasp-v0", remote={"urls": (url,), "grace": 600.0}, **CAN)
+        env.reset(seed=0)
+        process.kill()
+        process.wait()
+    # A warning is an error here, so that the step ends long before its grace.
+    with pytest.raises(RuntimeWarning, match=rf"connection to {url} was lost at \S+; trying again for 600 s"):
+        env.step(env.action_space.sample())
+    env.close()
 
 
 def test_a_server_prints_where_it_is_and_ends_at_sigterm() -> None:
@@ -178,7 +195,6 @@ def test_the_log_tells_who_came_and_went() -> None:
         lines = [json.loads(line) for line in process.stderr]
     assert all(datetime.fromisoformat(line["time"]).tzinfo is not None for line in lines)
     for level, words in (
-        ("INFO", f"serving at {url}"),
         ("INFO", r"session \d+ begins, of 127.0.0.1:\d+: 2 environments"),
         ("WARNING", r"127.0.0.1:\d+ is refused: it asks for more environments than are left"),
         ("WARNING", r"127.0.0.1:\d+ is refused: a browser page of its origin"),
@@ -226,7 +242,7 @@ def test_tls_and_token_let_in_who_belongs(tmp_path: Path) -> None:
         assert url.startswith("wss://")
         good = RemoteConfig((url,), token_file=str(token), ca_file=str(TLS / "ca.pem"))
         env = gymnasium.make_vec("graspbox/Grasp-v0", remote=good, **CAN)
-        assert env.reset(seed=0)[0].shape == (2, 88)
+        assert env.reset(seed=0)[0].shape == (2, 86)
         with pytest.raises(ConfigError, match="401"):
             gymnasium.make_vec("graspbox/Grasp-v0", remote=RemoteConfig((url,), ca_file=str(TLS / "ca.pem")), **CAN)
         with pytest.raises(ConfigError, match="its issuer is unknown; give the issuer's certificate as ca_file"):

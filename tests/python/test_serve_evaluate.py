@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
+from command_line import invoke
 from graspbox import evaluation, object_sets, policies
-from graspbox.cli import typer_app
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError, FileError, GraspboxError
-from graspbox.remote import EnvironmentServer, ServerSettings
-from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote.policy_serving import PolicyServer, PolicyServerSettings
 
 TLS = Path(__file__).parents[1] / "fixtures" / "tls"
 TOKEN = "a-token-of-some-length"
@@ -53,7 +52,7 @@ def belongs(token: Path) -> tuple[str, ...]:
 
 def run(*words: str) -> Any:
     """Return the output of ``graspbox evaluate``, without its times."""
-    done = CliRunner().invoke(typer_app, ["evaluate", *words, *TRIALS, "--json"], catch_exceptions=False)
+    done = invoke(["evaluate", *words, *TRIALS, "--json"], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
     return {name: value for name, value in found.items() if name != "ms_per_decision"}
@@ -100,7 +99,7 @@ def test_objects_that_cannot_be_used_are_left_out_there_too(tmp_path: Path) -> N
     local = evaluation.evaluate("random", objects=f"dir:{tmp_path}", trials=12)
     assert set(local.refused) == {"flat"}
     with EnvironmentServer(ServerSettings(port=0, objects=(f"tools=dir:{tmp_path}",))) as server:
-        for remote in (server.url, RemoteConfig((server.url,), reconnect="restore")):
+        for remote in (server.url, RemoteConfig((server.url, server.url))):
             found = evaluation.evaluate("random", objects="tools", trials=12, remote=remote)
             assert found == local
             assert set(found.refused) == {"flat"}
@@ -167,7 +166,7 @@ def test_a_file_of_certificates_that_cannot_be_used(policy: str, token: Path, tm
 
 
 def test_the_options_for_servers_are_explained() -> None:
-    done = CliRunner().invoke(typer_app, ["evaluate", "--help"], env={"COLUMNS": "200"})
+    done = invoke(["evaluate", "--help"], env={"COLUMNS": "200"})
     text = " ".join(done.output.split())
     assert "token of the servers that are named; by default the variable GRASPBOX_TOKEN" in text
     assert "--ca-file" in text

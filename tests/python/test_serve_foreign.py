@@ -10,9 +10,9 @@ from foreign_server import close_frame, foreign, packed, text
 from graspbox import _core
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError
 from graspbox.policies import Task
-from graspbox.remote import EnvironmentServer, ServerSettings
-from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
-from graspbox.remote.remote_policy import RemotePolicy
+from graspbox.policies.remote_policy import RemotePolicy
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote.policy_serving import PolicyServer, PolicyServerSettings
 from hostile_wire import frame
 from test_remote import make
 
@@ -69,11 +69,11 @@ def test_first_frames_that_are_no_metadata(first: bytes, sentence: str) -> None:
 
 
 ANSWERS: list[tuple[bytes, str]] = [
-    (packed({"actions": "x"}), "gives actions as 'x'"),
-    (packed({"actions": [[1.0, 2.0], [3.0]]}), "gives actions as "),
-    (packed({"actions": {"left": [0.0]}}), "gives actions as {'left'"),
-    (packed({"actions": None}), "gives actions of shape|gives actions as"),
-    (packed({"actions": np.zeros((1, 3), np.float32)}), r"gives actions of shape \(1, 3\)"),
+    (packed({"actions": "x"}), "returns actions as 'x'"),
+    (packed({"actions": [[1.0, 2.0], [3.0]]}), "returns actions as "),
+    (packed({"actions": {"left": [0.0]}}), "returns actions as {'left'"),
+    (packed({"actions": None}), "returns actions of shape|returns actions as"),
+    (packed({"actions": np.zeros((1, 3), np.float32)}), r"returns actions of shape \(1, 3\)"),
     (packed({"action": 1}), "it must contain 'actions'"),
     (packed([1]), "it must contain 'actions'"),
     (text(""), "reports an error: it does not name one"),
@@ -112,7 +112,7 @@ def test_confidences_that_are_none(more: dict[str, Any], sentence: str, ours: bo
     envs = gymnasium.make_vec("graspbox/Grasp-v0", 1, objects="procedural:can:0", obs="proprio")
     observation, _ = envs.reset(seed=0)
     hello = {"observations": ["proprio"], "confidence": True, **({"server": "graspbox"} if ours else {"hand": 5})}
-    with foreign(packed(hello), packed({"actions": np.zeros(10, np.float32), **more})) as url:
+    with foreign(packed(hello), packed({"actions": np.zeros(8, np.float32), **more})) as url:
         policy = RemotePolicy(url)
         policy.bind(Task.of(envs))
         policy.reset([1])

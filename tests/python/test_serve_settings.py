@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
+from command_line import invoke
 from graspbox import _core
-from graspbox.cli import typer_app
 from graspbox.envs.remote_config import RemoteConfig, remote_config
 from graspbox.errors import ConfigError, FileError, GraspboxError, ObjectSetError
-from graspbox.remote import EnvironmentServer, ServerSettings
-from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote.policy_serving import PolicyServer, PolicyServerSettings
 
 TLS = Path(__file__).parents[1] / "fixtures" / "tls"
 
@@ -153,4 +152,4 @@ def test_options_are_refused_by_name(
     files |= {name: str(tmp_path / name) for name in ("NONE", "EMPTY", "BINARY", "SHORT")}
     given = [*command, *(files.get(word, word) for word in words), "--port", "0"]
     with pytest.raises(kind, match=sentence):
-        CliRunner().invoke(typer_app, given, catch_exceptions=False)
+        invoke(given, catch_exceptions=False)

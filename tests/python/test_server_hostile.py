@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspbox.remote import EnvironmentServer, ServerSettings
-from graspbox.remote.policy_serving import PolicyServer, PolicyServerSettings
-from graspbox.remote.serving import available
+from graspbox.tools.remote import EnvironmentServer, ServerSettings
+from graspbox.tools.remote.policy_serving import PolicyServer, PolicyServerSettings
+from graspbox.tools.remote.serving import available
 from hostile_attacks import ACTION, ATTACKS, CAN, Attack, kill, made
 from hostile_policy import POLICY_ATTACKS, grasps, post
 from hostile_wire import Peer, frame, http, msgpack
@@ -87,7 +87,7 @@ def test_a_frame_beyond_the_limit_is_answered_with_the_reason() -> None:
 
 def test_memory_of_ended_sessions_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """It was kept for reuse: after a flood of sessions a server held on to three times its memory."""
-    monkeypatch.setattr("graspbox.remote.running._TRIM", 0.5)
+    monkeypatch.setattr("graspbox.tools.remote.running._TRIM", 0.5)
 
     def memory() -> float:
         lines = Path("/proc/self/status").read_text().splitlines()
@@ -123,8 +123,8 @@ def test_memory_of_ended_sessions_is_given_back(monkeypatch: pytest.MonkeyPatch)
         ({"objects": ["procedural:can:0"] * 99_999}, "twice; name each set once"),
         ({"objects": [f"procedural:can:{seed}" for seed in range(100_001)]}, "100001 names"),
         ({"keywords": {"image_size": 10**9}}, "between 16 and 1024 pixels"),
-        ({"keywords": {"frame_skip": 1 << 63}}, "frame_skip"),
-        ({"keywords": {"frame_skip": 4 * 10**9}}, "frame_skip"),
+        ({"keywords": {"control_freq": 1 << 63}}, "control_freq"),
+        ({"keywords": {"control_freq": 4 * 10**9}}, "control_freq"),
         ({"keywords": {"hand": "/etc/passwd"}}, "does not offer the hand"),
         ({"keywords": {"remote": "ws://127.0.0.1:1"}}, "leave remote"),
         ({"keywords": {"obs": ["rgb"], "image_size": 1024}, "num_envs": 1000}, "make fewer, or with smaller images"),
@@ -179,14 +179,15 @@ def test_what_nobody_may_make(honest: Honest, fields: dict[str, Any], words: str
         ({"keywords": {"image_size": 8}}, "image_size"),
         ({"keywords": {"physics": {"gravity": -1.0}}}, "physics"),
         ({"keywords": {"max_episode_steps": "x"}}, "max_episode_steps"),
-        ({"keywords": {"frame_skip": 0}}, "frame_skip"),
+        ({"keywords": {"control_freq": 0}}, "control_freq"),
     ],
 )
 def test_a_refused_make_names_the_field(honest: Honest, fields: dict[str, Any], field: str) -> None:
     """The entry of the command, or the keyword, for any beginning of the sentence."""
     with Peer(honest.server.url) as peer:
         error = peer.call("make", **{"objects": CAN, **fields})["error"]
-    assert (error["field"], error["type"]) in ((field, "ConfigError"), (field, "ObjectSetError")), error
+    assert error["field"] == field, error
+    assert error["type"] in ("ConfigError", "ObjectSetError", "UnknownKeywordError"), error
 
 
 def test_a_client_is_offered_no_keyword_that_it_may_not_use(honest: Honest) -> None:
@@ -269,7 +270,7 @@ def policy() -> Iterator[PolicyServer]:
 def test_an_attack_on_a_policy_leaves_it_deciding(policy: PolicyServer, name: str) -> None:
     url = policy.url
     before = post(url, json.dumps(grasps(random.Random(0))).encode())
-    assert b"stands out of the table" in before
+    assert b"rises above the table" in before
     POLICY_ATTACKS[name][0](url, random.Random(1), 20 if name == "gone before the answer" else 150)
 
     def answers() -> bool:

@@ -1,7 +1,7 @@
 """Keywords of the environments: known to type checkers and `inspect`, and suggested after a misspelling."""
 
 import inspect
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mypy import api as mypy
 
-from acting import OBJECTS, TASKS, best_grasp, expert_actions, pressing
+from acting import EACH, OBJECTS, TASKS, best_grasp, expert_actions, pressing
 from graspbox import errors
 from graspbox.configs import PhysicsConfig, SuccessCriterion, TrialConfig
 from graspbox.envs import settings
@@ -20,12 +20,12 @@ from graspbox.envs.grasp_pose import GraspPoseEnv, GraspPoseVectorEnv
 from graspbox.envs.vector import GraspVectorEnv
 
 KINDS = {
-    GraspEnv: settings.GraspSettings,
-    GraspPoseEnv: settings.GraspPoseSettings,
-    GraspVectorEnv: settings.GraspVectorSettings,
-    GraspPoseVectorEnv: settings.GraspPoseVectorSettings,
-    ClearEnv: settings.ClearSettings,
-    ClearVectorEnv: settings.ClearVectorSettings,
+    GraspEnv: settings.GraspConfig,
+    GraspPoseEnv: settings.GraspPoseConfig,
+    GraspVectorEnv: settings.GraspVectorConfig,
+    GraspPoseVectorEnv: settings.GraspPoseVectorConfig,
+    ClearEnv: settings.ClearConfig,
+    ClearVectorEnv: settings.ClearVectorConfig,
 }
 GRASP, POSE, CLEAR = "graspbox/Grasp-v0", "graspbox/GraspPose-v0", "graspbox/Clear-v0"
 
@@ -33,7 +33,7 @@ GRASP, POSE, CLEAR = "graspbox/Grasp-v0", "graspbox/GraspPose-v0", "graspbox/Cle
 @pytest.mark.parametrize("env", KINDS, ids=lambda env: env.__name__)
 def test_signatures_name_every_keyword_with_its_default(env: Any) -> None:
     found = inspect.signature(env).parameters
-    rows = settings.keywords(KINDS[env])
+    rows = {field.name: field for field in fields(KINDS[env])}
     named = ["num_envs", "objects"] if "Vector" in env.__name__ else ["objects"]
     assert list(found) == [*named, *rows]
     assert all(found[name].default == row.default for name, row in rows.items())
@@ -47,9 +47,9 @@ def test_signatures_name_every_keyword_with_its_default(env: Any) -> None:
 
 def test_defaults_are_those_that_environments_have() -> None:
     """Omitted keywords and explicit defaults give the same environment."""
-    kinds = ((GRASP, settings.GraspSettings), (POSE, settings.GraspPoseSettings), (CLEAR, settings.ClearSettings))
+    kinds = ((GRASP, settings.GraspConfig), (POSE, settings.GraspPoseConfig), (CLEAR, settings.ClearConfig))
     for env_id, kind in kinds:
-        given = {name: row.default for name, row in settings.keywords(kind).items()}
+        given: dict[str, Any] = {field.name: field.default for field in fields(kind)}
         plain: Any = gymnasium.make(env_id).unwrapped
         full: Any = gymnasium.make(env_id, **given).unwrapped
         assert plain._core.config == full._core.config
@@ -57,13 +57,20 @@ def test_defaults_are_those_that_environments_have() -> None:
         np.testing.assert_array_equal(plain.reset(seed=0)[0], full.reset(seed=0)[0])
 
 
+@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.__name__)
+def test_every_keyword_has_a_type_in_words_and_a_meaning(kind: type) -> None:
+    docs = "\n".join(one.__doc__ or "" for one in kind.__mro__)
+    for field in fields(kind):
+        assert f"    {field.name} : {settings.documented_type(kind, field.name)}\n        " in docs, field.name
+
+
 @pytest.mark.parametrize(
     ("env_id", "vector", "wrong", "near"),
     [
         (GRASP, False, "rewards", "'reward'"),
-        (GRASP, True, "frameskip", "'frame_skip'"),
-        (GRASP, False, "trial", "choose from split, scale, mass, obs"),
-        (POSE, False, "control", "choose from split, scale, mass, obs"),
+        (GRASP, True, "frame_skip", "pass control_freq=20 / frame_skip"),
+        (GRASP, False, "trial", "choose from objects, split, scale, mass, obs"),
+        (POSE, False, "control", "choose from objects, split, scale, mass, obs"),
         (POSE, True, "auto_reset_mode", "'autoreset_mode'"),
         (POSE, False, "copy", "choose from"),
         (CLEAR, True, "max_failure", "'max_failures'"),
@@ -75,16 +82,26 @@ def test_a_misspelt_keyword_names_the_nearest_one(env_id: str, vector: bool, wro
         make(env_id, **{wrong: 1})
 
 
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_an_unknown_keyword_is_a_type_error_in_words_of_python(make: Any) -> None:
+    """TorchRL's GymEnv passes ``frameskip``, and leaves it out after a TypeError with these words."""
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'") as caught:
+        make(GRASP, frameskip=1)
+    assert isinstance(caught.value, errors.ConfigError)
+    with pytest.raises(errors.UnknownKeywordError, match="did you mean 'objects'"):
+        make(GRASP, object="procedural:can")
+
+
 def test_type_checkers_know_the_keywords(tmp_path: Path) -> None:
     """Mypy finds a wrong value and a keyword of the other environment, and nothing else."""
     (tmp_path / "use.py").write_text(
         "from graspbox.configs import TrialConfig\n"
-        "from graspbox.envs.grasp import GraspEnv\n"
-        "from graspbox.envs.grasp_pose import GraspPoseVectorEnv\n"
-        "GraspEnv('ycb', control='twist', frame_skip=2)\n"
-        "GraspPoseVectorEnv(4, trial=TrialConfig(), copy=False)\n"
-        "GraspEnv(control='joint')\n"
-        "GraspEnv(trial=TrialConfig())\n"
+        "from graspbox.envs.settings import GraspConfig, GraspPoseVectorConfig\n"
+        "\n"
+        "GraspConfig(control='twist', control_freq=10)\n"
+        "GraspPoseVectorConfig(trial=TrialConfig(), copy=False)\n"
+        "GraspConfig(control='joint')\n"
+        "GraspConfig(trial=TrialConfig())\n"
     )
     root = Path(__file__).parents[2]
     folders = ["--config-file", str(root / "pyproject.toml"), "--cache-dir", str(root / ".mypy_cache")]
@@ -106,13 +123,13 @@ def test_a_trial_is_the_decisions_alone() -> None:
 def test_success_is_a_criterion_that_can_be_set() -> None:
     """A lower one ends the expert's episode sooner, a higher one never; a decision's must fit its lift."""
     low, high = SuccessCriterion(lift_height=0.03, hold_time=0.1), SuccessCriterion(lift_height=0.5)
-    env: Any = gymnasium.make(GRASP, objects="procedural:can:0").unwrapped
+    env: Any = gymnasium.make(GRASP, objects="procedural:can:0", **EACH).unwrapped
     actions = expert_actions(env, 0)
-    eager: Any = gymnasium.make(GRASP, objects="procedural:can:0", success=low).unwrapped
+    eager: Any = gymnasium.make(GRASP, objects="procedural:can:0", success=low, **EACH).unwrapped
     eager.reset(seed=0)
     steps = next(step for step, action in enumerate(actions) if eager.step(action)[2])
     assert steps + 5 < len(actions)
-    strict: Any = gymnasium.make(GRASP, objects="procedural:can:0", success=high).unwrapped
+    strict: Any = gymnasium.make(GRASP, objects="procedural:can:0", success=high, **EACH).unwrapped
     strict.reset(seed=0)
     assert not any(strict.step(action)[2] for action in actions)
     short = TrialConfig(lift_height=0.05)
@@ -160,7 +177,7 @@ def test_numeric_infos_say_the_same_in_numbers(task: str) -> None:
 
 def test_numeric_infos_of_vectors_are_arrays_of_numbers() -> None:
     env: Any = gymnasium.make_vec(
-        GRASP, num_envs=2, objects=OBJECTS, info="numeric", max_episode_steps=3, autoreset_mode="SameStep"
+        GRASP, num_envs=2, objects=OBJECTS, info="numeric", max_episode_steps=3, autoreset_mode="SameStep", **EACH
     )
     _, info = env.reset(seed=0)
     infos = [info]
@@ -178,24 +195,27 @@ def test_numeric_infos_of_vectors_are_arrays_of_numbers() -> None:
 
 def test_specs_tell_limits_and_thresholds() -> None:
     specs = {env_id: gymnasium.spec(env_id) for env_id in (GRASP, POSE)}
-    assert {env_id: spec.max_episode_steps for env_id, spec in specs.items()} == {GRASP: 200, POSE: 1}
-    assert all(spec.reward_threshold == 0.9 for spec in specs.values())
+    assert {env_id: spec.max_episode_steps for env_id, spec in specs.items()} == {GRASP: 40, POSE: 1}
+    # That of a sparse reward, which Grasp-v0 has no more by default.
+    assert {env_id: spec.reward_threshold for env_id, spec in specs.items()} == {GRASP: None, POSE: 0.9}
 
 
 def test_frames_per_second_are_an_integer() -> None:
     """`gymnasium.utils.play` refuses anything else."""
     rates = {}
-    for skip in (1, 3, 50):
-        for env in (gymnasium.make(GRASP, frame_skip=skip), gymnasium.make_vec(GRASP, num_envs=1, frame_skip=skip)):
+    for freq in (5, 12.5, 20.0):
+        for env in (gymnasium.make(GRASP, control_freq=freq), gymnasium.make_vec(GRASP, num_envs=1, control_freq=freq)):
             assert type(env.metadata["render_fps"]) is int
-            rates[skip] = env.metadata["render_fps"]
-    assert rates == {1: 20, 3: 7, 50: 1}
+            rates[freq] = env.metadata["render_fps"]
+    assert rates == {5: 5, 12.5: 12, 20.0: 20}
     assert gymnasium.make(POSE).metadata["render_fps"] == 1
 
 
+@pytest.mark.parametrize("fingers", ["synergy", "each"])
 @pytest.mark.parametrize("control", ["twist", "delta_pose"])
-def test_keys_of_play_move_the_hand_as_they_say(control: str) -> None:
-    env: Any = gymnasium.make(GRASP, objects="procedural:can:0", control=control).unwrapped
+def test_keys_of_play_move_the_hand_as_they_say(control: str, fingers: str) -> None:
+    settings: dict[str, Any] = {"control": control, "fingers": fingers, "control_freq": 20}
+    env: Any = gymnasium.make(GRASP, objects="procedural:can:0", **settings).unwrapped
     keys = env.get_keys_to_action()
     assert len(keys) == 12 + 2 + 24
     # Requirements of `gymnasium.utils.play.play`.
@@ -219,6 +239,26 @@ def test_keys_of_play_move_the_hand_as_they_say(control: str) -> None:
     for _ in range(5):
         state = env.step(keys["q "])[0]
     assert (state[spool] > 0.3).all()
+
+
+def test_keys_of_play_move_along_the_axes_of_the_world() -> None:
+    env: Any = gymnasium.make(GRASP, objects="procedural:can:0", control="top_down").unwrapped
+    keys = env.get_keys_to_action()
+    assert len(keys) == 8 + 2 + 16
+    for key, axis, sign in (("d", 0, 1), ("a", 0, -1), ("w", 1, 1), ("s", 1, -1), ("e", 2, 1)):
+        before = env.reset(seed=0)[0][:3]
+        moved = env.step(keys[key])[0][:3] - before
+        assert sign * moved[axis] > 0.03, key
+        assert np.abs(np.delete(moved, axis)).max() < 1e-5, key
+    turns = []
+    for key in "ik":
+        before = env.reset(seed=0)[0]
+        after = env.step(keys[key])[0]
+        np.testing.assert_allclose(after[:3], before[:3], atol=1e-5)
+        # The first two columns of the rotation, seen from above.
+        turns.append(before[3] * after[4] - before[4] * after[3])
+    assert turns[0] > 0.1
+    assert turns[1] < -0.1
 
 
 def test_poses_have_no_keys() -> None:

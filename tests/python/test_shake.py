@@ -8,12 +8,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import graspbox
-from graspbox import _core, cli, errors, object_sets
+from command_line import invoke
+from graspbox import errors, object_sets
 from graspbox.envs.coding import encode_action, object_pose
-from graspbox.envs.expert import Expert
+from graspbox.envs.expert import ExpertGrasp
 from graspbox.evaluation.planner_trials import try_set
 
 SHAKEN = graspbox.TrialConfig(shake=graspbox.ShakeConfig())
@@ -75,12 +75,12 @@ def test_results_count_survivors() -> None:
 
 def test_the_command_line_shakes() -> None:
     arguments = ["grasp", "--objects", "procedural:can:0", "--poses", "3"]
-    shaken = CliRunner().invoke(cli.typer_app, [*arguments, "--shake"])
-    calm = CliRunner().invoke(cli.typer_app, arguments)
+    shaken = invoke([*arguments, "--shake"])
+    calm = invoke(arguments)
     assert shaken.exit_code == calm.exit_code == 0
     assert "survive the shake" in shaken.stdout
     assert "shake" not in calm.stdout
-    found = json.loads(CliRunner().invoke(cli.typer_app, [*arguments, "--shake", "--json", "--details"]).stdout)
+    found = json.loads(invoke([*arguments, "--shake", "--json", "--details"]).stdout)
     (row,) = found["objects"]
     assert row["survived_shake"] == sum(grasp["survives_shake"] for grasp in row["grasps"])
     assert all((grasp["shake_shift"] is None) == (not grasp["success"]) for grasp in row["grasps"])
@@ -129,12 +129,12 @@ def test_vector_environments_shake_alike() -> None:
 
 def test_an_expert_does_not_shake() -> None:
     with pytest.raises(errors.ConfigError, match="an expert does not shake"):
-        Expert(np.zeros(88), np.eye(4), 0.0, trial=SHAKEN)
+        ExpertGrasp(np.zeros(86), np.eye(4), 0.0, trial=SHAKEN)
 
 
 def test_the_default_is_two_g() -> None:
-    shake = json.loads(_core._config("ShakeConfig", "{}"))
-    assert shake["acceleration"] == pytest.approx(2 * 9.80665)
-    stroke = shake["acceleration"] / (2 * math.pi * shake["frequency"]) ** 2
+    shake = graspbox.ShakeConfig()
+    assert shake.acceleration == pytest.approx(2 * 9.80665)
+    stroke = shake.acceleration / (2 * math.pi * shake.frequency) ** 2
     assert stroke == pytest.approx(0.02, rel=0.01)
-    assert stroke / shake["lever"] == pytest.approx(0.2, rel=0.01)
+    assert stroke / shake.lever == pytest.approx(0.2, rel=0.01)

@@ -9,8 +9,12 @@ import pytest
 
 import tiny_policy
 from graspbox import evaluation
-from graspbox.artifacts.configs import HAND_FILES, DepthPolicyConfig
-from graspbox.artifacts.folders import (
+from graspbox.errors import ConfigError
+from graspbox.hands import Hand, load_hand
+from graspbox.perception.configs import CropConfig
+from graspbox.policies import DepthGrasp
+from graspbox.policies.published.configs import HAND_FILES, DepthPolicyConfig
+from graspbox.policies.published.folders import (
     CONFIG,
     completion_folder,
     file_hash,
@@ -20,10 +24,6 @@ from graspbox.artifacts.folders import (
     save,
     use_of,
 )
-from graspbox.errors import ConfigError
-from graspbox.hands import Hand, load_hand
-from graspbox.perception.configs import CropConfig
-from graspbox.policies import DepthGrasp
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
 pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
@@ -98,8 +98,7 @@ def test_a_policy_that_uses_another_has_its_hand(own: Path, tmp_path: Path) -> N
 def sharing(folder: Path, other: Path, **changes: object) -> DepthPolicyConfig:
     """Make a tiny policy with the completion of another one."""
     config = tiny_policy.make(folder)
-    for name in ("completion.onnx", "completion.safetensors"):
-        (folder / name).unlink()
+    (folder / "completion.onnx").unlink()
     changed = replace(config, uses={"completion": use_of(folder, other)}, **changes)  # type: ignore[arg-type]
     return save(folder, replace(changed, files={name: file_hash(folder / name) for name in changed.holds}))
 
@@ -107,7 +106,7 @@ def sharing(folder: Path, other: Path, **changes: object) -> DepthPolicyConfig:
 def test_a_completion_is_shared(tmp_path: Path, own: Path) -> None:
     """Between policies of different hands; the decisions are those with a copy of it."""
     config = sharing(tmp_path / "sharing", own)
-    assert config.holds == ("scorer.onnx", "scorer-0.safetensors")
+    assert config.holds == ("scorer.onnx",)
     assert load(tmp_path / "sharing") == config
     assert completion_folder(tmp_path / "sharing", config).resolve() == own.resolve()
     tiny_policy.make(tmp_path / "whole")
@@ -116,19 +115,18 @@ def test_a_completion_is_shared(tmp_path: Path, own: Path) -> None:
 
 
 def test_a_training_adopts_a_completion_that_is_shared_already(tmp_path: Path, own: Path) -> None:
-    """It copies the files of the policy that has them."""
+    """It copies the file of the policy that has it."""
     pytest.importorskip("torch")
-    from graspbox.models.scenes import SceneConfig
+    from graspbox.learn.models.scenes import SceneConfig
+    from graspbox.learn.recipes.networks import TrainedNetworks
+    from graspbox.learn.recipes.settings.depth import QUICK
     from graspbox.perception import HandGrid
-    from graspbox.recipes.networks import TrainedNetworks
-    from graspbox.recipes.settings.depth import QUICK
 
     sharing(tmp_path / "sharing", own)
     networks = TrainedNetworks(tmp_path / "run", QUICK, HandGrid("reflex"), SceneConfig())
     (tmp_path / "run/completion").mkdir(parents=True)
     assert networks.adopt_completion(tmp_path / "sharing") == read_depth_policy(own)
-    for name in ("completion.onnx", "completion.safetensors"):
-        assert (tmp_path / "run/completion" / name).read_bytes() == (own / name).read_bytes()
+    assert (tmp_path / "run/completion/completion.onnx").read_bytes() == (own / "completion.onnx").read_bytes()
 
 
 def test_a_completion_that_does_not_suit_is_refused(tmp_path: Path, own: Path) -> None:

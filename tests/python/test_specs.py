@@ -90,6 +90,18 @@ def test_async_environments_take_a_hand(context: str, hand: tuple[str, str]) -> 
         np.testing.assert_array_equal(observation, makers[0]().reset(seed=3 + i)[0])
 
 
+@pytest.mark.parametrize("context", ["spawn", "forkserver"])
+def test_workers_know_the_ids(context: str) -> None:
+    """The functions name nothing of graspbox but the id; "Namespace graspbox not found" was the workers' answer."""
+    id_, objects = IDS[1], OBJECTS
+    envs = AsyncVectorEnv([lambda: gymnasium.make(id_, objects=objects)] * 2, context=context)
+    try:
+        observations, _ = envs.reset(seed=3)
+    finally:
+        envs.close()
+    np.testing.assert_array_equal(observations[1], gymnasium.make(id_, objects=objects).reset(seed=4)[0])
+
+
 def test_dictionaries_are_configs() -> None:
     cameras = {"image_size": [24, 32], "cameras": [{"name": "top", "eye": [0, 0, 0.8], "up": [1, 0, 0]}]}
     env = gymnasium.make(IDS[1], objects=OBJECTS, obs="depth_top", cameras=cameras)

@@ -10,10 +10,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from PIL import Image
-from typer.testing import CliRunner
 
 import graspbox
-from graspbox.cli import typer_app
+from command_line import invoke
 from graspbox.errors import ConfigError, FileError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.depth_images import read_mask
@@ -73,7 +72,7 @@ def test_pixels_fill_the_voxels_that_they_see() -> None:
     assert (millimetres.voxels(mask, np.eye(4), config) == found).all()
     wrongs: tuple[Any, ...] = (mask[1:], mask.astype(np.uint8))
     for wrong in wrongs:
-        with pytest.raises(ConfigError, match=r"give bool \(128, 128\)"):
+        with pytest.raises(ConfigError, match=r"pass bool \(128, 128\)"):
             view.voxels(wrong, np.eye(4), config)
 
 
@@ -112,14 +111,14 @@ def test_the_segmentation_is_asked_for() -> None:
     policy.bind(Task.of(env))
     seen, info = env.reset(seed=0)
     policy.reset(0, info=info)
-    with pytest.raises(ConfigError, match="cannot be told which one"):
+    with pytest.raises(ConfigError, match="cannot take a target"):
         policy.act(seen)
     env.close()
 
 
 def test_it_is_evaluated_among_others() -> None:
     arguments = ["evaluate", str(POLICY), "--layout", "packed", "--objects", "procedural:unseen:0-9", "--trials", "6"]
-    done = CliRunner().invoke(typer_app, [*arguments, "--json"])
+    done = invoke([*arguments, "--json"])
     assert done.exit_code == 0, done.output
     row = json.loads(done.stdout)
     assert row["trials"] == 6
@@ -168,7 +167,7 @@ def test_the_command_reads_masks(image: Any, tmp_path: Path) -> None:
     arguments = ["grasp-image", str(tmp_path / "depth.npy"), "--policy", str(POLICY), "--json", "--count", "1"]
     arguments += ["--intrinsics", *map(str, (lens[0, 0], lens[1, 1], lens[0, 2], lens[1, 2]))]
     arguments += ["--camera-pose", str(tmp_path / "pose.npy"), "--mask", str(tmp_path / "mask.png")]
-    done = CliRunner().invoke(typer_app, arguments)
+    done = invoke(arguments)
     assert done.exit_code == 0, done.output
 
 
@@ -182,7 +181,7 @@ def test_masks_are_read_from_files(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((6, 8, 3), dtype=np.uint8)).save(tmp_path / "rgb.png")
     np.save(tmp_path / "empty.npy", np.zeros((6, 8), dtype=np.uint8))
     for name in ("rgb.png", "empty.npy"):
-        with pytest.raises(ConfigError, match="give one mask"):
+        with pytest.raises(ConfigError, match="pass one mask"):
             read_mask(tmp_path / name)
     with pytest.raises(FileError, match="no such mask"):
         read_mask(tmp_path / "missing.png")

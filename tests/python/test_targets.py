@@ -16,11 +16,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
-from typer.testing import CliRunner
 
 import graspbox
 from acting import CAMERAS
-from graspbox.cli import typer_app
+from command_line import invoke
 from graspbox.envs.coding import encode_action, object_pose
 from graspbox.errors import ConfigError
 from graspbox.evaluation import evaluate
@@ -192,14 +191,14 @@ def test_evaluate_takes_a_layout_from_the_command_line(tmp_path: Path) -> None:
     out = tmp_path / "result.json"
     objects = [part for name in OBJECTS for part in ("--objects", name)]
     command = ["evaluate", "planner", *objects, "--hand", HAND, "--trials", "4", "--layout", "packed"]
-    done = CliRunner().invoke(typer_app, [*command, "--objects-per-scene", "3", "--out", str(out)])
+    done = invoke([*command, "--objects-per-scene", "3", "--out", str(out)])
     assert done.exit_code == 0, done.output
     found = json.loads(out.read_text())
     kept = found["made"]["settings"]
     assert (kept["layout"], kept["objects_per_scene"]) == ("packed", 3)
     assert len(found["rows"]) == 4
     assert found["replays"] == [], "a replay holds a single object"
-    wrong = CliRunner().invoke(typer_app, [*command, "--rerun", str(tmp_path / "a.rrd")])
+    wrong = invoke([*command, "--rerun", str(tmp_path / "a.rrd")])
     assert "--rerun records single objects" in str(wrong.exception)
 
 

@@ -10,10 +10,10 @@ import pytest
 
 import tiny_policy
 from graspbox import errors, evaluation, policies
-from graspbox.artifacts.configs import FeelPolicyConfig
-from graspbox.artifacts.folders import load, used_folder
 from graspbox.perception import HandGrid, HandGridConfig
 from graspbox.policies import FeelThenLift
+from graspbox.policies.published.configs import FeelPolicyConfig
+from graspbox.policies.published.folders import load, used_folder
 from interrupting import train_despite_kills
 
 pytestmark = pytest.mark.train
@@ -28,7 +28,7 @@ def command(base: Path, out: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Train quickly; the command is killed in two stages, and each time continues."""
-    for module in ("torch", "tyro", "onnx", "onnxruntime", "onnxscript", "safetensors", "matplotlib"):
+    for module in ("torch", "typer", "onnx", "onnxruntime", "onnxscript", "matplotlib"):
         pytest.importorskip(module, reason="the training needs the extras 'cli' and 'train'")
     base = tmp_path_factory.mktemp("base") / "policy"
     tiny_policy.make(base)
@@ -58,10 +58,11 @@ def test_all_stages_leave_their_results(trained: Path) -> None:
 
 def test_objects_that_were_learned_are_no_evaluation(tmp_path: Path) -> None:
     """Sets with nothing else are refused before the work; of others the rest is evaluated, of files the test split."""
-    pytest.importorskip("tyro")
+    pytest.importorskip("typer")
     pytest.importorskip("torch")
-    from graspbox.recipes import feel
-    from graspbox.recipes.settings.feel import FeelSettings
+    from graspbox.learn.recipes import feel
+    from graspbox.learn.recipes.collection import unlearned
+    from graspbox.learn.recipes.settings.feel import FeelSettings
 
     tiny_policy.make(tmp_path / "base")
     settings = FeelSettings(
@@ -75,19 +76,19 @@ def test_objects_that_were_learned_are_no_evaluation(tmp_path: Path) -> None:
     ):
         feel.train(settings, "", print)
     assert not (tmp_path / "run").exists()
-    kept = feel._unlearned("procedural:can:0-3", ("procedural:can:1-9",))
+    kept = unlearned("procedural:can:0-3", ("procedural:can:1-9",))
     assert [spec.name for spec in kept] == ["can-000000"]
-    assert {spec.split for spec in feel._unlearned("ycb", ())} == {"test"}
+    assert {spec.split for spec in unlearned("ycb", ())} == {"test"}
 
 
 def test_the_exported_policy_predicts_as_the_networks_do(trained: Path) -> None:
     import torch
 
-    from graspbox.artifacts.onnx_files import PARITY
-    from graspbox.artifacts.runtimes import load_stability
-    from graspbox.models.stability.network import StabilityGraph, StabilityNet
-    from graspbox.recipes.stability_trials import StabilityTrials
-    from graspbox.training.trainer import load_weights
+    from graspbox.learn.export.onnx_files import PARITY
+    from graspbox.learn.models.stability.network import StabilityGraph, StabilityNet
+    from graspbox.learn.recipes.feel.stability_trials import StabilityTrials
+    from graspbox.learn.training.trainer import load_weights
+    from graspbox.policies.published.runtimes import load_stability
 
     folder = trained / "policy"
     config = load(folder, FeelPolicyConfig)
@@ -110,7 +111,7 @@ def test_the_exported_policy_predicts_as_the_networks_do(trained: Path) -> None:
 
 def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
     """The recording looks and tries in other environments, from another start; its first grasps are the policy's."""
-    from graspbox.recipes.stability_trials import StabilityTrials
+    from graspbox.learn.recipes.feel.stability_trials import StabilityTrials
 
     trials = StabilityTrials.load(trained / "record-train" / "0000000.npz")
     policy = FeelThenLift(trained / "policy", threshold=0.0)
@@ -130,9 +131,9 @@ def test_what_is_recorded_is_what_the_policy_feels(trained: Path) -> None:
 
 def test_a_network_learns_what_tells_grasps_apart(tmp_path: Path) -> None:
     pytest.importorskip("torch")
-    from graspbox.models.scorer.training import auc
-    from graspbox.models.stability.network import logits_of, train_stability
-    from graspbox.training.trainer import TrainConfig
+    from graspbox.learn.models.stability.network import logits_of, train_stability
+    from graspbox.learn.training.metrics import auc
+    from graspbox.learn.training.trainer import TrainConfig
 
     rng = np.random.default_rng(0)
     readings = (rng.normal(size=(1200, 10)) * np.logspace(-1, 2, 10)).astype(np.float32)
@@ -148,7 +149,7 @@ def test_a_network_learns_what_tells_grasps_apart(tmp_path: Path) -> None:
 
 def test_a_hand_without_tactile_sensors_learns_from_its_joints(tmp_path: Path) -> None:
     """The hand is that of the policy: all stages run, and the check acts with it."""
-    for module in ("torch", "tyro", "onnx", "onnxruntime", "onnxscript", "safetensors", "matplotlib"):
+    for module in ("torch", "typer", "onnx", "onnxruntime", "onnxscript", "matplotlib"):
         pytest.importorskip(module, reason="the training needs the extras 'cli' and 'train'")
     base, out = tmp_path / "policy", tmp_path / "run"
     # Its scorer takes the cells of a ReFlex.

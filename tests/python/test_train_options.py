@@ -2,21 +2,21 @@
 
 import subprocess
 import sys
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from graspbox.errors import ConfigError, GraspboxError
-from test_scripts import SCRIPTS
 
-pytest.importorskip("tyro", reason="graspbox train needs tyro, from the extra 'cli'")
+pytest.importorskip("typer", reason="graspbox train needs typer, from the extra 'cli'")
 pytest.importorskip("yaml", reason="graspbox train sb3 needs pyyaml, from the extra 'train'")
 
-from graspbox.cli.train import TRAININGS, parse, train
-from graspbox.recipes.settings.depth import DepthSettings
-from graspbox.sb3.settings import Sb3Settings, read_parameters
+from graspbox._common.entry_points import entry_points_of
+from graspbox.learn.commands import OPTIONS, TRAININGS, parse, train
+from graspbox.learn.recipes.settings.depth import DepthSettings, Hours, Sizes
+from graspbox.learn.sb3.settings import Sb3Settings, read_parameters
 
 #: Required options of each command besides ``--out``.
 NEEDED = {
@@ -24,21 +24,25 @@ NEEDED = {
     "any-hand": [],
     "feel": ["--policy", "policies/depth"],
     "head": ["--data", "out/data"],
-    "residual": ["policies/depth"],
     "clone": ["ppo", "out/shown"],
     "sb3": ["ppo"],
+    "student": ["out/train/ppo"],
     "study": [],
 }
+
+
+def test_every_training_has_options() -> None:
+    assert set(entry_points_of(OPTIONS)) == set(entry_points_of(TRAININGS)) == set(NEEDED)
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "graspbox", *words], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("name", TRAININGS)
+@pytest.mark.parametrize("name", NEEDED)
 def test_help_names_every_option_and_loads_no_torch(name: str) -> None:
     code = (
-        f"import sys; from graspbox.cli.train import train\n"
+        f"import sys; from graspbox.learn.commands import train\n"
         f"try: train({name!r}, ['--help'])\n"
         "except SystemExit as ended: print(ended.code, [m for m in ('torch', 'stable_baselines3') if m in sys.modules])"
     )
@@ -46,7 +50,7 @@ def test_help_names_every_option_and_loads_no_torch(name: str) -> None:
     assert done.stdout.rstrip().endswith("0 []")
     options = parse(name, ["--out", "x", *NEEDED[name]])
     for field in (one.name for one in fields(options)):
-        if field not in ("base", "algorithm", "demonstrations", "hours", "sizes"):
+        if field not in ("base", "algorithm", "demonstrations", "teacher", "hours", "sizes"):
             assert f"--{field.replace('_', '-')}" in done.stdout, field
     listed = run("train", "--help")
     assert listed.returncode == 0
@@ -59,11 +63,10 @@ def test_a_policy_is_trained_in_four_hours() -> None:
     assert isinstance(options, DepthSettings)
     limits, rounds = asdict(options.hours), options.sizes.rounds
     per_round = limits.pop("collect") + limits.pop("round")
-    per_member = limits.pop("member")
-    assert sum(limits.values()) + rounds * per_round + (options.sizes.members - 1) * per_member <= 4.0
+    assert sum(limits.values()) + rounds * per_round <= 4.0
 
 
-@pytest.mark.parametrize("name", TRAININGS)
+@pytest.mark.parametrize("name", NEEDED)
 def test_every_training_has_the_shared_options(name: str) -> None:
     given = ["--out", "x", *NEEDED[name]]
     plain = parse(name, given)
@@ -76,7 +79,7 @@ def test_every_training_has_the_shared_options(name: str) -> None:
     assert ended.value.code == 2
 
 
-@pytest.mark.parametrize("name", ["depth", "head", "study", "residual", "sb3"])
+@pytest.mark.parametrize("name", ["depth", "head", "study", "sb3"])
 def test_the_hand_is_an_option(name: str) -> None:
     options = parse(name, ["--out", "x", *NEEDED[name], "--hand", "panda_gripper"])
     assert options.load_hand().name == "panda_gripper"  # type: ignore[attr-defined]
@@ -99,24 +102,35 @@ def test_a_network_of_the_study_has_a_hand_with_a_name(capsys: pytest.CaptureFix
     assert "a published policy names its hand" in " ".join(capsys.readouterr().err.split())
 
 
-def test_the_program_takes_what_the_command_takes() -> None:
-    """``scripts/train_sb3.py ALGORITHM FOLDER`` is the command with ``--out FOLDER``."""
-    program = subprocess.run(
-        [sys.executable, str(SCRIPTS / "train_sb3.py"), "ppo", "x", "--steps", "0"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    command = run("train", "sb3", "ppo", "--out", "x", "--steps", "0")
-    assert program.returncode == command.returncode == 2
-    assert program.stderr == command.stderr
-    assert "--steps is 0; give 1 or more" in command.stderr
-
-
 def test_arguments_replace_the_defaults(tmp_path: Path) -> None:
     given = ["ppo", "--out", "x", "--steps", "64", "--set", "model.gamma=0.5", "--set", "env.obs=[proprio, depth]"]
     found = parse("sb3", [*given, "--target", "0.5"])
     assert isinstance(found, Sb3Settings)
     assert (found.steps, found.target, found.clone) == (64, 0.5, None)
     assert found.set == ("model.gamma=0.5", "env.obs=[proprio, depth]")
+
+
+def test_tuples_are_repeated_and_nested_settings_have_dots() -> None:
+    given = (
+        "--out",
+        "x",
+        "--data",
+        "a",
+        "--data",
+        "b",
+        "--layout",
+        "pile",
+        "--sizes.rounds",
+        "2",
+        "--hours.data",
+        "0.1",
+    )
+    found = parse("depth", given)
+    assert isinstance(found, DepthSettings)
+    assert (found.data, found.layout) == ((Path("a"), Path("b")), ("pile",))
+    assert (found.sizes, found.hours) == (replace(Sizes(), rounds=2), replace(Hours(), data=0.1))
+    assert parse("study", ["--out", "x", "--losses", "psi4", "--losses", "euler"]).losses == ("psi4", "euler")  # type: ignore[attr-defined]
+    assert parse("any-hand", ["--out", "x", "--hands", ""]).hands == ()  # type: ignore[attr-defined]
 
 
 def test_parameters_are_those_of_the_file_but_for_what_is_replaced(tmp_path: Path) -> None:
@@ -141,22 +155,23 @@ def test_every_algorithm_has_parameters_for_every_environment(algorithm: str, en
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("sb3", "dqn", "--out", "x"), "invalid choice 'dqn' for argument 'algorithm'"),
-        (("sb3", "ppo", "--out", "x", "--evaluations", "0"), "--evaluations is 0; give 1 or more"),
-        (("sb3", "ppo", "--out", "x", "--episodes", "-1"), "--episodes is -1; give 1 or more"),
+        (("sb3", "dqn", "--out", "x"), "'dqn' is not one of 'ppo', 'sac', 'td3'"),
+        (("sb3", "ppo", "--out", "x", "--evaluations", "0"), "--evaluations is 0; pass 1 or more"),
+        (("sb3", "ppo", "--out", "x", "--episodes", "-1"), "--episodes is -1; pass 1 or more"),
         (("sb3", "ppo", "--out", "x", "--torch-threads", "0"), "--torch-threads is 0"),
-        (("sb3", "ppo", "--out", "x", "--minutes", "0"), "--minutes is 0.0; give a positive number"),
+        (("sb3", "ppo", "--out", "x", "--minutes", "0"), "--minutes is 0.0; pass a positive number"),
         (("sb3", "ppo", "--out", "x", "--minutes", "nan"), "--minutes is nan"),
         (("sb3", "ppo", "--out", "x", "--target", "80"), "--target is 80.0; give a rate between 0 and 1"),
-        (("sb3", "ppo", "--out", "x", "--steps", "many"), "Error parsing --steps"),
+        (("sb3", "ppo", "--out", "x", "--steps", "many"), "Invalid value for '--steps'"),
         (("sb3", "ppo"), "--out"),
-        (("head", "--out", "x", "--data", "y", "--trials", "-1"), "--trials is -1; give 0 or more"),
-        (("head", "--out", "x", "--data", "y", "--heads", "leg"), "leg"),
-        (("study", "--out", "x", "--samples", "5"), "--samples is 5; give 20 or more"),
-        (("study", "--out", "x", "--losses", "psi4", "psi4"), "--losses is 'psi4 psi4'; name each once"),
-        (("depth", "--out", "x", "--sizes.members", "0"), "--sizes.members is 0; give 1 or more"),
-        (("residual", "planner", "--out", "x", "--distance", "1"), "distance is 1.0; give metres"),
-        (("residual", "planner", "--out", "x", "--seeds", "-1"), "--seeds is (-1,)"),
+        (("head", "--out", "x", "--data", "y", "--trials", "-1"), "--trials is -1; pass 0 or more"),
+        (("head", "--out", "x", "--data", "y", "--heads", "leg"), "--heads"),
+        (("study", "--out", "x", "--samples", "5"), "--samples is 5; pass 20 or more"),
+        (("study", "--out", "x", "--losses", "psi4", "--losses", "psi4"), "--losses is 'psi4 psi4'; name each once"),
+        (
+            ("study", "--out", "x", "--losses", "psi4", "psi3"),
+            "unexpected 'psi3'; an option with several values is repeated",
+        ),
         (("clone", "ppo", "y", "--out", "x", "--rate", "2"), "--rate is 2.0; give a number between 0 and 1"),
     ],
 )
@@ -182,7 +197,7 @@ def test_wrong_arguments_are_named(
         (("--parameters", "none.yaml"), "none.yaml"),
         (("--set", "gamma"), "--set 'gamma' names no parameter"),
         (("--set", "model.gamma.x=1"), "names no parameter"),
-        (("--set", "colour=1"), "parameters are steps, num_envs"),
+        (("--set", "colour=1"), "there is no parameter 'colour'; choose from steps, num_envs"),
         (("--set", "env.obs=[proprio"), "has a value that is not valid YAML"),
     ],
 )

@@ -6,18 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox.artifacts.folders import read_depth_policy
 from graspbox.evaluation import evaluate
-from graspbox.hand_tools import random_hand
 from graspbox.hands import load_hand
-from graspbox.models.scenes import SceneConfig, SceneSampler
-from graspbox.models.trials import GraspTrials
+from graspbox.learn.models.scenes import SceneConfig, SceneSampler
+from graspbox.learn.models.trials import GraspTrials
+from graspbox.learn.random_hands import random_hand
+from graspbox.learn.recipes.collection import CollectConfig, collect
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.configs import FinderConfig
 from graspbox.perception.hand_settings import settings_of
-from graspbox.recipes.collection import CollectConfig, collect
+from graspbox.policies.published.folders import read_depth_policy
 from graspbox.simulation import Scene
 
 HAND = "panda_gripper"
@@ -62,12 +63,23 @@ def test_objects_that_are_too_large_for_the_hand_have_no_trials(tmp_path: Path) 
 def test_heads_are_validated_with_the_hand_of_the_grid(trials: GraspTrials) -> None:
     """The outcome of a head that predicts a single pose is known."""
     pytest.importorskip("torch")
-    from graspbox.models.head.heads import ConstantNet
-    from graspbox.models.head.training import HeadData
-    from graspbox.perception.anchors import AnchorConfig
+    from graspbox.learn.models.head.network import AnchorNet
+    from graspbox.learn.models.head.training import HeadData
+    from graspbox.perception.anchors import AnchorConfig, Candidates
+    from graspbox.policies.published.head_configs import HeadConfig
+
+    class StraightDown(AnchorNet):
+        """A head whose only grasp is straight down over the crop's origin."""
+
+        def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
+            """Return the grasp."""
+            pose = np.diag([1.0, -1.0, -1.0, 1.0])[None]
+            pose[0, 2, 3] = 0.11
+            return Candidates(pose, np.zeros(1, dtype=np.int64), np.ones(1))
 
     data = HeadData.of(trials, trials, HandGrid(HAND), AnchorConfig(cells=12, heights=14), SCENES)
-    net = ConstantNet(height=0.11, preshape=0)
+    config = HeadConfig(width=8, features=8, hidden=16, anchors=AnchorConfig(cells=12, heights=14))
+    net = StraightDown(len(HandGrid(HAND).preshapes), config, SCENES.crop).eval()
     expected: dict[str, list[bool]] = {HAND: [], "reflex": []}
     for scene in data.sampler.scenes.tolist():
         view, pose = data.sampler.view(scene, 0), trials.world_from_object[scene]
@@ -87,7 +99,7 @@ def test_a_policy_is_trained_for_a_hand_of_the_user_s(tmp_path: Path) -> None:
     Its scorer begins as one of many hands.
     """
     torch = pytest.importorskip("torch")
-    from graspbox.models.scorer.shared import SHARED_SHAPE, SharedScorerNet
+    from graspbox.learn.models.scorer.shared import SHARED_SHAPE, SharedScorerNet
 
     urdf, toml = load_hand(HAND).files
     (tmp_path / "own.urdf").write_text(urdf)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from graspbox.configs import CamerasConfig
 from graspbox.errors import ConfigError
 from graspbox.evaluation.rounds import clear_rounds
-from graspbox.exchange.tsdf import RESOLUTION, SIDE, VOXEL_SIZE, WORLD_FROM_WORKSPACE, cameras_around, tsdf_of
 from graspbox.perception.cameras import camera_pose, lens
 from graspbox.perception.configs import DepthNoise
+from graspbox.perception.shapes.tsdf import RESOLUTION, SIDE, VOXEL_SIZE, WORLD_FROM_WORKSPACE, cameras_around, tsdf_of
 from graspbox.policies import Task, TsdfPolicy
 
 Floats = NDArray[np.float64]
@@ -129,7 +129,7 @@ def test_arrays_of_another_shape_are_refused() -> None:
     pose = np.eye(4)[None]
     with pytest.raises(ConfigError, match="depths has shape"):
         tsdf_of(np.zeros(SIZE), LENS, pose)
-    with pytest.raises(ConfigError, match=r"give \(3, 3\) and \(2, 4, 4\)"):
+    with pytest.raises(ConfigError, match=r"pass \(3, 3\) and \(2, 4, 4\)"):
         tsdf_of(np.zeros((2, *SIZE)), LENS, pose)
 
 
@@ -185,7 +185,7 @@ def test_a_wrong_plan_is_refused() -> None:
     stretched = above(center)
     stretched[:3, 0] *= 2
     wrong: list[tuple[Any, str]] = [
-        ([above(center)], "give a tuple"),
+        ([above(center)], "return a tuple"),
         (([above(center)], [0.05, 0.05], [1.0]), r"poses \(1, 4, 4\), widths \(2,\)"),
         (([above(center)], [0.05], [np.nan]), "not finite"),
         (([above(center), stretched], [0.05, 0.05], [1.0, 0.5]), r"poses\[1\], which is no pose"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from graspbox.validation.agreement import kappa, ranks, spearman
+from validation.agreement import kappa, ranks, spearman
 
 
 def test_kappa_is_agreement_beyond_chance() -> None:

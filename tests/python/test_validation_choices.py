@@ -10,10 +10,10 @@ pytest.importorskip("mujoco", reason="the comparison needs mujoco, from the extr
 
 from graspbox import object_sets
 from graspbox.errors import ConfigError
-from graspbox.validation import mujoco as judge
-from graspbox.validation.__main__ import main
-from graspbox.validation.choices import ChoicesReport, command, compare_choices
-from graspbox.validation.mujoco.replay import Replay
+from validate import main
+from validation import mujoco as judge
+from validation.choices import ChoicesReport, command, compare_choices
+from validation.mujoco.replay import Replay
 
 COARSE = judge.Numerics(timestep=0.001)
 #: Speed of a spinning top, rad/s, and its moment of inertia about the vertical.

@@ -1,4 +1,4 @@
-"""Labels of the engines `newton` and `rapier` compared."""
+"""Labels of the engines `implicit` and `rapier` compared."""
 
 import json
 
@@ -9,17 +9,17 @@ pytest.importorskip("mujoco", reason="the poses come from the comparison with Mu
 
 import graspbox
 from graspbox.configs import PhysicsConfig
-from graspbox.validation import engines
-from graspbox.validation.__main__ import main
-from graspbox.validation.agreement import kappa
-from graspbox.validation.mujoco import sample_trials
+from validate import main
+from validation import engines
+from validation.agreement import kappa
+from validation.mujoco import sample_trials
 
 OBJECTS = ("can", "box", "mug", "bottle", "ball", "hammer")
 
 
 def test_both_engines_give_most_grasps_the_same_label() -> None:
     """60 poses, chosen at random among the planner's of six objects: at least 85 % equal, kappa at least 0.6."""
-    labels: dict[str, list[bool]] = {"newton": [], "rapier": []}
+    labels: dict[str, list[bool]] = {"implicit": [], "rapier": []}
     for number, family in enumerate(OBJECTS):
         rest = graspbox.Scene(graspbox.object_sets.load(f"procedural:{family}:1")[0].load())
         sampled = sample_trials(rest, 10, np.random.default_rng([0, number]), "planner-any")
@@ -65,7 +65,7 @@ def test_scenes_of_several_objects_are_compared_at_half_the_time_step(
             return super().of(scene, target=target, **others)
 
     monkeypatch.setattr(graspbox, "Scene", Spy)
-    assert main([*LAYOUT, "--engines", "newton", "--json"]) == 0
+    assert main([*LAYOUT, "--engines", "implicit", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     whole = PhysicsConfig().dt
     of_a_scene = tried[0][0]
@@ -75,11 +75,11 @@ def test_scenes_of_several_objects_are_compared_at_half_the_time_step(
         (of_a_scene, i) for i in range(of_a_scene)
     ]
     assert {row["name"]: row["trials"] for row in found["engines"]} == {
-        "newton": of_a_scene,
-        "newton, half dt": of_a_scene,
+        "implicit": of_a_scene,
+        "implicit, half dt": of_a_scene,
     }
     pairs = [(pair["first"], pair["second"]) for pair in found["agreements"]]
-    assert pairs == [("newton", "newton, half dt")]
+    assert pairs == [("implicit", "implicit, half dt")]
 
 
 def test_what_cannot_be_compared_is_refused(
@@ -92,5 +92,5 @@ def test_what_cannot_be_compared_is_refused(
         main([*LAYOUT, "--scenes", "0"])
     assert "--scenes is 0; give 1 or more" in capsys.readouterr().err
     monkeypatch.setattr(engines, "targets", lambda *_: iter(()))
-    assert main([*LAYOUT, "--engines", "newton"]) == 2
+    assert main([*LAYOUT, "--engines", "implicit"]) == 2
     assert "no object has a feasible pose" in capsys.readouterr().err

@@ -12,8 +12,8 @@ pytest.importorskip("scipy", reason="force closure needs scipy, from the extra '
 pytest.importorskip("yaml", reason="the settings of the benchmark are YAML")
 
 from graspbox.errors import ConfigError, FileError
-from graspbox.validation.__main__ import main
-from graspbox.validation.forces.checkout import EXAMPLES, Checkout, judge_examples
+from validate import main
+from validation.forces.checkout import EXAMPLES, Checkout, judge_examples
 
 #: Two pads 11 cm apart that slide towards each other; stiffness 200 N/m.
 HAND = """

@@ -11,25 +11,19 @@ pytest.importorskip("mujoco", reason="the protocol needs mujoco, from the extra 
 pytest.importorskip("scipy", reason="force closure needs scipy, from the extra 'dev'")
 
 import graspbox
-from graspbox import _core, errors, exchange
-from graspbox._common.arguments import to_json
-from graspbox.validation.__main__ import main
-from graspbox.validation.forces.command import ENGINES, judge
-from graspbox.validation.forces.config import Contact, ForceConfig, Verdict
-from graspbox.validation.forces.measures import ferrari_canny, residual, wrenches
-from graspbox.validation.forces.report import SourceResult, markdown
-from graspbox.validation.forces.report import to_json as table_of
-from graspbox.validation.forces.sources import Batch, chosen, closing_step, from_files, planned
+from graspbox import errors
+from graspbox.tools import exchange
+from validate import main
+from validation.forces.command import ENGINES, judge
+from validation.forces.config import Contact, ForceConfig, Verdict
+from validation.forces.measures import ferrari_canny, residual, wrenches
+from validation.forces.report import SourceResult, markdown
+from validation.forces.report import to_json as table_of
+from validation.forces.sources import Batch, chosen, closing_step, from_files, planned
 
 CAN = "procedural:can:2"
 #: A short protocol.
 QUICK = ForceConfig(pull_time=0.3)
-
-
-def test_defaults_are_those_of_the_core() -> None:
-    assert json.loads(_core._config("ForceConfig", "{}")) == pytest.approx(json.loads(to_json(ForceConfig())))
-    with pytest.raises(errors.ConfigError, match="colour"):
-        _core._config("ForceConfig", json.dumps({"colour": 1}))
 
 
 def contact(point: tuple[float, float, float], inward: tuple[float, float, float], friction: float) -> Contact:
@@ -127,15 +121,15 @@ def test_engines_judge_alike(batch: Batch, engine: str) -> None:
 def test_settings_reach_both_engines(batch: Batch) -> None:
     """A tenth of a newton on each contact holds no kilogram; limits of nearly nothing are kept by no grasp."""
     one = Batch(batch.scene, batch.poses[:1], batch.preshape[:1])
-    for engine in ("newton", "mujoco"):
+    for engine in ("implicit", "mujoco"):
         assert not judge(one, engine, replace(QUICK, mass=20.0, friction=0.1), 1)[0].holds
         assert not judge(one, engine, replace(QUICK, max_shift=1e-4), 1)[0].passes
     with pytest.raises(errors.ConfigError, match="`pull_time` is -1"):
-        judge(one, "newton", replace(QUICK, pull_time=-1.0), 1)
+        judge(one, "implicit", replace(QUICK, pull_time=-1.0), 1)
 
 
 def test_the_number_of_threads_does_not_matter(batch: Batch) -> None:
-    for engine in ("newton", "mujoco"):
+    for engine in ("implicit", "mujoco"):
         one, two = (judge(batch, engine, QUICK, threads) for threads in (1, 2))
         for first, second in zip(one, two, strict=True):
             np.testing.assert_array_equal(first.shift, second.shift)
@@ -148,20 +142,20 @@ def verdict(passes: bool, holds: bool) -> Verdict:
 
 def test_the_report_counts() -> None:
     result = SourceResult("some", missing=1, own=(3, 2))
-    result.verdicts["newton"] = [verdict(True, True), verdict(False, True), Verdict.refused(0.02)]
+    result.verdicts["implicit"] = [verdict(True, True), verdict(False, True), Verdict.refused(0.02)]
     result.verdicts["mujoco"] = [verdict(True, True), verdict(True, True), Verdict.refused(0.02)]
     (row,) = table_of([result])
-    newton = row["engines"]["newton"]
-    counts = [newton[name] for name in ("grasps", "passes", "holds", "lifts", "too_deep", "links")]
+    implicit = row["engines"]["implicit"]
+    counts = [implicit[name] for name in ("grasps", "passes", "holds", "lifts", "too_deep", "links")]
     assert counts == [4, 1, 2, 1, 1, 1.0]
-    assert newton["q1"] == pytest.approx(ferrari_canny(around(0.5)))
+    assert implicit["q1"] == pytest.approx(ferrari_canny(around(0.5)))
     first = row["agreements"][0]
     assert (first["verdict"], first["equal"], first["grasps"]) == ("passes", 2, 3)
     assert json.loads(json.dumps(row)) == row
     text = markdown([row])
     assert "| some | its own trials | 4 | success 75.0 % (30.1 to 95.4), secure 50.0 % (15.0 to 85.0) |" in text
-    assert "| some | newton | 4 | 25.0 % (4.6 to 69.9) | 50.0 % (15.0 to 85.0) |" in text
-    assert "| some | newton and mujoco | six forces | 2 of 3 | 0.40 |" in text
+    assert "| some | implicit | 4 | 25.0 % (4.6 to 69.9) | 50.0 % (15.0 to 85.0) |" in text
+    assert "| some | implicit and mujoco | six forces | 2 of 3 | 0.40 |" in text
 
 
 def test_a_policy_that_decides_once() -> None:
@@ -173,7 +167,7 @@ def test_a_policy_that_decides_once() -> None:
         best = graspbox.plan(one.scene.mesh, world_from_object=one.scene.world_from_object).best(1)
         np.testing.assert_allclose(one.poses, best.poses, atol=2e-3)
         assert one.preshape == pytest.approx(best.preshape, abs=1e-3)
-        assert judge(one, "newton", QUICK, 1)[0].holds
+        assert judge(one, "implicit", QUICK, 1)[0].holds
 
 
 def test_a_policy_that_moves_step_by_step() -> None:
@@ -185,7 +179,7 @@ def test_a_policy_that_moves_step_by_step() -> None:
     plan = graspbox.plan(one.scene.mesh, world_from_object=one.scene.world_from_object).best(40)
     nearest = np.linalg.norm(plan.poses[:, :3, 3] - one.poses[0, :3, 3], axis=1).min()
     assert nearest < 0.01
-    assert judge(one, "newton", QUICK, 1)[0].holds
+    assert judge(one, "implicit", QUICK, 1)[0].holds
 
 
 def test_the_step_at_which_a_hand_closes() -> None:
@@ -203,19 +197,19 @@ def test_files_are_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     exchange.save(exchange.simulated(exchange.from_plan(plan), mesh), tmp_path / "can.yaml", "isaac")
     (read,) = from_files([tmp_path / "can.yaml"], [CAN], preshape=0.0)
     np.testing.assert_allclose(read.poses, plan.poses, atol=1e-6)
-    told = ["forces", "--grasps", str(tmp_path / "can.yaml"), "--preshape", "0", "--engines", "newton", "--json"]
+    told = ["forces", "--grasps", str(tmp_path / "can.yaml"), "--preshape", "0", "--engines", "implicit", "--json"]
     assert main([*told, "--objects", CAN]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert row["source"] == "files"
-    assert row["engines"]["newton"]["holds"] == 2
+    assert row["engines"]["implicit"]["holds"] == 2
     assert main([*told, "--objects", "procedural:box:0-1"]) == 2
     assert "which is none of the objects; name it with --objects" in capsys.readouterr().err
 
 
 def test_the_command_plans(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["forces", "--objects", CAN, "--poses", "1", "--engines", "newton"]) == 0
+    assert main(["forces", "--objects", CAN, "--poses", "1", "--engines", "implicit"]) == 0
     out = capsys.readouterr()
-    assert "| planner | newton | 1 |" in out.out
+    assert "| planner | implicit | 1 |" in out.out
     assert "objects" in out.err
     for wrong in (["--poses", "0"], ["--seed", "-1"], ["--engines", "bullet"], ["--poses", "2", "--policies", "depth"]):
         with pytest.raises(SystemExit) as error:

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,13 +11,13 @@ from graspbox import object_sets
 from graspbox.envs.coding import codec
 from graspbox.errors import ConfigError, MeshError
 from graspbox.evaluation.rounds import clear_rounds
-from test_clutter import command
 
 pytest.importorskip("mujoco")
-from graspbox.scene_export.contents import objects_of, walls_of
-from graspbox.validation.mujoco import describe
-from graspbox.validation.mujoco.heaps import HeapJudge
-from graspbox.validation.mujoco.scene import build_heap
+from graspbox.tools.scene_export.contents import objects_of, walls_of
+from validate import main
+from validation.mujoco import describe
+from validation.mujoco.heaps import HeapJudge
+from validation.mujoco.scene import build_heap
 
 HAND = "panda_gripper"
 OBJECTS = ("procedural:box:0-3", "procedural:can:0-3")
@@ -77,20 +76,14 @@ def test_objects_that_the_hand_cannot_span_are_judged() -> None:
         assert judge.to_json()["equal"] == 1
 
 
-def test_rounds_have_a_second_judge(tmp_path: Path) -> None:
-    words = ["benchmark", "clutter", "scene_planner", "--hand", HAND, "--objects", OBJECTS[0]]
-    words += ["--layout", "packed", "--objects-per-scene", "2", "--rounds", "1", "--seed", "0"]
-    out = tmp_path / "found.json"
-    done = command(*words, "--judge", "mujoco", "--patch", "1", "--out", str(out))
-    assert done.returncode == 0, done.stderr
-    assert "MuJoCo: " in done.stdout
-    (found,) = json.loads(out.read_text())
-    assert found["mujoco"]["attempts"] == found["attempts"]
-    equal, core, mujoco = (found["mujoco"][name] for name in ("equal", "only_core", "only_mujoco"))
-    assert equal + core + mujoco == found["attempts"]
-    wrong = command(*words, "--judge", "bullet")
-    assert wrong.returncode != 0
-    assert "--judge is 'bullet'; there is only mujoco" in wrong.stderr
+def test_rounds_have_a_second_judge(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["scene_planner", "--hand", HAND, "--objects", OBJECTS[0], "--layout", "packed", "--json"]
+    assert main(["clutter", *words, "--objects-per-scene", "2", "--rounds", "1", "--patch", "1"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    found = row["mujoco"]
+    assert found["attempts"] == row["attempts"] > 0
+    assert found["equal"] + found["only_core"] + found["only_mujoco"] == found["attempts"]
+    assert row["mujoco_version"]
     with pytest.raises(ConfigError, match=r"patch is 1\.0; give metres, 0 to 0\.02"):
         HeapJudge(HAND, patch=1.0)
 

@@ -13,9 +13,9 @@ import mujoco
 
 import graspbox
 from graspbox.configs import PhysicsConfig
-from graspbox.validation import mujoco as judge
-from graspbox.validation.__main__ import main
-from graspbox.validation.mujoco.replay import Replay
+from validate import main
+from validation import mujoco as judge
+from validation.mujoco.replay import Replay
 
 #: Coarse enough for a quick test of results that do not depend on the step.
 COARSE = judge.Numerics(timestep=0.001)
@@ -201,7 +201,7 @@ def test_buried_hand_is_infeasible(hand: judge.HandDescription) -> None:
 
 def test_missing_goal_fails_the_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """The exit status follows the share of equal labels."""
-    import graspbox.validation.mujoco.command as command
+    import validation.mujoco.command as command
 
     held = judge.Outcome(True, None, 0.2, 0.0, (4, 4), 0.0, 3.3)
     row = judge.Row("cube", False, "slipped", 0.0, held, np.eye(4), np.eye(4), 0.0, halved=(False, True))

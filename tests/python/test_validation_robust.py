@@ -11,9 +11,9 @@ pytest.importorskip("mujoco", reason="the comparison needs mujoco, from the extr
 import graspbox
 from graspbox.errors import ConfigError, FileError
 from graspbox.hands import reach_of
-from graspbox.validation import mujoco as judge
-from graspbox.validation.__main__ import main
-from graspbox.validation.mujoco import robust
+from validate import main
+from validation import mujoco as judge
+from validation.mujoco import robust
 
 
 def test_copies_stay_within_their_bounds() -> None:
@@ -81,7 +81,7 @@ def test_a_finished_object_is_not_tried_again(tmp_path: Path, monkeypatch: pytes
 
 
 def test_the_command_prints_the_report(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    import graspbox.validation.mujoco.robust_command as command
+    import validation.mujoco.robust_command as command
 
     report = judge.RobustReport([row([1, 1], [1, 1]), row([1, 0], [0, 0])], ["ball"])
     monkeypatch.setattr(command, "compare_robust", lambda *_, **__: report)

@@ -1,4 +1,4 @@
-"""``python -m graspbox.validation speed``: rates of the engines on the same trials."""
+"""``python tests/validate.py speed``: rates of the engines on the same trials."""
 
 import json
 
@@ -6,8 +6,8 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from graspbox.validation import speed
-from graspbox.validation.__main__ import main
+from validate import main
+from validation import speed
 
 
 def rates(capsys: pytest.CaptureFixture[str], *options: str) -> dict[str, dict[str, float]]:
@@ -18,24 +18,24 @@ def rates(capsys: pytest.CaptureFixture[str], *options: str) -> dict[str, dict[s
 def test_all_engines_simulate_the_same_seconds(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each engine runs the pose of the can, MuJoCo for as long as `newton` did."""
+    """Each engine runs the pose of the can, MuJoCo for as long as `implicit` did."""
     monkeypatch.setitem(speed.WORK, "procedural mix", ("procedural:can:0",))
     found = rates(capsys, "--work", "procedural mix")
     assert set(found) == set(speed.ENGINES)
     assert all(row["trials"] == 1 and row["trials/s"] > 0 for row in found.values())
-    assert found["mujoco"]["simulated"] == pytest.approx(found["newton"]["simulated"], abs=0.01)
+    assert found["mujoco"]["simulated"] == pytest.approx(found["implicit"]["simulated"], abs=0.01)
 
 
 def test_hand_beyond_an_engine_has_no_rate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """The fingers of the Franka hand mimic each other, which rapier cannot simulate: a row without trials."""
     monkeypatch.setitem(speed.WORK, "procedural mix", ("procedural:can:0",))
     found = rates(capsys, "--work", "procedural mix", "--hand", "panda_gripper")
-    assert found["newton"]["trials"] == found["mujoco"]["trials"] == 1
+    assert found["implicit"]["trials"] == found["mujoco"]["trials"] == 1
     assert found["rapier"]["trials"] == 0
-    timed = speed.SpeedRow("some", "newton", 1, 2.0, 0.5), speed.SpeedRow("some", "mujoco, fast", 1, 2.0, 1.0)
+    timed = speed.SpeedRow("some", "implicit", 1, 2.0, 0.5), speed.SpeedRow("some", "mujoco, fast", 1, 2.0, 1.0)
     table = speed.markdown([*timed, speed.SpeedRow("some", "rapier")])
     assert "| some | rapier | 0 | - | - | - |" in table
-    assert "| some | newton | 1 | 2.0 | 4 | 2.00 |" in table
+    assert "| some | implicit | 1 | 2.0 | 4 | 2.00 |" in table
 
 
 def test_scenes_of_several_objects_are_timed(
@@ -45,5 +45,5 @@ def test_scenes_of_several_objects_are_timed(
     monkeypatch.setattr(speed, "SCENES", 1)
     monkeypatch.setitem(speed.HEAPS, "5 packed", ("packed", 2))
     found = rates(capsys, "--work", "5 packed", "--hand", "panda_gripper")
-    assert 1 <= found["newton"]["trials"] <= 2
-    assert found["mujoco"]["simulated"] == pytest.approx(found["newton"]["simulated"], abs=0.02)
+    assert 1 <= found["implicit"]["trials"] <= 2
+    assert found["mujoco"]["simulated"] == pytest.approx(found["implicit"]["simulated"], abs=0.02)

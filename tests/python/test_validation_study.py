@@ -79,7 +79,7 @@ def test_study_objects_exist() -> None:
 def test_the_command_prints_and_writes_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from graspbox.validation.__main__ import main
+    from validate import main
 
     monkeypatch.setattr(comparison, "study_objects", lambda: ["ycb:013_apple"])
     assert main(["study", "--poses", "2", "--out", str(tmp_path / "new")]) == 0
@@ -96,7 +96,7 @@ def test_the_command_prints_and_writes_the_table(
 
 
 def test_the_command_refuses_what_it_does_not_know(capsys: pytest.CaptureFixture[str]) -> None:
-    from graspbox.validation.__main__ import main
+    from validate import main
 
     for arguments, message in (
         (["study", "--poses", "0"], "--poses is 0; give 1 or more"),

@@ -9,7 +9,7 @@ pytest.importorskip("mujoco", reason="the comparison needs mujoco, from the extr
 
 import graspbox
 from graspbox.configs import TrialConfig
-from graspbox.validation import mujoco as judge
+from validation import mujoco as judge
 
 #: Pulling force of both fingers together (N), hence half of it on each side, and how long the lift takes (s).
 FORCE, LIFT_TIME = 20.0, 4.0

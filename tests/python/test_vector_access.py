@@ -8,7 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 
-from acting import CAMERAS, OBJECTS
+from acting import CAMERAS, EACH, OBJECTS
 from graspbox import errors
 from test_vector_env import ID, make, make_sync
 
@@ -21,7 +21,7 @@ def test_options_of_each_environment() -> None:
     )
     given: list[dict[str, Any]] = [{"object": 1, "friction": 0.5}, {"friction": 0.5}, {"object": 4, "friction": 2.0}]
     shown = [env.get_state(i) for i in range(3)]
-    single: Any = gymnasium.make(ID, objects=OBJECTS, reward="dense", cameras=CAMERAS).unwrapped
+    single: Any = gymnasium.make(ID, objects=OBJECTS, reward="dense", cameras=CAMERAS, **EACH).unwrapped
     for i, options in enumerate(given):
         _, theirs = single.reset(seed=4 + i, options=options)
         assert info["object"][i] == theirs["object"]

@@ -12,12 +12,12 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import graspbox
-from acting import CAMERAS, DECISIONS, OBJECTS, TASKS, Experts, over_the_highest, pressing
+from acting import ACTING, CAMERAS, DECISIONS, OBJECTS, TASKS, Experts, lower, over_the_highest, pressing
 from graspbox import errors
 from graspbox.envs import spaces
 
 ID = "graspbox/Grasp-v0"
-VECTORS = tuple(spaces.tables(graspbox.load_hand())["observations"]["twist"])
+VECTORS = tuple(spaces.tables(graspbox.load_hand())["observations"]["twist"]["each"])
 #: An array, and all that there are in a dictionary.
 OBSERVATIONS = {"array": "state", "all": (*spaces.IMAGES, *VECTORS, "rgb_palm")}
 
@@ -66,15 +66,46 @@ def test_equals_sync_of_single_environments(mode: AutoresetMode, which: str) -> 
     assert (touches > 0).all()
 
 
+@pytest.mark.parametrize("hand", ["reflex", "panda_gripper"])
+@pytest.mark.parametrize(("control", "fingers"), ACTING)
+def test_every_meaning_of_an_action_equals_sync(control: str, fingers: str, hand: str) -> None:
+    """Vector and single environments, states saved in the middle, and actions sent again: the same bits."""
+    settings: dict[str, Any] = {"control": control, "fingers": fingers, "control_freq": 10, "hand": hand}
+    native, single = make(2, **settings), make_sync(AutoresetMode.NEXT_STEP, 2, **settings)
+    assert native.action_space == single.action_space
+    assert data_equivalence(native.reset(seed=3), single.reset(seed=3), exact=True)
+    rng, shape = np.random.default_rng(0), native.action_space.shape
+    touches, middle = False, []
+    actions = [lower(rng.uniform(-0.3, 0.6, shape).astype(np.float32), control) for _ in range(24)]
+    for step, action in enumerate(actions):
+        if step == 12:
+            middle = [native.get_state(env) for env in range(2)]
+        last = native.step(action)
+        assert data_equivalence(last, single.step(action), exact=True)
+        touches |= bool(last[4]["touches"].any())
+    assert touches
+    for env, state in enumerate(middle):
+        native.set_state(env, state)
+    for action in actions[12:]:
+        again = native.step(action)
+    assert data_equivalence(again, last, exact=True)
+
+
 @pytest.mark.parametrize(
     ("control", "mode"), list(zip(("twist", "delta_pose", "target_pose"), AutoresetMode, strict=True)), ids=str
 )
 def test_episodes_that_succeed_equal_sync_too(control: str, mode: AutoresetMode) -> None:
     """Two environments grasp, lift and hold; two episodes of each end by success, for good."""
-    settings: dict[str, Any] = {"objects": "procedural:can:0-1", "control": control, "frame_skip": 2}
+    settings: dict[str, Any] = {
+        "objects": "procedural:can:0-1",
+        "control": control,
+        "fingers": "synergy",
+        "control_freq": 10,
+        "max_episode_steps": 100,
+    }
     native = make(2, autoreset_mode=mode, **settings)
     single = make_sync(mode, 2, **settings)
-    experts = Experts(native.unwrapped.objects, 2, control, 2)
+    experts = Experts(native.unwrapped.objects, 2, control=control, control_freq=10)
     (states, info), theirs = native.reset(seed=5), single.reset(seed=5)
     assert data_equivalence((states, info), theirs, exact=True)
     starts, dones, successes = np.ones(2, bool), np.zeros(2, bool), np.zeros(2)
@@ -155,14 +186,14 @@ def test_decisions_by_other_ways_are_the_same() -> None:
 
 
 def test_a_held_action_is_that_action_again() -> None:
-    """With frame_skip=3 a step is three, their terms added up, but for the last episode's rest."""
-    slow, fast = make(2, frame_skip=3, max_episode_steps=8), make(2, max_episode_steps=24)
+    """At 5 Hz a step is four of 20 Hz, their terms added up, but for the last episode's rest."""
+    slow, fast = make(2, control_freq=5, max_episode_steps=8), make(2, max_episode_steps=32)
     for env in (slow, fast):
         env.reset(seed=2)
     touches = False
     for action in pressing(8, 2):
         ours = slow.step(action)
-        theirs = [fast.step(action) for _ in range(3)]
+        theirs = [fast.step(action) for _ in range(4)]
         np.testing.assert_array_equal(ours[0], theirs[-1][0])
         np.testing.assert_allclose(ours[1], sum(step[1] for step in theirs), atol=1e-5)
         np.testing.assert_array_equal(ours[3], theirs[-1][3])

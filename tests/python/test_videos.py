@@ -59,7 +59,7 @@ def test_what_makes_no_video_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(ConfigError, match=r"extension '\.avi'; use one of \.gif"):
         check_video(tmp_path / "clip.avi")
     for pictures, captions in (([], []), (shades(), ["one"])):
-        with pytest.raises(ConfigError, match="give as many"):
+        with pytest.raises(ConfigError, match="one caption per picture"):
             save_video(path, pictures, captions)
     with pytest.raises(ConfigError, match="differ in size"):
         save_video(path, [shades()[0], shades()[1][:50]], ["one", "two"])

@@ -1,6 +1,5 @@
 """The viewer: each kind of page against a real server without a browser; filters, traces, changed and broken files."""
 
-import json
 import shutil
 import socket
 import time
@@ -11,16 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import graspbox
-from datasets_for_tests import config
-from graspbox import cli, dataset, errors, object_sets
-from graspbox.evaluation.planner_trials import try_set
-from graspbox.viewer import Viewer, show
-from graspbox.viewer.drawn_hand import PoseSet
-from graspbox.viewer.kinds import KINDS
-from graspbox.viewer.links import HandLinks
+import tiny_policy
+from command_line import invoke
+from graspbox import errors, object_sets
+from graspbox.tools.hand_links import HandLinks
+from graspbox.tools.viewer import Viewer, show
+from graspbox.tools.viewer.grasp_points import GraspPoints
+from graspbox.tools.viewer.sources import PAGES
 
 ROOT = Path(__file__).parents[2]
 CAN = "procedural:can:0"
@@ -57,9 +55,31 @@ def test_an_object_is_shown_with_its_poses_by_outcome(can: Viewer) -> None:
     tried = page.plan.poses[:8]
     wanted = page.scene.simulate(tried, page.plan.preshape[:8])
     assert (page.failure[:8] == np.where(wanted.success, "", wanted.failure)).all()
-    colors = {tuple(color) for node in page.poses.nodes.values() for color in node.batched_colors.tolist()}
+    colors = {tuple(color) for color in page.poses.node.batched_colors.tolist()}
     assert ((0, 158, 115) in colors) == bool(wanted.success.any())
     assert f"{int(wanted.success.sum())} succeed" in can.canvas.status.content
+    assert f"{int(page.plan.feasible.sum()) - 8} not tried" in page.legend.content
+
+
+def test_the_page_opens_on_the_best_grasp_and_returns_to_it(can: Viewer) -> None:
+    page: Any = can.page
+    best = page.best_grasp()
+    assert best == int(np.flatnonzero(page.failure == "")[0])
+    at_best = (page.rest @ page.plan.poses[best])[:3, 3]
+    assert page.hand.visible
+    assert page.back.disabled
+    np.testing.assert_allclose(page.hand.root.position, at_best)
+    other = int(np.flatnonzero(page.plan.feasible)[-1])
+    page.select(other)
+    assert page.poses.shown == 0
+    assert not page.back.disabled
+    page.player.seek(len(page.player.trace.time) - 1)
+    page.show_all()
+    assert page.player.trace is None
+    assert page.poses.shown == 8
+    np.testing.assert_allclose(page.hand.root.position, at_best)
+    np.testing.assert_allclose(page.node.position, page.rest[:3, 3])
+    assert "the best grasp" in page.verdict.content
 
 
 def test_filters_change_what_is_shown(can: Viewer) -> None:
@@ -120,18 +140,17 @@ def test_a_pose_that_does_not_exist_is_an_error_in_the_page(can: Viewer) -> None
     page.score.value = (float(page.plan.score.min()), page.score.max)
 
 
-def test_ten_thousand_poses_are_few_nodes(can: Viewer) -> None:
+def test_ten_thousand_poses_are_one_node(can: Viewer) -> None:
     page: Any = can.page
     rows = np.arange(10_000) % len(page.plan)
-    poses = PoseSet(can.canvas, "/many", page.hand.hand, page.rest @ page.plan.poses[rows], page.plan.preshape[rows])
+    poses = GraspPoints(can.canvas, "/many", page.rest @ page.plan.poses[rows], page.select)
     colors = np.zeros((10_000, 3), dtype=np.uint8)
     poses.show(np.ones(10_000, dtype=np.bool_), colors)
     assert (len(poses), poses.shown) == (10_000, 10_000)
-    assert len(poses.nodes) <= 6
     poses.show(rows < 10, colors)
-    assert poses.shown == int((rows < 10).sum())
+    assert poses.shown == int((rows < 10).sum()) == len(poses.node.batched_positions)
     poses.remove()
-    assert can.canvas.scene.get_handle_by_name("/many/0") is None
+    assert can.canvas.scene.get_handle_by_name("/many") is None
 
 
 @pytest.mark.parametrize("name", graspbox.Hand.names())
@@ -282,19 +301,19 @@ def test_a_depth_image_is_shown_with_the_grasps_of_a_policy(
     depth_image: tuple[Path, tuple[float, float, float, float]],
 ) -> None:
     path, lens = depth_image
-    with pytest.raises(errors.ConfigError, match=r"intrinsics is missing; give .*--intrinsics FX FY CX CY"):
+    with pytest.raises(errors.ConfigError, match=r"intrinsics is missing; pass .*--intrinsics FX FY CX CY"):
         show(path, port=0)
     with shown(path, intrinsics=lens, policy=str(ROOT / "policies/depth")) as viewer:
         page = viewer.page
         wait_for(lambda: "tilted down" in viewer.canvas.status.content or viewer.canvas.problem.visible)
         assert not viewer.canvas.problem.visible
-        assert page.poses.shown == len(page.found) > 3
-        np.testing.assert_allclose(page.hand.root.position, page.found.table_from_hand[0, :3, 3])
+        assert page.poses.shown == len(page.grasps) > 3
+        np.testing.assert_allclose(page.hand.root.position, page.grasps.table_from_hand[0, :3, 3])
         assert len(viewer.canvas.scene.get_handle_by_name("/crop/object").vertices) > 100
-        page.least.value = round(float(np.median(page.found.success)), 2)
-        assert page.poses.shown == int((page.found.success >= page.least.value).sum())
-    with shown(page.found) as viewer:
-        assert viewer.page.poses.shown == len(page.found)
+        page.least.value = round(float(np.median(page.grasps.success)), 2)
+        assert page.poses.shown == int((page.grasps.success >= page.least.value).sum())
+    with shown(page.grasps) as viewer:
+        assert viewer.page.poses.shown == len(page.grasps)
 
 
 def test_a_gallery_shows_names_and_opens_objects() -> None:
@@ -321,66 +340,22 @@ def test_a_saved_plan_is_shown(tmp_path: Path) -> None:
         assert viewer.page.plan == plan
     with pytest.raises(errors.ObjectSetError, match="the mesh of 'procedural:can:1' differs"):
         show(tmp_path / "plan.json", port=0, objects="procedural:can:1")
-    (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(errors.ConfigError, match=r"neither a plan .* nor a table of grasps"):
-        show(tmp_path / "other.json", port=0)
-
-
-def test_a_table_of_grasps_opens_objects_with_their_outcomes(tmp_path: Path) -> None:
-    result = try_set(object_sets.load("procedural:can:0-1"), poses=4)
-    (tmp_path / "grasps.json").write_text(json.dumps(result.table(details=True)))
-    with shown(tmp_path / "grasps.json") as viewer:
-        assert "can-000001" in viewer.page.table.content
-        known = viewer.page.planned("can-000001")
-        assert known.outcomes == result.objects[1].outcomes
-        viewer.page.open("can-000001")
-        wait_for(lambda: viewer.page.title == "object" and "4 tried" in viewer.canvas.status.content)
-
-
-def test_a_data_set_is_filtered_and_replayed(tmp_path: Path) -> None:
-    dataset.generate(CAN, tmp_path, config=config(rests=1))
-    with shown(tmp_path) as viewer:
-        page = viewer.page
-        count = len(page.table)
-        assert len(page.kept()) == count
-        page.outcome.value = "success"
-        assert len(page.kept()) == int(page.columns["success"].sum())
-        assert "<td" in page.rows.content
-        page.outcome.value = "all"
-        for index in range(min(count, 4)):
-            page.select(index)
-            told = page.columns["failure"][index] or "success"
-            assert f"row {index}: **{told}**, replayed: {told}" in page.verdict.content
-        assert page.images[0].image.std() > 5
-
-
-def test_the_curves_of_a_run_grow(tmp_path: Path) -> None:
-    (tmp_path / "settings.json").write_text('{"net": {"width": 64}}')
-    (tmp_path / "log.txt").write_text("begun\n")
-    rows = tmp_path / "losses.jsonl"
-    rows.write_text("".join(json.dumps({"step": 10 * i, "loss": 1.0 / (i + 1)}) + "\n" for i in range(5)))
-    with shown(tmp_path) as viewer:
-        page = viewer.page
-        places, values = page.curve()
-        np.testing.assert_allclose(places, 10.0 * np.arange(5))
-        np.testing.assert_allclose(values, 1.0 / np.arange(1, 6))
-        with rows.open("a") as file:
-            file.write('{"step": 50, "loss": 0.1}\n{"step": 60, "lo')
-        wait_for(lambda: page.last.content == "6 rows; last 0.1")
-        assert "begun" in page.log.content
 
 
 def test_what_cannot_be_viewed_is_refused(tmp_path: Path) -> None:
-    for what in ("no-such-thing", str(tmp_path)):
-        with pytest.raises(errors.ObjectSetError, match="names nothing that can be viewed; give one of: "):
-            show(what, port=0)
-    with pytest.raises(errors.ConfigError, match="source is of the type int; give one of"):
+    with pytest.raises(errors.ObjectSetError, match="names nothing that can be viewed; pass one of: "):
+        show("no-such-thing", port=0)
+    (tmp_path / "grasps.json").write_text("{}")
+    for path in (tmp_path, tmp_path / "grasps.json"):
+        with pytest.raises(errors.ConfigError, match=f"`graspbox report {path}`"):
+            show(path, port=0)
+    with pytest.raises(errors.ConfigError, match="source is of the type int; pass one of"):
         show(3, port=0)
     with pytest.raises(errors.ConfigError, match="there is no environment 'graspbox/Nothing-v0'"):
         show("graspbox/Nothing-v0", port=0)
     with pytest.raises(errors.ConfigError, match="is one file, but a hand has two"):
         show("mine.urdf", port=0)
-    assert len({kind.name for kind in KINDS}) == len(KINDS)
+    assert len({kind.name for kind in PAGES}) == len(PAGES)
 
 
 def test_only_this_machine_is_listened_to_unless_insecure() -> None:
@@ -398,7 +373,22 @@ def test_only_this_machine_is_listened_to_unless_insecure() -> None:
 
 
 def test_the_command_refuses_in_one_sentence() -> None:
-    result = CliRunner().invoke(cli.typer_app, ["view", "no-such-thing", "--no-browser", "--port", "0"])
+    result = invoke(["view", "no-such-thing", "--no-browser", "--port", "0"])
     assert isinstance(result.exception, errors.ObjectSetError)
-    result = CliRunner().invoke(cli.typer_app, ["view", "reflex", "--no-browser", "--host", "0.0.0.0"])
+    result = invoke(["view", "reflex", "--no-browser", "--host", "0.0.0.0"])
     assert isinstance(result.exception, errors.ConfigError)
+
+
+def test_the_folder_of_a_policy_is_its_environment(tmp_path: Path) -> None:
+    """Its hand is the policy's, unless another one is named; in an environment that is named too."""
+    pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    tiny_policy.make(tmp_path / "tiny", hand="panda_gripper")
+    with shown(tmp_path / "tiny", objects=CAN) as viewer:
+        page = viewer.page
+        assert (page.env_id, page.policy.name, page.hand.name) == ("graspbox/GraspPose-v0", "tiny", "panda_gripper")
+    with shown("graspbox/Grasp-v0", policy=tmp_path / "tiny", objects=CAN) as viewer:
+        assert (viewer.page.env_id, viewer.page.hand.name) == ("graspbox/Grasp-v0", "panda_gripper")
+    (tmp_path / "tiny/config.json").unlink()
+    with pytest.raises(errors.ConfigError, match="has no view in 3D"):
+        show(tmp_path / "tiny", port=0)

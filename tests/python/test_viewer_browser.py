@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from browsing import Browser, browsing, needs_browser
-from graspbox.viewer import show
-from graspbox.viewer.drawn_hand import PoseSet
+from graspbox.tools.viewer import show
+from graspbox.tools.viewer.grasp_points import GraspPoints
 
 pytestmark = needs_browser
 #: WebGL without a graphics card, and a small window, which it draws faster.
@@ -49,7 +49,7 @@ def test_a_page_shows_its_scene_and_keeps_its_connection(tmp_path: Path) -> None
         wait_for(lambda: len(np.unique(scene_of(browser).reshape(-1, 3), axis=0)) > 50)
         rows = np.arange(10_000) % len(page.plan)
         poses = page.rest @ page.plan.poses[rows]
-        many = PoseSet(viewer.canvas, "/many", page.hand.hand, poses, page.plan.preshape[rows])
+        many = GraspPoints(viewer.canvas, "/many", poses, page.select)
         many.show(np.ones(10_000, dtype=np.bool_), np.zeros((10_000, 3), dtype=np.uint8))
         assert browser.run(FRAME)
         many.show(rows % 2 == 0, np.zeros((10_000, 3), dtype=np.uint8))

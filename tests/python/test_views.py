@@ -7,7 +7,7 @@ import pytest
 
 import graspbox
 from graspbox import errors, object_sets
-from graspbox.views import PLANS, ViewPlan
+from graspbox.meshes.views import PLANS, ViewPlan
 
 BALL = "procedural:ball:0"
 

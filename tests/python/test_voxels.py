@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox import errors, object_sets
-from graspbox.voxels import Voxels
+from graspbox.meshes.voxels import Voxels
 
 
 def corner_box() -> graspbox.Mesh:

@@ -13,7 +13,7 @@ import pygame
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from acting import OBJECTS, over_the_highest, pressing
+from acting import EACH, OBJECTS, over_the_highest, pressing
 from graspbox import errors
 from graspbox.configs import PictureConfig
 from graspbox.envs import IDS
@@ -49,7 +49,8 @@ def test_every_reset_and_step_is_shown(id_: str, rate: int, ticks: list[float]) 
     """The frames are those of ``rgb_array``, and Gymnasium adds no window of its own."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env, twin = (gymnasium.make(id_, render_mode=mode, **SETTINGS) for mode in ("human", "rgb_array"))
+        settings = {**SETTINGS, **(EACH if id_ == IDS[1] else {})}
+        env, twin = (gymnasium.make(id_, render_mode=mode, **settings) for mode in ("human", "rgb_array"))
     assert not pygame.display.get_init()
     assert "human" in env.metadata["render_modes"]
     for each in (env, twin):
@@ -94,8 +95,8 @@ def test_a_vector_environment_shows_its_first_one(id_: str) -> None:
 def test_two_environments_share_the_window() -> None:
     """Each shows its frames there, and continues after the other has closed it."""
     large = PictureConfig(image_size=(64, 96), samples=1)
-    first: Any = gymnasium.make(IDS[1], render_mode="human", **SETTINGS)
-    second: Any = gymnasium.make(IDS[1], render_mode="human", **{**SETTINGS, "picture": large})
+    first: Any = gymnasium.make(IDS[1], render_mode="human", **SETTINGS, **EACH)
+    second: Any = gymnasium.make(IDS[1], render_mode="human", **{**SETTINGS, **EACH, "picture": large})
     first.reset(seed=0)
     second.reset(seed=0)
     assert shown().shape == (64, 96, 3)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import gymnasium
 import pytest
-from typer.testing import CliRunner
 
 import graspbox
-from graspbox import cli, errors
+from command_line import invoke
+from graspbox import errors
 
 POLICIES = Path(__file__).parents[2] / "policies"
 PAGE = (Path(__file__).parents[2] / "docs/guides/hand.md").read_text()
@@ -34,23 +34,22 @@ def hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, str]:
 
 
 def test_code_and_commands_run(hand: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
-    names: dict[str, object] = {}
     code = blocks("python")
     assert len(code) == 4
     for block in code:
-        exec(compile(block, "hand.md", "exec"), names)
+        exec(compile(block, "hand.md", "exec"), {})
     output = capsys.readouterr().out
     assert "pincher ['left_knuckle', 'right_knuckle'] ['motor']" in output
     assert Path("pincher.png").read_bytes()[:4] == b"\x89PNG"
     for check in re.findall(r"^```\n(graspbox hand .*pincher\.urdf.*)\n```$", PAGE, flags=re.MULTILINE):
-        result = CliRunner().invoke(cli.typer_app, shlex.split(check)[1:])
+        result = invoke(shlex.split(check)[1:])
         assert result.exit_code == 0, result.output
     assert Path("pincher_motion.png").read_bytes()[:4] == b"\x89PNG"
     assert graspbox.load_hand(("pincher.urdf", "first.toml")).widest > 0.08
     # Commands alone stand in blocks without a language: one line here, tried on one object of the set.
     (command,) = re.findall(r"^```\n(graspbox grasp .*)\n```$", PAGE, flags=re.MULTILINE)
     words = [word.replace("procedural:box", "procedural:box:0") for word in shlex.split(command)[1:]]
-    result = CliRunner().invoke(cli.typer_app, words)
+    result = invoke(words)
     assert result.exit_code == 0, result.output
     (row,) = json.loads(Path("grasps.json").read_text())["objects"]
     assert row["hand"] == "pincher"
@@ -70,7 +69,7 @@ def test_a_policy_of_the_hand_is_trained(hand: tuple[str, str]) -> None:
         command = command.replace("\\\n", "").replace(" any_hand", f" {POLICIES}/any_hand")
         words = shlex.split(command.replace("--completion depth", f"--completion {POLICIES}/depth"))[1:]
         words += ["--trials", "2"] if words[0] == "evaluate" else ["--quick"]
-        result = CliRunner().invoke(cli.typer_app, words)
+        result = invoke(words)
         assert result.exit_code == 0, result.output
     folder = Path("out/pincher/policy")
     assert {"hand.urdf", "hand.toml", "scorer.onnx", "README.md"} <= {file.name for file in folder.iterdir()}
@@ -95,7 +94,7 @@ def test_collision_meshes_become_shapes(hand: tuple[str, str], capsys: pytest.Ca
     Path("pincher.urdf").write_text(text)
     assert "left_bone.0" in graspbox.load_hand(hand).files[0]
     (code,) = (block for block in blocks("python") if "fitted_urdf" in block)
-    exec(compile(code, "hand.md", "exec"), {"graspbox": graspbox})
+    exec(compile(code, "hand.md", "exec"), {})
     assert re.fullmatch(r"left_bone: \['box', 'box'\], \d\.\d mm off on average\n", capsys.readouterr().out)
 
 

@@ -10,7 +10,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from graspbox.artifacts.configs import (
+from graspbox.perception.configs import CropConfig, FinderConfig, HandGridConfig, ProposalConfig
+from graspbox.policies.published.calibration import Calibration
+from graspbox.policies.published.configs import (
     DepthPolicyConfig,
     Environment,
     FeelPolicyConfig,
@@ -19,20 +21,16 @@ from graspbox.artifacts.configs import (
     NetworkPolicyConfig,
     PolicyConfig,
 )
-from graspbox.artifacts.folders import CONFIG, file_hash, save, use_of
-from graspbox.artifacts.schema import parse
-from graspbox.models.calibration import Calibration
-from graspbox.models.head.configs import HeadConfig
-from graspbox.models.stability.inputs import STORED_NAME
-from graspbox.perception.configs import CropConfig, FinderConfig, HandGridConfig, ProposalConfig
+from graspbox.policies.published.folders import CONFIG, file_hash, save, use_of
+from graspbox.policies.published.head_configs import HeadConfig
+from graspbox.policies.published.schema import parse
+from graspbox.policies.stability_inputs import STORED_NAME
 from graspbox.study.model_configs import ModelConfig
 from graspbox.study.pose_folders import PosePolicyConfig
 
 #: The probability of success that it states is that of the logit -10 z, with z the height of the hand in metres.
 SLOPE = -10.0
 FINALISTS = 4
-#: A file of weights without a tensor.
-NO_WEIGHTS = b"\x02" + bytes(7) + b"{}"
 #: Observations of the policy of the kind ``network``, and their lengths in ``Grasp-v0`` with a ReFlex.
 SEEN = {"proprio": 28, "tactile": 27}
 
@@ -56,10 +54,7 @@ def constant(path: Path, inputs: dict[str, Any], outputs: dict[str, Any]) -> Non
 
 
 def finish(folder: Path, config: Config) -> Config:
-    """Write the weights and ``config.json`` of a policy whose networks are there."""
-    for name in config.holds:
-        if name.endswith(".safetensors"):
-            (folder / name).write_bytes(NO_WEIGHTS)
+    """Write ``config.json`` of a policy whose networks are there."""
     return save(folder, replace(config, files={name: file_hash(folder / name) for name in config.holds}))
 
 
@@ -122,18 +117,15 @@ def save_again(folder: Path) -> None:
     save(folder, replace(config, files={name: file_hash(folder / name) for name in config.holds}))
 
 
-def give_nan(folder: Path, network: str, output: str, computed: bool = False) -> None:
-    """Make an output of a network NaN: by a weight, or `computed` from finite weights."""
+def give_nan(folder: Path, network: str, output: str) -> None:
+    """Make an output of a network NaN, by a weight."""
     import onnx
 
     path = folder / f"{network}.onnx"
     model = onnx.load(str(path))
     for node in model.graph.node:
         node.output[:] = ["whole" if name == output else name for name in node.output]
-    weight = np.array(-1.0 if computed else np.nan, dtype=np.float32)
-    model.graph.initializer.append(onnx.numpy_helper.from_array(weight, "root" if computed else "nan"))
-    if computed:
-        model.graph.node.append(onnx.helper.make_node("Sqrt", ["root"], ["nan"]))
+    model.graph.initializer.append(onnx.numpy_helper.from_array(np.array(np.nan, dtype=np.float32), "nan"))
     model.graph.node.append(onnx.helper.make_node("Add", ["whole", "nan"], [output]))
     onnx.save(model, str(path))
     save_again(folder)
@@ -235,7 +227,7 @@ def make_network(folder: Path) -> NetworkPolicyConfig:
             "high": np.array(1, dtype=np.float32),
         },
     )
-    settings = {"control": "twist", "frame_skip": 4, "max_episode_steps": 6}
+    settings = {"control": "twist", "fingers": "each", "control_freq": 5, "max_episode_steps": 6}
     config = NetworkPolicyConfig(
         name="tiny",
         hand="reflex",

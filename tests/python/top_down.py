@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox.envs.coding import Codec
-from graspbox.envs.scripted import ScriptedGrasp
+from graspbox.envs.scripted import MotionOptions, ScriptedGrasp
 from graspbox.policies import Actions, Policy, Task
 
 __all__ = ["TopDown", "TopDownGrasp"]
@@ -25,12 +25,13 @@ class TopDownGrasp:
     ----------
     control : str
         The control mode; ``grasp_pose`` is that of ``GraspPose-v0``.
-    frame_skip : int
-        That of the environment.
+    fingers, control_freq
+        Those of the environment.
     """
 
-    def __init__(self, control: str, frame_skip: int = 1) -> None:
-        self._codec, self._control, self._frame_skip = Codec(control), control, frame_skip
+    def __init__(self, control: str, fingers: str = "synergy", control_freq: float = 5.0) -> None:
+        self._codec, self._control = Codec(control, fingers=fingers), control
+        self._options = MotionOptions(control=control, fingers=fingers, control_freq=control_freq)
         self._grasp: ScriptedGrasp | None = None
 
     def act(self, state: ArrayLike) -> NDArray[np.float32]:
@@ -41,9 +42,7 @@ class TopDownGrasp:
         if self._grasp is None:
             start = self._codec.pose(values, "hand")
             goal = self._goal(values)
-            self._grasp = ScriptedGrasp(
-                start, goal, 0.0, goal[2, 3] + 0.1, control=self._control, frame_skip=self._frame_skip
-            )
+            self._grasp = ScriptedGrasp(start, goal, 0.0, goal[2, 3] + 0.1, **self._options)
         return self._grasp.follow(self._codec.pose(values, "hand"))
 
     def _goal(self, state: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -69,7 +68,7 @@ class TopDown(Policy):
 
     def _made(self) -> TopDownGrasp:
         control = self.task.control if self.task.closed_loop else "grasp_pose"
-        return TopDownGrasp(control, self.task.frame_skip)
+        return TopDownGrasp(control, self.task.fingers, self.task.control_freq)
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         del seed, info

@@ -1,12 +1,12 @@
 //! Objects prepared ahead: the next episode finds its own, and no bit depends on when it was prepared.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_agent::starts::initial_samples::InitialSamples;
-use graspbox_agent::starts::initial_state::InitialState;
-use graspbox_agent::starts::random_stream::RandomStream;
-use graspbox_agent::{AgentConfig, Autoreset, Batch, EnvPool, Objects, ResetOptions};
+use graspbox_gym::starts::initial_samples::InitialSamples;
+use graspbox_gym::starts::initial_state::InitialState;
+use graspbox_gym::starts::random_stream::RandomStream;
+use graspbox_gym::{Autoreset, Batch, EnvConfig, EnvPool, Objects, ResetOptions};
 use graspbox_objects::Family;
-use graspbox_tests::agent::objects;
+use graspbox_tests::gym::objects;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -15,7 +15,7 @@ const FAMILIES: [Family; 4] = [Family::Ball, Family::Can, Family::Box, Family::M
 const ENVS: usize = 3;
 
 fn pool(objects: &Arc<Objects>) -> EnvPool {
-    let config = AgentConfig { autoreset: Autoreset::NextStep, max_episode_steps: Some(2), ..AgentConfig::default() };
+    let config = EnvConfig { autoreset: Autoreset::NextStep, max_episode_steps: Some(2), ..EnvConfig::default() };
     EnvPool::new(Arc::clone(objects), config, ENVS).unwrap()
 }
 
@@ -55,7 +55,7 @@ fn the_objects_of_the_next_three_episodes_are_prepared_during_this_one() {
         // No bound on its time: without the thread it would never be ready.
         let begun = Instant::now();
         while !objects.is_ready(&next) {
-            assert!(begun.elapsed() < Duration::from_secs(120), "nobody prepares {next:?}");
+            assert!(begun.elapsed() < Duration::from_secs(120), "no thread prepares {next:?}");
             std::thread::sleep(Duration::from_millis(5));
         }
     }

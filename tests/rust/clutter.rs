@@ -157,5 +157,5 @@ fn an_object_on_another_one_is_not_in_the_air() {
     }
     assert!(episode.judges().iter().all(graspbox_episode::Judge::on_scenery));
     assert_eq!(episode.held_objects().count(), 0);
-    assert!(!episode.world().object_on_scenery(), "it touches the other box alone");
+    assert!(!episode.world().object_on_scenery(), "it touches only the other box");
 }

@@ -1,27 +1,28 @@
-//! One decision an episode: the environment gives the verdicts of a batch of trials, whoever runs beside it.
+//! One decision per episode: the environment returns the verdicts of a batch of trials, whatever else runs at the same time.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_agent::actions::action::pose_and_preshape;
-use graspbox_agent::{AgentConfig, Autoreset, Control, EnvPool, Objects, Observation, Randomization, ResetOptions};
 use graspbox_episode::{Progress, Scene, TrialConfig, run_trials};
+use graspbox_gym::actions::action::pose_and_preshape;
+use graspbox_gym::{Autoreset, Control, EnvConfig, EnvPool, Objects, Observation, Randomization, ResetOptions};
 use graspbox_hand::GraspPose;
 use graspbox_objects::Family;
-use graspbox_tests::agent::{batch_bits, flags, indices, numbers, objects, seeds};
+use graspbox_tests::bench::in_pool;
+use graspbox_tests::gym::{batch_bits, flags, indices, numbers, objects, seeds};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 use std::sync::Arc;
 
 const FAMILIES: [Family; 3] = [Family::Box, Family::Can, Family::Ball];
 /// Index of a reward term.
 const REACH: usize = 0;
-const TERMS: usize = graspbox_agent::rewards::reward::TERM_COUNT;
+const TERMS: usize = graspbox_gym::rewards::reward::TERM_COUNT;
 
 fn decisions(objects: &Arc<Objects>, count: usize, randomization: Randomization) -> EnvPool {
-    let config = AgentConfig {
+    let config = EnvConfig {
         control: Control::GraspPose,
         autoreset: Autoreset::SameStep,
         observations: vec![Observation::State],
         randomization,
-        ..AgentConfig::default()
+        ..EnvConfig::default()
     };
     EnvPool::new(Arc::clone(objects), config, count).unwrap()
 }
@@ -41,11 +42,6 @@ fn action(seed: usize) -> Vec<f32> {
 
 fn actions(pool: &EnvPool, step: usize) -> Vec<f32> {
     (0..pool.len()).flat_map(|env| action(100 * step + env)).collect()
-}
-
-fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(work)
 }
 
 /// Scene and object pose of an environment.
@@ -157,11 +153,6 @@ fn the_reach_of_the_hand_holds_every_part_of_it() {
 #[test]
 fn what_a_decision_cannot_be_is_refused() {
     let objects = objects(&FAMILIES);
-    let config = AgentConfig { control: Control::GraspPose, ..AgentConfig::default() };
-    let message =
-        |config: AgentConfig| EnvPool::new(Arc::clone(&objects), config, 1).map(|_| ()).unwrap_err().to_string();
-    let skipping = AgentConfig { observations: vec![Observation::State], frame_skip: 2, ..config };
-    assert!(message(skipping).contains("frame_skip"));
     let pool = decisions(&objects, 1, Randomization::default());
     let options = ResetOptions { preshape: Some(9.0), ..ResetOptions::default() };
     assert!(pool.reset(&[Some(0)], None, &options).unwrap_err().to_string().contains("preshape"));

@@ -10,7 +10,7 @@ use graspbox_episode::{
 use graspbox_hand::{ActuatorCommand, GraspPose};
 use graspbox_objects::Family;
 use graspbox_sim::{Geometry, PhysicsConfig, SimError, Template, World};
-use graspbox_tests::bench::{at, bits, closing, palm_down, reflex, template};
+use graspbox_tests::bench::{at, bits, closing, in_pool, palm_down, reflex, template};
 use graspbox_tests::scenes::{planned, procedural, scene};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -147,11 +147,6 @@ fn trace_bits(trace: &[Sample]) -> Vec<u64> {
     trace.iter().flat_map(one).map(f64::to_bits).collect()
 }
 
-fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(work)
-}
-
 fn traced(scene: &Arc<Scene>, pose: &GraspPose) -> Vec<u64> {
     let trial = Trial::new(scene, pose, [1.0, 1.0], TrialConfig::default(), Study::new, true);
     let trial = trial.run(&|| false).unwrap().unwrap();
@@ -255,7 +250,7 @@ fn a_refused_command_moves_nothing() {
     assert_eq!(case.run(&mut case.spawn(), 0, 100)[50..], case.run(&mut world, 50, 100));
 }
 
-/// A bug here: a mass that is told without the factor of its world, or a factor that a snapshot forgets.
+/// A bug here: a reported mass that lacks the factor of its world, or a factor that a snapshot forgets.
 #[test]
 fn a_scaled_mass_is_told_and_saved() {
     let [case, _] = Case::all();

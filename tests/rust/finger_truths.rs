@@ -248,7 +248,7 @@ fn squeeze(hand: Hand, object: &Geometry, height: f64, palm: f64) -> World {
     world
 }
 
-/// Objects that a finger meets with its tip alone, with its distal pad, and with both of its links.
+/// Objects that a finger meets only with its tip, with its distal pad, and with both of its links.
 /// Objects are excluded where a finger without friction that touches with its tip first buckles outwards against its stops.
 fn squeezed() -> [(&'static str, Geometry, f64, f64); 3] {
     [
@@ -297,7 +297,7 @@ fn contact_forces_balance_the_tendon() {
     }
 }
 
-/// How hard the distal links press at 50 N of tension, `(r_p T - spring) / lever` where a link alone touches.
+/// How hard the distal links press at 50 N of tension, `(r_p T - spring) / lever` where only one link touches.
 /// A bug here: tension, arms or stiffness that changed. These objects give 4.4 to 8.1 N (rapier: 4.5 to 7.1 N: friction, which is
 /// indeterminate here, carries the rest); the range leaves a margin of 10 %.
 #[test]

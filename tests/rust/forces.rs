@@ -1,16 +1,16 @@
 //! A force on the object against closed forms on both engines, and the trials that judge a grasp by six of them and a lift.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_episode::{EpisodeError, ForceConfig, ForceOutcome, Moved, Progress, run_forces};
+use graspbox_episode::{EpisodeError, ForceConfig, ForceOutcome, Progress, PullOutcome, run_forces};
 use graspbox_hand::GraspPose;
 use graspbox_objects::Family;
 use graspbox_sim::config::EngineKind;
 use graspbox_sim::{Geometry, PhysicsConfig, Template, World};
-use graspbox_tests::bench::{at, away, bits, closing, palm_down, reflex, run, template, two_servos};
+use graspbox_tests::bench::{at, away, bits, closing, in_pool, palm_down, reflex, run, template, two_servos};
 use graspbox_tests::scenes::{planned, procedural, scene};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-const ENGINES: [EngineKind; 2] = [EngineKind::Newton, EngineKind::Rapier];
+const ENGINES: [EngineKind; 2] = [EngineKind::Implicit, EngineKind::Rapier];
 const MASS: f64 = 0.25;
 
 fn on(engine: EngineKind) -> PhysicsConfig {
@@ -118,8 +118,7 @@ fn a_pinched_box_slips_where_the_force_exceeds_friction() {
 fn judged(poses: &[GraspPose], config: ForceConfig, threads: usize) -> Result<Vec<ForceOutcome>, EpisodeError> {
     let (body, physics) = (procedural(Family::Can, 2), PhysicsConfig::default());
     let scene = scene(&body, physics);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| run_forces(&scene, poses, config, &Progress::default()))
+    in_pool(threads, || run_forces(&scene, poses, config, &Progress::default()))
 }
 
 fn grasps(count: usize) -> Vec<GraspPose> {
@@ -141,7 +140,7 @@ fn a_grasp_holds_six_pulls_and_lifts() {
     for outcome in &found {
         println!("{:?} {:?}", outcome.pulls, outcome.lift);
     }
-    let all = |outcome: &ForceOutcome, keeps: fn(&Moved) -> bool| outcome.pulls.iter().all(keeps);
+    let all = |outcome: &ForceOutcome, keeps: fn(&PullOutcome) -> bool| outcome.pulls.iter().all(keeps);
     assert!(found[..3].iter().all(|outcome| all(outcome, |m| m.holds) && outcome.lift.holds));
     assert!(found[..3].iter().any(|outcome| all(outcome, |m| m.passes)));
     assert!(found[..3].iter().all(|outcome| !outcome.contacts.is_empty()));
@@ -167,12 +166,12 @@ fn a_grasp_holds_six_pulls_and_lifts() {
 /// A bug here: settings out of range that are accepted, or errors that do not name them.
 #[test]
 fn settings_and_poses_are_checked() {
-    let told = |config| judged(&grasps(1), config, 1).unwrap_err().to_string();
+    let message = |config| judged(&grasps(1), config, 1).unwrap_err().to_string();
     let fine = ForceConfig::default();
-    assert!(told(ForceConfig { pull_time: -1.0, ..fine }).starts_with("`pull_time` is -1, but it must be"));
-    assert!(told(ForceConfig { mass: Some(0.0), ..fine }).starts_with("`mass` is 0, but it must be"));
-    assert!(told(ForceConfig { friction: Some(f64::NAN), ..fine }).starts_with("`friction` is NaN"));
-    assert!(told(ForceConfig { max_turn: 4.0, ..fine }).starts_with("`max_turn` is 4"));
+    assert!(message(ForceConfig { pull_time: -1.0, ..fine }).starts_with("`pull_time` is -1, but it must be"));
+    assert!(message(ForceConfig { mass: Some(0.0), ..fine }).starts_with("`mass` is 0, but it must be"));
+    assert!(message(ForceConfig { friction: Some(f64::NAN), ..fine }).starts_with("`friction` is NaN"));
+    assert!(message(ForceConfig { max_turn: 4.0, ..fine }).starts_with("`max_turn` is 4"));
     let far = GraspPose { object_from_hand: at(20.0, 0.0, 0.0), preshape: 0.0 };
     assert!(matches!(judged(&[far], fine, 1), Err(EpisodeError::BadPose { index: 0, .. })));
 }

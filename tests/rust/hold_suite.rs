@@ -107,7 +107,8 @@ fn primitives_are_held_firmly() {
         let base = Point3::new(0.0, 0.0, -height / 2.0);
         let pose = at(0.0, 0.0, height / 2.0);
         let physics = PhysicsConfig::default();
-        let scene = Arc::new(Scene::settle(name, Arc::new(reflex()), &object, physics, &pose, base).unwrap());
+        let scene = Scene::placed(name, Arc::new(reflex()), &object, physics, &pose, base).unwrap();
+        let scene = Arc::new(scene.settle().unwrap());
         // The palm 5 mm above the object, or as low as the fingers can close over the table.
         let palm = (height + 0.005_f64).max(0.11);
         bad.extend(judge(name, &hold(&scene, &palm_down(0.0, 0.0, palm), 0.0)));

@@ -210,7 +210,7 @@ fn objects_rest_with_their_friction() {
         found.unwrap().world_from_objects[0].translation.x.abs()
     };
     let (usual, heavy, smooth) = (end([1.0; 2]), end([1.0, 3.0]), end([0.1, 1.0]));
-    assert!((usual - heavy).abs() < 1e-4, "mass alone changes nothing: {usual}, {heavy}");
+    assert!((usual - heavy).abs() < 1e-4, "mass changes nothing by itself: {usual}, {heavy}");
     assert!((smooth - usual).abs() > 2e-3, "{usual}, {smooth}");
 }
 

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
 const HALF: f64 = 0.025;
-const ENGINES: [EngineKind; 2] = [EngineKind::Newton, EngineKind::Rapier];
+const ENGINES: [EngineKind; 2] = [EngineKind::Implicit, EngineKind::Rapier];
 
 fn cube() -> ObjectModel {
     ObjectModel::solid(&Geometry::Cuboid(Vector3::repeat(HALF)), 0.2).unwrap()

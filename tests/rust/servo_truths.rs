@@ -15,7 +15,7 @@ fn around(width: f64, engine: EngineKind) -> World {
     template.spawn(&palm_down(0.0, 0.0, 0.13), &at(0.0, 0.0, 0.05), 0.0)
 }
 
-const ENGINES: [EngineKind; 2] = [EngineKind::Newton, EngineKind::Rapier];
+const ENGINES: [EngineKind; 2] = [EngineKind::Implicit, EngineKind::Rapier];
 
 fn positions(world: &World) -> Vec<f64> {
     world.hand().coordinates().map(|joint| world.joint(joint).position).collect()
@@ -140,10 +140,10 @@ fn a_hand_that_the_engine_cannot_simulate_is_refused() {
         let hand = Arc::new(asset(name).unwrap().read().unwrap());
         let error = Template::new(hand, &block, config).err().unwrap();
         assert!(matches!(error, SimError::BadHand { engine: "rapier", .. }), "{error}");
-        let told = format!(
+        let message = format!(
             "the engine `rapier` cannot simulate the hand `{name}`: joint `{joint}` mimics a joint that is not driven rigidly; \
              choose another engine"
         );
-        assert_eq!(error.to_string(), told);
+        assert_eq!(error.to_string(), message);
     }
 }

@@ -7,7 +7,7 @@ use graspbox_hand::{GraspPose, Hand};
 use graspbox_objects::Family;
 use graspbox_sim::config::EngineKind;
 use graspbox_sim::{Geometry, ObjectModel, PhysicsConfig, World};
-use graspbox_tests::bench::{at, closing, palm_down, run, template};
+use graspbox_tests::bench::{at, closing, in_pool, palm_down, run, template};
 use graspbox_tests::scenes::{planned, procedural, scene};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::sync::Arc;
@@ -117,7 +117,7 @@ fn a_box_turns_where_its_inertia_exceeds_the_torque_of_friction() {
         shake(FORCE, 3, &config).turn
     };
     check("turn about x (rad/s2)", limit(expected, |alpha| turn(alpha) > 3e-4), expected);
-    // About the other axes normal forces help, too: no closed form, but more than friction alone across the pads, `2 mu N` at the half width.
+    // About the other axes normal forces help, too: no closed form, but more than friction across the pads, `2 mu N` at the half width.
     for axis in [4, 5] {
         let inertia = MASS / 3.0 * (HALF.x * HALF.x + HALF.y * HALF.y);
         let alpha = MU * 2.0 * squeeze * HALF.x / inertia;
@@ -136,7 +136,7 @@ fn grasped(force: f64, shake: Option<ShakeConfig>, early_stop: bool) -> TrialOut
     let object = ObjectModel::solid(&Geometry::Cuboid(HALF), MASS).unwrap();
     let (hand, physics) = (Arc::new(jaw(force)), PhysicsConfig::default());
     let base = Point3::new(0.0, 0.0, -HALF.z);
-    let scene = Scene::settle("box", hand, &object, physics, &at(0.0, 0.0, HALF.z), base).unwrap();
+    let scene = Scene::placed("box", hand, &object, physics, &at(0.0, 0.0, HALF.z), base).unwrap().settle().unwrap();
     // The pads at the box's middle.
     let center = jaw(force).grasp.center;
     let start = palm_down(0.0, 0.0, HALF.z + center.z);
@@ -190,7 +190,7 @@ fn can(engine: EngineKind, friction: f64) -> (Arc<Scene>, Vec<GraspPose>) {
 #[test]
 fn a_power_grasp_of_a_can_survives_in_both_engines() {
     let config = TrialConfig { shake: Some(ShakeConfig::default()), ..TrialConfig::default() };
-    for engine in [EngineKind::Newton, EngineKind::Rapier] {
+    for engine in [EngineKind::Implicit, EngineKind::Rapier] {
         let tried = |friction| {
             let (scene, poses) = can(engine, friction);
             run_trials(&scene, &poses, config, &Progress::default()).unwrap()
@@ -209,11 +209,8 @@ fn a_power_grasp_of_a_can_survives_in_both_engines() {
 #[test]
 fn shaken_trials_are_traced_and_equal_on_any_number_of_threads() {
     let config = TrialConfig { shake: Some(ShakeConfig::default()), ..TrialConfig::default() };
-    let (scene, poses) = can(EngineKind::Newton, 1.0);
-    let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| run_trials(&scene, &poses, config, &Progress::default()).unwrap())
-    };
+    let (scene, poses) = can(EngineKind::Implicit, 1.0);
+    let on = |threads: usize| in_pool(threads, || run_trials(&scene, &poses, config, &Progress::default()).unwrap());
     let outcomes = on(1);
     assert_eq!(outcomes, on(3));
     let shaken = outcomes.iter().position(|o| o.shake_shift.is_some()).unwrap();

@@ -92,3 +92,9 @@ pub fn bits(world: &World) -> Vec<u64> {
     numbers.push(world.time());
     numbers.iter().map(|x| x.to_bits()).collect()
 }
+
+/// Runs `work` on a pool of threads of its own.
+pub fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(work)
+}

@@ -2,7 +2,7 @@
 //!
 //! | module | purpose |
 //! |---|---|
-//! | [`agent`] | environments, and a driver that follows a planned grasp by actions |
+//! | [`gym`] | environments, and a driver that follows a planned grasp by actions |
 //! | [`mod@bench`] | worlds with one object, posed and driven for a test |
 //! | [`scenes`] | procedural objects at rest, with the poses that the planner proposes for them |
 //! | [`two_link`] | closed forms of a finger as a planar double pendulum |
@@ -18,7 +18,7 @@
 //! ```
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-pub mod agent;
 pub mod bench;
+pub mod gym;
 pub mod scenes;
 pub mod two_link;

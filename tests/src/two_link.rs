@@ -1,4 +1,4 @@
-//! A finger as a planar double pendulum in closed form, from the hand's masses, inertias, armature and springs alone.
+//! A finger as a planar double pendulum in closed form, from nothing but the hand's masses, inertias, armature and springs.
 //!
 //! Both joints turn about one axis. With the proximal angle `p` and the distal angle `d` the proximal link points along
 //! `p`, the distal one along `p + d`; every vector below lies in the finger's plane as (along the flat finger, out of the palm).

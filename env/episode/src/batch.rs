@@ -50,7 +50,7 @@ impl Progress {
 ///
 /// # Errors
 /// [`EpisodeError::OutOfRange`], [`EpisodeError::BadPose`] or [`EpisodeError::BadPreshape`], naming the value, or
-/// [`EpisodeError::Cancelled`] if `progress` was asked to stop.
+/// [`EpisodeError::Cancelled`] if `progress` was cancelled.
 pub fn run_trials(
     scene: &Arc<Scene>,
     poses: &[GraspPose],
@@ -97,7 +97,7 @@ pub fn run_observed_trials<O: Observer + Send>(
     Ok(finished)
 }
 
-/// One trial as [`run_observed_trials`] runs it, with its trace. A pose that the open hand does not reach gives an infeasible
+/// One trial as [`run_observed_trials`] runs it, with its trace. A pose that the open hand does not reach has an infeasible
 /// outcome without samples.
 ///
 /// # Errors
@@ -158,7 +158,7 @@ pub(crate) fn check_poses(hand: &Hand, poses: &[GraspPose]) -> Result<(), Episod
     Ok(())
 }
 
-/// Checks the reachability of a pose and tries it; `None` if `progress` was asked to stop.
+/// Checks the reachability of a pose and tries it; `None` if `progress` was cancelled.
 fn attempt<O: Observer>(
     scene: &Arc<Scene>,
     pose: &GraspPose,

@@ -30,7 +30,6 @@ pub const DENSEST: f64 = 22_590.0;
 /// Input of [`Body::prepare`].
 #[derive(Clone, Debug)]
 pub struct ObjectSpec {
-    /// Name.
     pub name: String,
     /// Surface, object frame, metres.
     pub mesh: TriMesh,
@@ -165,7 +164,6 @@ impl Body {
         lowest.abs() <= TOUCHING && (0..SIDES).all(carries)
     }
 
-    /// Name.
     pub fn name(&self) -> &str {
         &self.name
     }

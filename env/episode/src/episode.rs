@@ -80,7 +80,7 @@ impl Episode {
         Ok(())
     }
 
-    /// Makes the object on which the hand presses most the target; without one the target stays.
+    /// Makes the object on which the hand presses most the target; if it presses on none, the target stays the same.
     pub fn target_most_pressed(&mut self) {
         if let Some(object) = self.world.most_pressed() {
             self.world.set_target(object);
@@ -134,12 +134,10 @@ impl Episode {
         held.map(|(object, _)| object)
     }
 
-    /// The scene of this episode.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// The present world.
     pub fn world(&self) -> &World {
         &self.world
     }

@@ -8,36 +8,16 @@ use graspbox_mesh::OutOfRange;
 pub enum EpisodeError {
     /// The simulation refused an object, a setting or a command.
     #[error("object `{object}`: {source}")]
-    Sim {
-        /// Name of the object.
-        object: String,
-        /// The simulation's error.
-        source: graspbox_sim::SimError,
-    },
+    Sim { object: String, source: graspbox_sim::SimError },
     /// The mesh cannot be used.
     #[error("object `{object}`: {source}")]
-    Mesh {
-        /// Name of the object.
-        object: String,
-        /// The mesh error.
-        source: graspbox_mesh::MeshError,
-    },
+    Mesh { object: String, source: graspbox_mesh::MeshError },
     /// The planner refused a mesh, a pose or a setting.
     #[error("object `{object}`: {source}")]
-    Plan {
-        /// Name of the object.
-        object: String,
-        /// The planner's error.
-        source: graspbox_plan::PlanError,
-    },
+    Plan { object: String, source: graspbox_plan::PlanError },
     /// The hand's kinematics are not defined at its open configuration.
     #[error("hand `{hand}`: {source}")]
-    Hand {
-        /// Name of the hand.
-        hand: String,
-        /// The hand's error.
-        source: graspbox_hand::HandError,
-    },
+    Hand { hand: String, source: graspbox_hand::HandError },
     /// A setting is out of range.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
@@ -47,13 +27,10 @@ pub enum EpisodeError {
         in_degrees(*.value, *.low, *.high, .unit)
     )]
     BadPreshape {
-        /// Which of the poses.
+        /// Index in the list of poses.
         index: usize,
-        /// The preshape that was passed.
         value: f64,
-        /// Least preshape.
         low: f64,
-        /// Greatest preshape.
         high: f64,
         /// Unit of a preshape of this hand.
         unit: &'static str,
@@ -61,7 +38,7 @@ pub enum EpisodeError {
     /// A pose that is not finite, or far from the object.
     #[error("poses[{index}] is {distance} m from the object's origin; give finite poses in metres, within {limit} m")]
     BadPose {
-        /// Which of the poses.
+        /// Index in the list of poses.
         index: usize,
         /// Distance of the hand frame from the object's origin, metres.
         distance: f64,
@@ -70,11 +47,10 @@ pub enum EpisodeError {
     },
     /// An object that is too large or too small for table and hand.
     #[error(
-        "object `{object}` is {} m large, but {why}; {}",
+        "object `{object}` measures {} m, but {why}; {}",
         sides(.size), likely_scale(.size)
     )]
     BadSize {
-        /// Name of the object.
         object: String,
         /// Sides of its bounds, metres.
         size: [f64; 3],
@@ -84,22 +60,15 @@ pub enum EpisodeError {
     /// A mass out of range for table and hand.
     #[error("object `{object}` weighs {} kg, but {why}; give `mass=` in kilograms", digits(*.mass))]
     BadMass {
-        /// Name of the object.
         object: String,
-        /// Mass, kg.
         mass: f64,
         /// The bound that it exceeds.
         why: String,
     },
     /// The object does not come to rest on the table.
     #[error("object `{object}` does not come to rest on the table: {why}; give another world_from_object")]
-    NoRest {
-        /// Name of the object.
-        object: String,
-        /// The reason.
-        why: &'static str,
-    },
-    /// The batch was asked to stop.
+    NoRest { object: String, why: &'static str },
+    /// The batch was cancelled.
     #[error("stopped after {done} of {total}")]
     Cancelled {
         /// Number of finished trials or steps.

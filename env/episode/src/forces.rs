@@ -29,7 +29,7 @@ use std::sync::Arc;
 pub const PULLS: usize = 6;
 /// Height of an object in the air above its place on the table, metres.
 const IN_THE_AIR: f64 = 1.0;
-/// Time between two looks at the object, at which a lost one ends a pull, seconds.
+/// Time between two checks of the object, which end the pull of a lost one, seconds.
 const LOOK_EVERY: f64 = 0.05;
 
 /// Settings of the protocol; the defaults are the benchmark's, with the closing time of a trial and its lifting time.
@@ -114,9 +114,9 @@ pub struct Motion {
     pub turn: f64,
 }
 
-/// What a pull or the lift did; both verdicts are false and motions NaN where it never began, because the hand was too deep in the object.
+/// Outcome of a pull or of the lift; both verdicts are false and motions NaN where it never began, because the hand was too deep in the object.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moved {
+pub struct PullOutcome {
     /// Motion since the start of the trial, before the hand closed.
     pub since_start: Motion,
     /// Motion since the hand closed.
@@ -136,17 +136,17 @@ pub struct ForceOutcome {
     pub closed_depth: f64,
     /// Contacts of the object with the closed hand in the air that press; hand frame.
     pub contacts: Vec<HandContact>,
-    /// What each pull did: along -x, x, -y, y, -z, z of the world. A lost object ends its pull.
-    pub pulls: [Moved; PULLS],
-    /// What the lift did.
-    pub lift: Moved,
+    /// Outcome of each pull: along -x, x, -y, y, -z, z of the world. A lost object ends its pull.
+    pub pulls: [PullOutcome; PULLS],
+    /// Outcome of the lift.
+    pub lift: PullOutcome,
     /// Simulated time, seconds.
     pub time: f64,
 }
 
 /// A world in which the hand holds its pose or lifts, and a force acts on the object.
 #[derive(Clone)]
-struct Bout {
+struct ForceWorld {
     world: World,
     start: Isometry3<f64>,
     /// The object in the hand before the hand closed, and afterwards.
@@ -157,7 +157,7 @@ struct Bout {
     config: ForceConfig,
 }
 
-impl Bout {
+impl ForceWorld {
     /// The hand open at `pose` around the object, which is `height` metres above its place on the table.
     fn new(scene: &Scene, pose: &GraspPose, config: ForceConfig, height: f64) -> Self {
         let object = Translation3::new(0.0, 0.0, height) * scene.world_from_object();
@@ -190,7 +190,7 @@ impl Bout {
         Ok(())
     }
 
-    fn moved(&self) -> Moved {
+    fn moved(&self) -> PullOutcome {
         let now = self.world.hand_from_object();
         let since = |then: &Isometry3<f64>| Motion {
             shift: (now * self.center - then * self.center).norm(),
@@ -199,7 +199,7 @@ impl Bout {
         let (since_start, since_closed) = (since(&self.before), since(&self.closed));
         let diverged = self.world.has_diverged();
         let keeps = |moved: Motion| moved.shift < self.config.max_shift && moved.turn < self.config.max_turn;
-        Moved {
+        PullOutcome {
             since_start,
             since_closed,
             passes: !diverged && keeps(since_start),
@@ -208,7 +208,7 @@ impl Bout {
     }
 
     /// Pulls along a unit vector of the world, until the end or until the object is lost.
-    fn pull(&mut self, along: &Vector3<f64>) -> Result<Moved, SimError> {
+    fn pull(&mut self, along: &Vector3<f64>) -> Result<PullOutcome, SimError> {
         self.set_force(along);
         let look = self.steps(LOOK_EVERY).max(1);
         let mut passed = true;
@@ -223,11 +223,11 @@ impl Bout {
             }
         }
         let moved = self.moved();
-        Ok(Moved { passes: passed && moved.passes, ..moved })
+        Ok(PullOutcome { passes: passed && moved.passes, ..moved })
     }
 
     /// Closes and lifts under a force towards the table.
-    fn lift(&mut self) -> Result<Moved, SimError> {
+    fn lift(&mut self) -> Result<PullOutcome, SimError> {
         self.set_force(&-Vector3::z());
         self.close()?;
         let dt = self.world.dt();
@@ -250,7 +250,7 @@ impl Bout {
 ///
 /// # Errors
 /// [`EpisodeError::OutOfRange`], [`EpisodeError::BadPose`] or [`EpisodeError::BadPreshape`], naming the value, or
-/// [`EpisodeError::Cancelled`] if `progress` was asked to stop.
+/// [`EpisodeError::Cancelled`] if `progress` was cancelled.
 pub fn run_forces(
     scene: &Arc<Scene>,
     poses: &[GraspPose],
@@ -274,14 +274,14 @@ pub fn run_forces(
     Ok(finished)
 }
 
-/// The outcome of one grasp; `None` if `progress` was asked to stop.
+/// The outcome of one grasp; `None` if `progress` was cancelled.
 fn judged(
     scene: &Scene,
     pose: &GraspPose,
     config: ForceConfig,
     progress: &Progress,
 ) -> Result<Option<ForceOutcome>, SimError> {
-    let mut bout = Bout::new(scene, pose, config, IN_THE_AIR);
+    let mut bout = ForceWorld::new(scene, pose, config, IN_THE_AIR);
     let mut outcome = ForceOutcome::unmoved(bout.start_depth()?);
     if outcome.start_depth > config.max_depth {
         return Ok(Some(outcome));
@@ -299,7 +299,7 @@ fn judged(
         *pull = pulled.pull(&Vector3::ith(index / 2, if index % 2 == 0 { -1.0 } else { 1.0 }))?;
         outcome.time += pulled.world.time() - bout.world.time();
     }
-    let mut table = Bout::new(scene, pose, config, 0.0);
+    let mut table = ForceWorld::new(scene, pose, config, 0.0);
     outcome.lift = table.lift()?;
     outcome.time += table.world.time();
     Ok(Some(outcome))
@@ -308,7 +308,7 @@ fn judged(
 impl ForceOutcome {
     fn unmoved(start_depth: f64) -> Self {
         let none = Motion { shift: f64::NAN, turn: f64::NAN };
-        let none = Moved { since_start: none, since_closed: none, passes: false, holds: false };
+        let none = PullOutcome { since_start: none, since_closed: none, passes: false, holds: false };
         Self { start_depth, closed_depth: f64::NAN, contacts: Vec::new(), pulls: [none; PULLS], lift: none, time: 0.0 }
     }
 }

@@ -186,7 +186,6 @@ impl Judge {
         )?)
     }
 
-    /// The criterion of success.
     pub fn criterion(&self) -> &SuccessCriterion {
         &self.criterion
     }

@@ -52,7 +52,7 @@ const PACKED_REACH: f64 = 0.07;
 const OVER: f64 = 0.002;
 /// Velocity at rest, m/s and rad/s.
 const REST_VELOCITY: f64 = 0.01;
-/// Seconds between two looks at the velocities.
+/// Seconds between two checks of the velocities.
 const REST_PERIOD: f64 = 0.25;
 /// Most periods after an object was dropped, and after any other change.
 const DROP_PERIODS: usize = 4;
@@ -64,33 +64,31 @@ const WALL: f64 = 0.02;
 /// Range of [`Draw::spread`]: at its end packed objects stand within 14 cm of the middle of the workspace, whose half side is 15 cm.
 pub const SPREADS: RangeInclusive<f64> = 0.25..=2.0;
 
-/// What is random in an arrangement, and how much.
+/// Random parts of an arrangement, and their ranges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Draw {
-    /// The bodies were drawn at random for a scene of so many ([`Layout::draws`]); they are taken in order, one attempt each, until so many stand
-    /// or lie. `None`: all of them are wanted, and packed ones have 12 attempts each.
+    /// Number of objects wanted. The bodies, drawn at random for a scene of this number ([`Layout::draws`]), are taken in order, one attempt
+    /// each, until this many are placed. `None`: all of them are wanted, and packed ones have 12 attempts each.
     pub most: Option<usize>,
-    /// The places at which objects are put or dropped lie within this many times the distance of VGN's from the middle, dimensionless, in
-    /// [`SPREADS`].
+    /// Factor on VGN's greatest distance of objects from the middle, dimensionless, in [`SPREADS`].
     pub spread: f64,
     /// Seed of places and orientations.
     pub seed: u64,
 }
 
 impl Draw {
-    /// All bodies are wanted, and VGN's distances.
+    /// All bodies, at VGN's distances.
     pub fn seeded(seed: u64) -> Self {
         Self { most: None, spread: 1.0, seed }
     }
 }
 
-/// How several objects lie on the table.
+/// Arrangement of several objects on the table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Layout {
     /// Upright, side by side.
     Packed,
-    /// A pile.
     Pile,
     /// A pile in a bin.
     Bin {
@@ -128,7 +126,7 @@ impl Layout {
     ) -> Result<Arrangement, EpisodeError> {
         let walls = self.walls()?;
         in_range("spread", draw.spread, SPREADS, "")?;
-        let heap = Heap {
+        let arranger = Arranger {
             bodies,
             hand,
             physics,
@@ -138,38 +136,40 @@ impl Layout {
             poses: Vec::new(),
         };
         // For no object, or too many of them.
-        let template = heap.template(&(0..bodies.len()).collect::<Vec<_>>())?;
-        let entry = cache.map(|folder| layout_cache::entry(folder, self, &template, bodies, draw));
-        let found = entry.as_ref().and_then(|entry| layout_cache::read(entry, bodies.len(), walls.clone()));
-        if let Some(found) = found {
-            return Ok(found);
+        let template = arranger.template(&(0..bodies.len()).collect::<Vec<_>>())?;
+        // The debug format writes every number exactly.
+        let settings = format!("{self:?} {draw:?}");
+        let entry = cache.map(|folder| layout_cache::entry(folder, &template, bodies, &settings));
+        let cached = entry.as_ref().and_then(|entry| layout_cache::read(entry, bodies.len()));
+        if let Some((objects, world_from_objects)) = cached {
+            return Ok(Arrangement { objects, world_from_objects, walls });
         }
-        let made = self.make(Heap { walls, ..heap }, draw)?;
+        let made = self.make(Arranger { walls, ..arranger }, draw)?;
         if let Some(entry) = &entry {
-            layout_cache::write(entry, &made);
+            layout_cache::write(entry, &made.objects, &made.world_from_objects);
         }
         Ok(made)
     }
 
-    /// Adds the bodies to `heap`, which has the walls that stay.
-    fn make(&self, mut heap: Heap, draw: &Draw) -> Result<Arrangement, EpisodeError> {
+    /// Adds the bodies to `arranger`, which has the walls that stay.
+    fn make(&self, mut arranger: Arranger, draw: &Draw) -> Result<Arrangement, EpisodeError> {
         let random = &mut ChaCha8Rng::seed_from_u64(draw.seed);
         let space = self.space();
-        let dropped = draw.most.unwrap_or(heap.bodies.len()).min(heap.bodies.len());
+        let dropped = draw.most.unwrap_or(arranger.bodies.len()).min(arranger.bodies.len());
         match *self {
-            Self::Packed => heap.pack(draw, &space, random)?,
+            Self::Packed => arranger.pack(draw, &space, random)?,
             Self::Pile => {
-                heap.walls = bin(Vector3::from(PILE_BOX), WALL);
-                heap.drop_all(dropped, draw.spread * WORKSPACE, random)?;
-                heap.walls.clear();
-                heap.rest_inside(&space)?;
+                arranger.walls = bin(Vector3::from(PILE_BOX), WALL);
+                arranger.drop_all(dropped, draw.spread * WORKSPACE, random)?;
+                arranger.walls.clear();
+                arranger.rest_inside(&space)?;
             }
             Self::Bin { inside } => {
-                heap.drop_all(dropped, draw.spread * inside[0].min(inside[1]), random)?;
-                heap.rest_inside(&space)?;
+                arranger.drop_all(dropped, draw.spread * inside[0].min(inside[1]), random)?;
+                arranger.rest_inside(&space)?;
             }
         }
-        Ok(heap.done())
+        Ok(arranger.done())
     }
 
     /// Number of objects to draw for a scene of `most`: packed scenes have 12 attempts.
@@ -193,9 +193,9 @@ impl Layout {
         physics: PhysicsConfig,
     ) -> Result<Arrangement, EpisodeError> {
         let objects = (0..bodies.len()).collect();
-        let mut heap = Heap { bodies, hand, physics, factors, walls: self.walls()?, objects, poses };
-        heap.rest_inside(&self.space())?;
-        Ok(heap.done())
+        let mut arranger = Arranger { bodies, hand, physics, factors, walls: self.walls()?, objects, poses };
+        arranger.rest_inside(&self.space())?;
+        Ok(arranger.done())
     }
 
     /// Walls that stay: those of the bin.
@@ -219,7 +219,7 @@ impl Layout {
 }
 
 /// A layout in the making: the objects that were added, at rest at their poses.
-struct Heap<'a> {
+struct Arranger<'a> {
     bodies: &'a [&'a Body],
     hand: &'a Arc<Hand>,
     physics: PhysicsConfig,
@@ -230,7 +230,7 @@ struct Heap<'a> {
     poses: Vec<Isometry3<f64>>,
 }
 
-impl Heap<'_> {
+impl Arranger<'_> {
     fn template(&self, objects: &[usize]) -> Result<Template, EpisodeError> {
         let models: Vec<ObjectModel> = objects.iter().map(|index| self.bodies[*index].model().clone()).collect();
         Template::of_objects(Arc::clone(self.hand), &models, &self.walls, self.physics)
@@ -317,7 +317,7 @@ impl Heap<'_> {
         Isometry3::from_parts(Translation3::from(-(turn * center.coords)), turn)
     }
 
-    /// Raises the last object until it touches no other, as where a heap is higher than the drop.
+    /// Raises the last object until it touches no other, as where a pile is higher than the drop.
     fn lift_above_others(&mut self) -> Result<(), EpisodeError> {
         /// Height of a rise, metres, and most rises.
         const RISE: f64 = 0.05;
@@ -381,7 +381,7 @@ impl Heap<'_> {
     }
 }
 
-/// Whether no object moves faster than [`REST_VELOCITY`]; the hand stands still, so that its frame moves as the world's.
+/// Whether no object moves faster than [`REST_VELOCITY`]; the hand is at rest, so its frame is the world's.
 fn at_rest(world: &World) -> bool {
     (0..world.object_count()).all(|object| {
         let (linear, angular) = world.velocity_in_hand(object);

@@ -3,14 +3,13 @@
 //! The key is everything on which an arrangement depends: the bodies (collision geometry, mass, surface), the hand, the physics, layout, number
 //! of objects, spread, seed, and the code of the simulation (`build.rs`).
 
-use crate::layout::{Draw, Layout};
-use crate::{Arrangement, Body};
+use crate::Body;
 use graspbox_mesh::cache::{Entry, Kind};
-use graspbox_sim::{Template, Wall};
+use graspbox_sim::Template;
 use nalgebra::Isometry3;
 use std::path::Path;
 
-/// Folder of the entries within the cache folder: it has its own bound, since one seed more is one entry more.
+/// Folder of the entries within the cache folder: it has its own bound, since each seed adds an entry.
 const FOLDER: &str = "scenes";
 /// About 300 bytes for 5 objects, so that 10 000 of such entries are kept.
 static KIND: Kind = Kind {
@@ -24,28 +23,27 @@ static KIND: Kind = Kind {
 /// The entry of an arrangement.
 ///
 /// * `template`: of all bodies, without walls.
-pub(crate) fn entry(cache: &Path, layout: &Layout, template: &Template, bodies: &[&Body], draw: &Draw) -> Entry {
+/// * `settings`: every bit of layout and draw as text.
+pub(crate) fn entry(cache: &Path, template: &Template, bodies: &[&Body], settings: &str) -> Entry {
     let mut input = template.identity().to_vec();
-    // The debug format writes every number exactly.
-    input.extend(format!("{} {layout:?} {draw:?}", env!("GRASPBOX_SIMULATION")).bytes());
+    input.extend(format!("{} {settings}", env!("GRASPBOX_SIMULATION")).bytes());
     bodies.iter().for_each(|body| input.extend(body.mesh().content_hash()));
     Entry::new(&cache.join(FOLDER), &KIND, &input)
 }
 
-/// The arrangement of an entry with `walls`, if it is one of `count` bodies.
-pub(crate) fn read(entry: &Entry, count: usize, walls: Vec<Wall>) -> Option<Arrangement> {
-    let (objects, world_from_objects) = entry.read(|body| {
+/// Indices of the objects that stayed, ascending, and their poses in the world, if the entry is one of `count` bodies.
+pub(crate) fn read(entry: &Entry, count: usize) -> Option<(Vec<usize>, Vec<Isometry3<f64>>)> {
+    entry.read(|body| {
         let found: (Vec<usize>, Vec<Isometry3<f64>>) = postcard::from_bytes(body).ok()?;
         let (objects, poses) = &found;
         let ascending = objects.windows(2).all(|pair| pair[0] < pair[1]);
         (ascending && objects.last().is_none_or(|last| *last < count) && objects.len() == poses.len()).then_some(found)
-    })?;
-    Some(Arrangement { objects, world_from_objects, walls })
+    })
 }
 
 /// Keeps an arrangement; a failure is a warning.
-pub(crate) fn write(entry: &Entry, found: &Arrangement) {
-    if let Ok(body) = postcard::to_allocvec(&(&found.objects, &found.world_from_objects)) {
+pub(crate) fn write(entry: &Entry, objects: &[usize], world_from_objects: &[Isometry3<f64>]) {
+    if let Ok(body) = postcard::to_allocvec(&(objects, world_from_objects)) {
         entry.write(&body);
     }
 }

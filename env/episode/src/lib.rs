@@ -60,7 +60,7 @@ pub use batch::{Progress, run_observed_trials, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;
-pub use forces::{ForceConfig, ForceOutcome, Motion, Moved, run_forces};
+pub use forces::{ForceConfig, ForceOutcome, Motion, PullOutcome, run_forces};
 pub use judge::{FailureKind, Judge, SuccessCriterion, Verdict};
 pub use layout::{Arrangement, Draw, Layout, SPREADS};
 pub use observer::Observer;

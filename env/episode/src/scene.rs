@@ -26,7 +26,6 @@ pub struct Scene {
     template: Template,
     /// At least one.
     objects: Vec<Placed>,
-    /// Index of the target.
     target: usize,
     /// The hand chooses its target: [`Scene::is_any_target`].
     any_target: bool,
@@ -47,7 +46,7 @@ impl Scene {
     /// Lets `body` settle on the table from `world_from_object` (default: +z of the mesh file up, centred over the table's origin).
     ///
     /// # Errors
-    /// As [`Body::check_fits`] and [`Scene::settle`].
+    /// As [`Body::check_fits`], [`Scene::placed`] and [`Scene::settle`].
     pub fn new(
         body: &Body,
         hand: Arc<Hand>,
@@ -57,7 +56,7 @@ impl Scene {
         body.check_fits(&hand)?;
         let start = world_from_object.copied().unwrap_or_else(|| graspbox_mesh::default_pose(body.mesh()));
         let base = base_at(body, &start);
-        let mut scene = Self::settle(body.name(), hand, body.model(), physics, &start, base)?;
+        let mut scene = Self::placed(body.name(), hand, body.model(), physics, &start, base)?.settle()?;
         scene.obstacles = Some(CollisionScene::new(Arc::clone(body.obstacle()), scene.world_from_object()));
         Ok(scene)
     }
@@ -146,30 +145,20 @@ impl Scene {
         Ok(Self { template, objects: vec![placed], target: 0, any_target: false, obstacles: None })
     }
 
-    /// Lets `object` settle on the table from `world_from_object`.
-    ///
-    /// * `base_point`: see [`Scene::base_point`].
+    /// Lets the only object settle on the table from its pose.
     ///
     /// # Errors
-    /// [`EpisodeError::Sim`] for an invalid object or setting, [`EpisodeError::NoRest`] for an object that leaves the table.
-    pub fn settle(
-        name: &str,
-        hand: Arc<Hand>,
-        object: &ObjectModel,
-        physics: PhysicsConfig,
-        world_from_object: &Isometry3<f64>,
-        base_point: Point3<f64>,
-    ) -> Result<Self, EpisodeError> {
-        let mut scene = Self::placed(name, hand, object, physics, world_from_object, base_point)?;
-        let lowest = scene.template.lowest_point(world_from_object);
-        let start = Translation3::new(0.0, 0.0, -lowest) * world_from_object;
+    /// [`EpisodeError::Sim`] for a step that fails, [`EpisodeError::NoRest`] for an object that leaves the table.
+    pub fn settle(mut self) -> Result<Self, EpisodeError> {
+        let lowest = self.template.lowest_point(self.world_from_object());
+        let start = Translation3::new(0.0, 0.0, -lowest) * self.world_from_object();
         let away = Isometry3::from_parts(Translation3::new(0.0, 0.0, OUT_OF_THE_WAY), UnitQuaternion::identity());
-        let mut world = scene.template.spawn(&away, &start, scene.template.hand().preshape_limits()[0]);
-        let no_rest = |why| EpisodeError::NoRest { object: name.to_owned(), why };
+        let mut world = self.template.spawn(&away, &start, self.template.hand().preshape_limits()[0]);
+        let no_rest = |why| EpisodeError::NoRest { object: self.name().to_owned(), why };
         let mut stillness = Stillness::default();
-        for _ in 0..(SETTLE_TIME / physics.dt) as usize {
+        for _ in 0..(SETTLE_TIME / self.template.config().dt) as usize {
             let idle: &[ActuatorCommand] = &[];
-            world.step(&away, idle).map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
+            world.step(&away, idle).map_err(|source| EpisodeError::Sim { object: self.name().to_owned(), source })?;
             if stillness.lasts(&world) {
                 break;
             }
@@ -180,13 +169,13 @@ impl Scene {
         if world.object_center().z < 0.0 {
             return Err(no_rest("it falls off the table"));
         }
-        scene.objects[0].world_from_object = recentered(&world, &(start * scene.center_of_mass()));
-        Ok(scene)
+        self.objects[0].world_from_object = recentered(&world, &(start * self.center_of_mass()));
+        Ok(self)
     }
 
     /// True if the open hand reaches `pose` from `standoff` metres behind it without touching an object, a wall or the table.
     ///
-    /// Without a mesh (a primitive of [`Scene::settle`]) every pose passes.
+    /// Without a mesh (a primitive of [`Scene::placed`]) every pose passes.
     ///
     /// # Errors
     /// [`EpisodeError::Plan`] for a preshape beyond the hand's limits.
@@ -252,12 +241,10 @@ impl Scene {
         graspbox_plan::plan(&object, self.template.hand(), params).map_err(|source| self.plan_error(source))
     }
 
-    /// Name of the object.
     pub fn name(&self) -> &str {
         &self.objects[self.target].name
     }
 
-    /// The template of the episodes' worlds.
     pub fn template(&self) -> &Template {
         &self.template
     }
@@ -287,7 +274,6 @@ impl Scene {
         self.objects[object].world_from_object
     }
 
-    /// Index of the object.
     pub fn target(&self) -> usize {
         self.target
     }
@@ -319,7 +305,7 @@ fn highest(bodies: &[&Body], world_from_objects: &[Isometry3<f64>]) -> usize {
     (0..tops.len()).max_by(|a, b| tops[*a].total_cmp(&tops[*b])).unwrap_or(0)
 }
 
-/// Everything beside the target.
+/// Everything except the target.
 fn neighbours(
     bodies: &[&Body],
     world_from_objects: &[Isometry3<f64>],

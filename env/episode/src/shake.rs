@@ -152,12 +152,12 @@ mod tests {
     fn settings_are_checked() {
         let fine = ShakeConfig::default();
         assert!(fine.validate(0.2).is_ok());
-        let told = |shake: ShakeConfig, lift: f64| {
+        let message = |shake: ShakeConfig, lift: f64| {
             shake.validate(lift).and_then(|()| shake.check_time_step(0.002)).err().map(|error| error.to_string())
         };
         let says = |shake: ShakeConfig, lift: f64, what: &str| {
-            let told = told(shake, lift);
-            assert!(told.as_deref().is_some_and(|text| text.starts_with(what)), "{told:?}, not {what}");
+            let message = message(shake, lift);
+            assert!(message.as_deref().is_some_and(|text| text.starts_with(what)), "{message:?}, not {what}");
         };
         says(ShakeConfig { acceleration: 0.0, ..fine }, 0.2, "`shake.acceleration` is 0, but it must be between 0.1");
         says(ShakeConfig { frequency: 1.0, ..fine }, 0.2, "`shake.frequency` is 1, but it must be between 2.22");

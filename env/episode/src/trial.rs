@@ -33,7 +33,6 @@ pub struct TrialConfig {
     pub await_observer: bool,
     /// The shake after a success; `None`: no shake.
     pub shake: Option<ShakeConfig>,
-    /// The criterion of success.
     pub success: SuccessCriterion,
 }
 
@@ -98,10 +97,8 @@ pub struct TrialOutcome {
     pub unconverged_steps: u64,
 }
 
-/// A finished trial.
 #[derive(Clone, Debug)]
 pub struct Finished<O> {
-    /// Its outcome.
     pub outcome: TrialOutcome,
     /// Its trace if one was requested, else empty.
     pub trace: Vec<Sample>,

@@ -50,12 +50,12 @@ fn preshapes_beyond_the_hand_are_refused() {
         let error = attempt(reflex(), from_above(value), TrialConfig::default()).unwrap_err();
         assert!(matches!(error, EpisodeError::BadPreshape { index: 0, .. }), "{error}");
     }
-    let told = |value| attempt(reflex(), from_above(value), TrialConfig::default()).unwrap_err().to_string();
+    let message = |value| attempt(reflex(), from_above(value), TrialConfig::default()).unwrap_err().to_string();
     assert_eq!(
-        told(30.0),
+        message(30.0),
         "preshape[0] is 30 rad, but the hand's range is 0 to 1.5707963267948966 rad; 30 looks like degrees: give 0.5236 rad"
     );
-    assert!(!told(180.0).contains("degrees"), "pi is beyond the hand as well");
+    assert!(!message(180.0).contains("degrees"), "pi is beyond the hand as well");
     assert!(attempt(reflex(), from_above(FRAC_PI_2 + 5e-8), TrialConfig::default()).is_ok(), "pi/2 as a float32");
 }
 
@@ -74,16 +74,17 @@ fn poses_far_away_are_refused() {
 #[test]
 fn sizes_and_masses_of_another_unit_are_refused() {
     let refused = |sides, mass| scene(&block(sides, mass), reflex()).map(|_| ()).unwrap_err().to_string();
-    let told = refused([60.0, 60.0, 100.0], Some(0.2));
+    let message = refused([60.0, 60.0, 100.0], Some(0.2));
     assert!(
-        told.contains("60 x 60 x 100 m") && told.contains("the open hand 0.") && told.contains("by 0.001 "),
-        "{told}"
+        message.contains("60 x 60 x 100 m") && message.contains("the open hand 0.") && message.contains("by 0.001 "),
+        "{message}"
     );
     assert!(refused([0.8, 0.8, 0.8], Some(0.2)).contains("the open hand is"));
-    let told = refused([0.6, 0.6, 0.8], Some(20.0));
+    let message = refused([0.6, 0.6, 0.8], Some(20.0));
     assert!(
-        told.contains("0.6 x 0.6 x 0.8 m large") && told.contains("the object's narrowest part is 0.60 m"),
-        "{told}"
+        message.contains("measures 0.6 x 0.6 x 0.8 m, but")
+            && message.contains("the object's narrowest part is 0.60 m"),
+        "{message}"
     );
     assert!(refused([6e-5, 6e-5, 1e-4], Some(0.2)).contains("multiply `scale=` by 1000 "));
     assert!(refused([0.06, 0.06, 0.1], Some(118.0)).contains("weighs 118 kg"));
@@ -141,8 +142,8 @@ fn a_world_that_blows_up_is_unstable() {
     };
     let outcome = under(EngineKind::Rapier);
     assert_eq!((outcome.success, outcome.failure), (false, Some(FailureKind::Unstable)), "{outcome:?}");
-    // Tendons are implicit in `newton`: no stiffness makes it diverge.
-    let outcome = under(EngineKind::Newton);
+    // The engine `implicit` solves tendons implicitly: no stiffness makes it diverge.
+    let outcome = under(EngineKind::Implicit);
     assert!(outcome.failure != Some(FailureKind::Unstable) && outcome.lift < 0.3, "{outcome:?}");
 }
 
@@ -162,6 +163,6 @@ fn the_criterion_decides() {
     let low = TrialConfig { lift_height: 0.15, success: lifts_high, ..TrialConfig::default() };
     assert_eq!(low.validate().unwrap_err().to_string(), "`lift_height` is 0.15, but it must be between 0.19 and 1 m");
     let none = SuccessCriterion { rest_speed: 0.0, ..SuccessCriterion::default() };
-    let told = none.validate().unwrap_err().to_string();
-    assert_eq!(told, "`success.rest_speed` is 0, but it must be between 0.0001 and 1 m/s");
+    let message = none.validate().unwrap_err().to_string();
+    assert_eq!(message, "`success.rest_speed` is 0, but it must be between 0.0001 and 1 m/s");
 }

@@ -61,7 +61,6 @@ pub struct ActuatorState {
     pub velocity: f64,
     /// Load at the last step: N at a tendon, N m or N at joints; 0 where the joints are driven rigidly.
     pub load: f64,
-    /// Why it does not move.
     pub hold: Hold,
 }
 

@@ -10,7 +10,6 @@ use crate::model::Hand;
 pub struct Asset {
     /// Name, as in its `hand.toml`.
     pub name: &'static str,
-    /// Its URDF.
     pub urdf: &'static str,
     /// Its `hand.toml`.
     pub toml: &'static str,
@@ -66,7 +65,7 @@ impl Asset {
     /// The hand of these files.
     ///
     /// # Errors
-    /// None for the files as they are embedded, which a test holds; a change of them that is not valid is reported as
+    /// None for the embedded files, which a test checks; an invalid change of them is reported as
     /// by [`Hand::from_strs`].
     pub fn read(&self) -> Result<Hand, HandError> {
         Hand::from_strs(self.urdf, self.toml, [&format!("{}.urdf", self.name), "hand.toml"])

@@ -36,7 +36,6 @@ impl Hand {
         chains
     }
 
-    /// Number of chains.
     #[must_use]
     pub fn chain_count(&self) -> usize {
         (0..self.joints.len()).filter(|joint| self.is_root(*joint)).count()
@@ -73,7 +72,7 @@ impl Hand {
         at
     }
 
-    /// True where a rigid body, given by its first link, has collision shapes.
+    /// True if a rigid body, given by its first link, has collision shapes.
     fn has_shapes(&self, first: usize) -> bool {
         let mut links = self.links.iter().enumerate();
         links.any(|(link, l)| !l.colliders.is_empty() && self.carrier(link) == first)
@@ -86,7 +85,7 @@ impl Hand {
         joints.map(|joint| self.joints[joint].child).filter(|link| self.has_shapes(*link)).collect()
     }
 
-    /// True where a link may touch the palm: where a moving link with collision shapes lies between them.
+    /// True if a link may touch the palm: where a moving link with collision shapes lies between them.
     ///
     /// Links next to the palm overlap with it where they are hinged.
     #[must_use]
@@ -101,13 +100,13 @@ impl Hand {
         false
     }
 
-    /// True where no moving joint follows on a link: the tip of a chain.
+    /// True if no moving joint follows on a link: the tip of a chain.
     #[must_use]
     pub fn is_tip(&self, link: usize) -> bool {
         !self.joints.iter().any(|joint| !joint.is_fixed() && self.carrier(joint.parent) == link)
     }
 
-    /// The actuator that drives an independent joint, with how it does; `None` for a joint that moves freely or on tendons.
+    /// The actuator that drives an independent joint, and how it does so; `None` for a joint that moves freely or on tendons.
     #[must_use]
     pub fn driver(&self, joint: usize) -> Option<(usize, &DrivenJoint, Drive)> {
         self.actuators.iter().enumerate().find_map(|(index, actuator)| match &actuator.transmission {

@@ -10,7 +10,6 @@ pub enum HandError {
     /// A file could not be opened or read.
     #[error("cannot read {path}: {source}")]
     Io {
-        /// The file.
         path: PathBuf,
         /// The error of the operating system.
         source: std::io::Error,
@@ -23,7 +22,6 @@ pub enum HandError {
         "there is no hand \"{name}\"; known: {known}; for another hand give the paths of its URDF and its hand.toml"
     )]
     UnknownName {
-        /// The name.
         name: String,
         /// Those that exist.
         known: String,
@@ -33,7 +31,7 @@ pub enum HandError {
         "the configuration has {found} positions, but the hand has {expected} independent joints; give one position each"
     )]
     CoordinateCount {
-        /// Number of positions given.
+        /// Number of positions passed.
         found: usize,
         /// Number of independent joints.
         expected: usize,
@@ -43,26 +41,20 @@ pub enum HandError {
     TimeStep(f64),
     /// A position, command or load is NaN or infinite.
     #[error("the {what} is {value}; give a finite number")]
-    NotFinite {
-        /// Which number.
-        what: &'static str,
-        /// The value given.
-        value: f64,
-    },
+    NotFinite { what: &'static str, value: f64 },
 }
 
-/// Every problem found, in the order of the files' lines; never empty.
+/// Every problem, in the order of the files' lines; never empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problems(pub Vec<Problem>);
 
 /// One problem at one place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
-    /// Name of the file, as it was given.
+    /// Name of the file, as passed.
     pub file: String,
     /// Line in it, from 1.
     pub line: usize,
-    /// The problem.
     pub kind: ProblemKind,
 }
 
@@ -117,9 +109,8 @@ pub enum ProblemKind {
     TooMany {
         /// Kind of part.
         what: &'static str,
-        /// How many.
         count: usize,
-        /// How many are allowed.
+        /// Largest number allowed.
         limit: usize,
     },
     /// Fewer parts than a hand needs.
@@ -128,11 +119,9 @@ pub enum ProblemKind {
     /// An attribute is not a list of the expected number of numbers.
     #[error("attribute {attribute} is \"{text}\"; give {count} finite number(s) within +-{limit}")]
     Attribute {
-        /// Name of the attribute.
         attribute: String,
-        /// The text.
         text: String,
-        /// How many numbers it should have.
+        /// Expected number of numbers.
         count: usize,
         /// Bound on each.
         limit: f64,
@@ -142,9 +131,7 @@ pub enum ProblemKind {
     Missing {
         /// Link or joint.
         item: &'static str,
-        /// Its name.
         name: String,
-        /// The missing item.
         missing: &'static str,
     },
     /// A preshape of a hand with a preshape coordinate has positions of other actuators too.
@@ -153,25 +140,18 @@ pub enum ProblemKind {
          of \"{coordinate}\""
     )]
     OtherActuators {
-        /// The preshape.
         preshape: String,
         /// The actuator of the coordinate.
         coordinate: String,
     },
-    /// Two things of the same name.
+    /// A duplicate name.
     #[error("the {what} name \"{name}\" is used twice; names must be unique")]
-    Duplicate {
-        /// Kind of the item.
-        what: &'static str,
-        /// The name.
-        name: String,
-    },
+    Duplicate { what: &'static str, name: String },
     /// An unknown name.
     #[error("there is no {what} \"{name}\"{}", hint(known))]
     Unknown {
         /// Kind of the named item.
         what: &'static str,
-        /// The name.
         name: String,
         /// The names that exist.
         known: Vec<String>,
@@ -187,34 +167,22 @@ pub enum ProblemKind {
     NoRoot,
     /// An unsupported joint type.
     #[error("joint \"{name}\" is {found}; only revolute, prismatic and fixed joints are supported")]
-    JointType {
-        /// The joint.
-        name: String,
-        /// Its type.
-        found: String,
-    },
+    JointType { name: String, found: String },
     /// A joint that is fixed, or follows another one, where an independent one is needed.
     #[error("joint \"{name}\" {is}; name an independent joint instead")]
-    NotIndependent {
-        /// The joint.
-        name: String,
-        /// Its present value.
-        is: String,
-    },
+    NotIndependent { name: String, is: String },
     /// A joint that nothing holds.
     #[error(
         "joint \"{0}\" moves, but no tendon, actuator or spring holds it; make it fixed, or name it in [joints], [tendons] or \
          [[actuators]]"
     )]
     Undriven(String),
-    /// Something that is named more often than it may be.
+    /// A name that occurs more often than allowed.
     #[error("{what} \"{name}\" is named more than once by {by}")]
     UsedTwice {
-        /// Kind of the item.
         what: &'static str,
-        /// Its name.
         name: String,
-        /// Who names it.
+        /// The item that names it.
         by: &'static str,
     },
     /// A joint that is driven rigidly, and has a spring or a tendon that could not move it.
@@ -222,9 +190,7 @@ pub enum ProblemKind {
         "joint \"{name}\" is driven rigidly by actuator \"{actuator}\", so {what} has no effect on it; leave it out"
     )]
     Rigid {
-        /// The joint.
         name: String,
-        /// The actuator.
         actuator: String,
         /// The setting without effect.
         what: &'static str,
@@ -234,37 +200,31 @@ pub enum ProblemKind {
     MixedKinds {
         /// The item that names them.
         item: &'static str,
-        /// Its name.
         name: String,
     },
     /// A joint that follows one that it cannot follow.
     #[error("joint \"{name}\" mimics \"{leader}\", which {why}")]
     BadMimic {
-        /// The joint.
         name: String,
         /// The joint that it names.
         leader: String,
-        /// Why it cannot.
+        /// Reason.
         why: &'static str,
     },
     /// Not exactly one of several tables.
     #[error("{item} \"{name}\" has {count} of {tables}; give exactly one of them")]
     OneOf {
-        /// The item that has them.
         item: &'static str,
-        /// Its name.
         name: String,
-        /// How many it has.
+        /// Number of these tables.
         count: usize,
-        /// The tables.
         tables: &'static str,
     },
     /// A tendon with not exactly one spool.
     #[error("tendon \"{name}\" is wound by {count} actuators; it needs exactly one")]
     SpoolCount {
-        /// The tendon.
         name: String,
-        /// By how many actuators.
+        /// Number of actuators that wind it.
         count: usize,
     },
     /// A mass, inertia or length that is physically impossible.
@@ -272,11 +232,8 @@ pub enum ProblemKind {
     Value {
         /// Link, joint, ...
         item: &'static str,
-        /// Its name.
         name: String,
-        /// Which number.
         quantity: &'static str,
-        /// Its value.
         value: f64,
         /// The required value.
         must: &'static str,
@@ -286,13 +243,10 @@ pub enum ProblemKind {
     Interval {
         /// Joint, actuator, ...
         item: &'static str,
-        /// Its name.
         name: String,
         /// Which interval.
         quantity: &'static str,
-        /// Lower end.
         lower: f64,
-        /// Upper end.
         upper: f64,
         /// The required value.
         must: &'static str,
@@ -301,24 +255,15 @@ pub enum ProblemKind {
     #[error(
         "collider \"{name}\" is the mesh \"{file}\"; replace it by boxes, cylinders and spheres: `graspbox.hands.fitted_urdf` does so"
     )]
-    CollisionMesh {
-        /// The collider.
-        name: String,
-        /// Its file.
-        file: String,
-    },
+    CollisionMesh { name: String, file: String },
     /// A collision capsule.
     #[error("collider \"{name}\" is a capsule; replace it by a cylinder and two spheres")]
-    Capsule {
-        /// The collider.
-        name: String,
-    },
+    Capsule { name: String },
     /// A unit other than that of the quantity.
     #[error("{quantity} is in \"{found}\"; give it in \"{expected}\"")]
     Unit {
-        /// Which quantity.
         quantity: &'static str,
-        /// The unit that was given.
+        /// The unit in the file.
         found: String,
         /// The unit that it must have.
         expected: &'static str,
@@ -329,7 +274,6 @@ pub enum ProblemKind {
     /// A number that is not finite or far too large.
     #[error("{quantity} is not a finite number within +-{limit:e}")]
     TooBig {
-        /// Which quantity.
         quantity: &'static str,
         /// Bound on it.
         limit: f64,

@@ -8,13 +8,13 @@
 //! | hand | preshape |
 //! |---|---|
 //! | with a preshape coordinate | position of its actuator, rad or m |
-//! | with named preshapes alone | number of the name, from 0, in the order of the file |
+//! | with named preshapes only | number of the name, from 0, in the order of the file |
 //! | without preshapes | 0 |
 
 use nalgebra::Point3;
 use std::collections::BTreeMap;
 
-/// How a hand is used to grasp.
+/// Grasp frame, closing actuators and preshapes of a hand.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Grasp {
     /// Grasp centre, where closed fingers meet: hand frame, metres.
@@ -26,7 +26,7 @@ pub struct Grasp {
     pub closing_range: [f64; 2],
     /// The same along hand y; [0, 0] for a hand that holds things in one place.
     pub side_range: [f64; 2],
-    /// Greatest turn about hand z that is tried, radians; 0 for a hand that closes along x alone.
+    /// Greatest turn about hand z that is tried, radians; 0 for a hand that closes only along x.
     pub max_roll: f64,
     /// Greatest turn about hand x that is tried, radians; 0 for a hand that has to face the object.
     pub max_lean: f64,
@@ -41,7 +41,6 @@ pub struct Grasp {
 /// An actuator whose position is the preshape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PreshapeCoordinate {
-    /// Index of the actuator.
     pub actuator: usize,
     /// Least and greatest preshape, rad or m.
     pub limits: [f64; 2],
@@ -50,7 +49,6 @@ pub struct PreshapeCoordinate {
 /// A preshape by name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Preshape {
-    /// Name.
     pub name: String,
     /// The preshape as one number; see [`crate::grasp`].
     pub value: f64,
@@ -74,19 +72,18 @@ pub struct FaceRule {
     /// Below this length any ratio suits, metres.
     pub any_ratio_below: f64,
     /// When the hand may be turned by a quarter, its y along the short side.
-    pub quarter: Quarter,
+    pub quarter: QuarterTurn,
 }
 
 /// When a hand may be turned by a quarter, its y along the short side of a face.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Quarter {
+pub enum QuarterTurn {
     /// On any face.
     Always,
     /// On nearly square faces.
     #[default]
     Square,
-    /// Never.
     Never,
 }
 
@@ -98,7 +95,7 @@ impl Default for FaceRule {
             width: [0.0, f64::INFINITY],
             max_ratio: f64::INFINITY,
             any_ratio_below: 0.0,
-            quarter: Quarter::Square,
+            quarter: QuarterTurn::Square,
         }
     }
 }

@@ -51,8 +51,9 @@ mod urdf;
 pub use actuator::{ActuatorCommand, ActuatorState, Hold};
 pub use chains::Chain;
 pub use error::{HandError, Problem, ProblemKind, Problems};
-pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, Quarter};
+pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, QuarterTurn};
 pub use kinematics::PlacedShape;
+pub use load::{read_urdf, read_urdf_anyway};
 pub use model::{
     Actuator, Collider, Drive, DrivenJoint, Friction, Hand, Joint, JointGroup, JointKind, Link, Material, Mimic, Shape,
     TactileSensor, Tendon, Transmission,

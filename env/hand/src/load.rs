@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::assemble::assemble;
 use crate::error::{HandError, Problem, ProblemKind, Problems};
-use crate::model::Hand;
+use crate::model::{Hand, Joint, Link};
 use crate::scan::Report;
 use crate::table::{HandTable, Reader};
 use crate::urdf;
@@ -46,7 +46,7 @@ impl Hand {
     /// * `names`: names of the two files in errors.
     ///
     /// # Errors
-    /// [`HandError::Invalid`] with every problem that was found, each with its file and line.
+    /// [`HandError::Invalid`] with every problem, each with its file and line.
     pub fn from_strs(urdf: &str, toml: &str, names: [&str; 2]) -> Result<Self, HandError> {
         let mut links = Report { file: names[0], problems: Vec::new() };
         let mut tables = Report { file: names[1], problems: Vec::new() };
@@ -68,6 +68,29 @@ impl Hand {
             None => Err(HandError::Invalid(Problems(links.problems))),
         }
     }
+}
+
+/// Links and joints of a URDF without a `hand.toml`: pads, springs and losses are not known.
+///
+/// * `name`: name of the file in errors.
+///
+/// # Errors
+/// [`HandError::Invalid`] with every problem, each with its line.
+pub fn read_urdf(urdf: &str, name: &str) -> Result<(Vec<Link>, Vec<Joint>), HandError> {
+    let mut report = Report { file: name, problems: Vec::new() };
+    let tree = bounded(urdf, &mut report).then(|| urdf::read(urdf, &mut report)).flatten();
+    report.problems.sort_by_key(|problem| problem.line);
+    match tree.filter(|_| report.problems.is_empty()) {
+        Some(tree) => Ok((tree.links, tree.joints)),
+        None => Err(HandError::Invalid(Problems(report.problems))),
+    }
+}
+
+/// As [`read_urdf`], with numbers that no hand has, such as millimetres; `None` where the file has no tree of links.
+#[must_use]
+pub fn read_urdf_anyway(urdf: &str) -> Option<(Vec<Link>, Vec<Joint>)> {
+    let tree = (urdf.len() as u64 <= MAX_FILE_BYTES).then(|| urdf::read_anyway(urdf)).flatten()?;
+    Some((tree.links, tree.joints))
 }
 
 /// Every independent joint must be held by something: a spring, a tendon or an actuator.

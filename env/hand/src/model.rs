@@ -23,14 +23,14 @@ pub enum Shape {
     Cuboid(Vector3<f64>),
     /// A cylinder about its z axis.
     Cylinder {
-        /// Radius.
+        /// Radius, metres.
         radius: f64,
         /// Half the length along z.
         half_length: f64,
     },
     /// A ball.
     Sphere {
-        /// Radius.
+        /// Radius, metres.
         radius: f64,
     },
 }
@@ -59,7 +59,6 @@ pub struct Friction {
 }
 
 impl Friction {
-    /// Factor of a material.
     #[must_use]
     pub fn of(&self, material: Material) -> f64 {
         match material {
@@ -147,7 +146,6 @@ pub struct Mimic {
 pub struct Joint {
     /// Name in the URDF.
     pub name: String,
-    /// How it moves.
     pub kind: JointKind,
     /// Index of the parent link.
     pub parent: usize,
@@ -159,6 +157,10 @@ pub struct Joint {
     pub axis: Unit<Vector3<f64>>,
     /// Least and greatest position; `[0, 0]` for a fixed joint.
     pub limits: [f64; 2],
+    /// Greatest force along it, N m or N, as the URDF states it; 0 where it states none. For guesses only.
+    pub effort: f64,
+    /// Greatest speed, rad/s or m/s, as the URDF states it; 0 where it states none. For guesses only.
+    pub velocity: f64,
     /// The joint that it follows, if it is not independent.
     pub mimic: Option<Mimic>,
     /// Stiffness of its spring, N m/rad or N/m.
@@ -174,7 +176,7 @@ pub struct Joint {
 }
 
 impl Joint {
-    /// True where the joint does not move.
+    /// True if the joint does not move.
     #[must_use]
     pub fn is_fixed(&self) -> bool {
         self.kind == JointKind::Fixed
@@ -210,14 +212,13 @@ pub(crate) fn within(value: f64, [lower, upper]: [f64; 2]) -> f64 {
     if value.is_nan() { value } else { value.max(lower).min(upper) }
 }
 
-/// Joints with the same numbers, by the name under which `hand.toml` gives these.
+/// Joints with the same numbers, by their name in `hand.toml`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointGroup {
-    /// Name.
     pub name: String,
     /// Independent joints of one kind, in the order of the file.
     pub joints: Vec<usize>,
-    /// True where each has an encoder.
+    /// True if each has an encoder.
     pub encoder: bool,
 }
 
@@ -226,7 +227,6 @@ pub struct JointGroup {
 /// (`e <= 0`). It pulls joint `i` with `arm_i T`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tendon {
-    /// Name.
     pub name: String,
     /// Joints that it spans, in the order of the joints, each with its moment arm: metres per radian, or metres per metre.
     pub arms: Vec<(usize, f64)>,
@@ -268,7 +268,6 @@ pub enum Drive {
 pub enum Transmission {
     /// A spool that winds a tendon; positions are radians of the spool.
     Spool {
-        /// Index of the tendon.
         tendon: usize,
         /// Radius, metres: length wound per radian.
         radius: f64,
@@ -285,7 +284,6 @@ pub enum Transmission {
 /// An actuator. Its position is on the joint's side of the gear, and grows where the hand closes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Actuator {
-    /// Name.
     pub name: String,
     /// Its joints or tendon.
     pub transmission: Transmission,
@@ -317,7 +315,6 @@ pub struct TactileSensor {
 /// A whole hand. Link 0 is the base.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hand {
-    /// Name.
     pub name: String,
     /// Links; the base is first, parents before children.
     pub links: Vec<Link>,
@@ -333,7 +330,6 @@ pub struct Hand {
     pub sensors: Vec<TactileSensor>,
     /// The grasp frame in the base's frame.
     pub base_from_hand: Isometry3<f64>,
-    /// How the hand grasps.
     pub grasp: Grasp,
     /// Friction factors of its surfaces.
     pub friction: Friction,

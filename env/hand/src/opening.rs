@@ -29,7 +29,7 @@ impl Hand {
         }
     }
 
-    /// True where the hand has more than one preshape.
+    /// True if the hand has more than one preshape.
     #[must_use]
     pub fn has_preshapes(&self) -> bool {
         let [low, high] = self.preshape_limits();

@@ -25,9 +25,8 @@ pub(crate) struct Scan {
 
 /// Collects the problems of one file.
 pub(crate) struct Report<'a> {
-    /// Name of the file.
     pub file: &'a str,
-    /// Problems found.
+    /// Problems so far.
     pub problems: Vec<Problem>,
 }
 
@@ -116,12 +115,10 @@ impl Scan {
         }
     }
 
-    /// Line of a link.
     pub fn link_line(&self, name: &str) -> usize {
         self.links.get(name).copied().unwrap_or(1)
     }
 
-    /// Line of a joint.
     pub fn joint_line(&self, name: &str) -> usize {
         self.joints.get(name).copied().unwrap_or(1)
     }

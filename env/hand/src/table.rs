@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 
 use crate::error::ProblemKind;
-use crate::grasp::Quarter;
+use crate::grasp::QuarterTurn;
 use crate::scan::Report;
 
 /// A number (or a list of them), its unit, and where it comes from.
@@ -147,7 +147,7 @@ tables! {
         pub max_ratio: Option<Number<f64>>,
         pub any_ratio_below: Option<Number<f64>>,
         #[serde(default)]
-        pub quarter: Quarter,
+        pub quarter: QuarterTurn,
         pub preference: Option<Number<f64>>,
     }
 
@@ -185,7 +185,7 @@ const MISSING: &str = " in the table that begins here; docs/reference/hands.md l
 /// A `hand.toml` and its problems.
 pub(crate) struct Reader<'a, 'r> {
     text: &'a str,
-    /// Problems found so far.
+    /// Problems so far.
     pub report: &'r mut Report<'a>,
 }
 
@@ -289,5 +289,5 @@ impl<'a, 'r> Reader<'a, 'r> {
 /// Owner of a number: kind and name.
 pub(crate) type Item<'a> = (Literal, &'a str);
 
-/// A name or a unit that the code, not the file, gives.
+/// A name or a unit from the code, not from the file.
 type Literal = &'static str;

@@ -39,7 +39,7 @@ impl Joint {
         -self.stiffness * (position - self.spring_reference)
     }
 
-    /// Position at which its spring balances a force, N m or N, rad or m; its limits are not looked at, and its stiffness must not be 0.
+    /// Position at which its spring balances a force, N m or N, rad or m; limits are ignored; the stiffness must not be 0.
     #[must_use]
     pub fn balanced(&self, force: f64) -> f64 {
         self.spring_reference + force / self.stiffness

@@ -50,6 +50,17 @@ pub(crate) fn read(text: &str, report: &mut Report<'_>) -> Option<Tree> {
     Some(build(&robot, &order, &scan, report))
 }
 
+/// Reads links and joints of a file with wrong numbers, as far as they can be read; `None` where no tree can be built.
+pub(crate) fn read_anyway(text: &str) -> Option<Tree> {
+    let mut ignored = Report { file: "", problems: Vec::new() };
+    let scan = scan(text, &mut ignored)?;
+    let robot = urdf_rs::read_from_string(text).ok()?;
+    let mut structure = Report { file: "", problems: Vec::new() };
+    check_counts(&robot, &mut structure);
+    let order = tree_order(&robot, &scan, &mut structure)?;
+    Some(build(&robot, &order, &scan, &mut ignored))
+}
+
 fn check_counts(robot: &urdf_rs::Robot, report: &mut Report<'_>) {
     let colliders = robot.links.iter().map(|l| l.collision.len()).sum();
     for (what, count, limit) in [
@@ -280,6 +291,8 @@ fn read_joint(joint: &urdf_rs::Joint, parent: usize, child: usize, scan: &Scan, 
         parent_from_joint: isometry(&joint.origin),
         axis,
         limits,
+        effort: joint.limit.effort,
+        velocity: joint.limit.velocity,
         mimic: None,
         stiffness: 0.0,
         spring_reference: 0.0,

@@ -125,6 +125,12 @@ fn the_soft_hand_has_the_parts_of_its_paper() {
 /// Positions of the joints whose names contain a part, rad; the first that fits holds.
 type Positions = [(&'static str, f64)];
 
+/// A fingertip is within 0.1 mm of its place in a published model, mm.
+fn assert_near(finger: &str, tip: Vector3<f64>, expected: [f64; 3]) {
+    let error = (tip - Vector3::from(expected)).amax();
+    assert!(error < 0.1, "{finger}: {tip} is {error} mm from {expected:?}");
+}
+
 /// Fingertips (23.3 mm along the last link) of the published model, palm frame, mm: open, half closed, closed.
 #[test]
 fn fingertips_of_the_soft_hand_go_where_the_published_model_has_them() {
@@ -147,8 +153,7 @@ fn fingertips_of_the_soft_hand_go_where_the_published_model_has_them() {
         for (finger, expected) in ["thumb", "index", "middle", "ring", "little"].into_iter().zip(expected) {
             let link = hand.links.iter().position(|link| link.name == format!("{finger}_distal")).unwrap();
             let tip = (poses[link] * Point3::new(0.0233, 0.0, 0.0)).coords * 1e3;
-            let error = (tip - Vector3::from(expected)).amax();
-            assert!(error < 0.1, "{finger}: {tip} is {error} mm from {expected:?}");
+            assert_near(finger, tip, expected);
         }
     }
 }
@@ -192,8 +197,7 @@ fn fingertips_of_the_leap_hand_go_where_the_published_model_has_them() {
             let link = hand.links.iter().position(|link| link.name == format!("{finger}_ds")).unwrap();
             let [along, across] = if finger == "th" { [0.06, -0.015] } else { [0.048, 0.015] };
             let tip = (poses[link] * Point3::new(0.0, -along, across)).coords * 1e3;
-            let error = (tip - Vector3::from(expected)).amax();
-            assert!(error < 0.1, "{finger}: {tip} is {error} mm from {expected:?}");
+            assert_near(finger, tip, expected);
         }
     }
 }

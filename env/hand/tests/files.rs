@@ -12,7 +12,7 @@ const GRIPPER_URDF: &str = include_str!("fixtures/gripper.urdf");
 const GRIPPER_TOML: &str = include_str!("fixtures/gripper.toml");
 
 /// The error for a hand of these texts.
-fn complaint(urdf: &str, toml: &str) -> String {
+fn problems_of(urdf: &str, toml: &str) -> String {
     match Hand::from_strs(urdf, toml, ["hand.urdf", "hand.toml"]) {
         Ok(_) => "valid".to_owned(),
         Err(HandError::Invalid(problems)) => problems.to_string(),
@@ -23,13 +23,13 @@ fn complaint(urdf: &str, toml: &str) -> String {
 /// The same with one change to the gripper's URDF.
 fn urdf_with(old: &str, new: &str) -> String {
     assert!(GRIPPER_URDF.contains(old), "{old}");
-    complaint(&GRIPPER_URDF.replacen(old, new, 1), GRIPPER_TOML)
+    problems_of(&GRIPPER_URDF.replacen(old, new, 1), GRIPPER_TOML)
 }
 
 /// The same with one change to the gripper's TOML.
 fn toml_with(old: &str, new: &str) -> String {
     assert!(GRIPPER_TOML.contains(old), "{old}");
-    complaint(GRIPPER_URDF, &GRIPPER_TOML.replacen(old, new, 1))
+    problems_of(GRIPPER_URDF, &GRIPPER_TOML.replacen(old, new, 1))
 }
 
 #[test]
@@ -276,37 +276,37 @@ fn joints_follow_what_they_can_follow() {
 #[test]
 fn driven_joints_must_reach_the_whole_preshape() {
     let reflex = asset("reflex").unwrap();
-    let told = |old: &str, new: &str| {
+    let message = |old: &str, new: &str| {
         assert!(reflex.urdf.contains(old), "{old}");
-        let text = complaint(&reflex.urdf.replacen(old, new, 1), reflex.toml);
+        let text = problems_of(&reflex.urdf.replacen(old, new, 1), reflex.toml);
         text.split_once(": ").unwrap().1.to_owned()
     };
     assert_eq!(
-        told("lower=\"-1.5707963267948966\"", "lower=\"-1.0\""),
+        message("lower=\"-1.5707963267948966\"", "lower=\"-1.0\""),
         "joint \"preshape_2\": limit is [-1, 0]; it must hold every position to which it follows"
     );
     let both = reflex.urdf.replace("1.5707963267948966", "1.0");
     assert_eq!(
-        complaint(&both, reflex.toml).split_once(": ").unwrap().1,
+        problems_of(&both, reflex.toml).split_once(": ").unwrap().1,
         "joint \"preshape_1\": limit is [0, 1]; it must hold the preshape limits, times the ratio, plus the offset"
     );
 }
 
-/// With a preshape coordinate, a preshape is a position of it alone.
+/// With a preshape coordinate, a preshape is a position of this coordinate only.
 #[test]
 fn preshapes_are_positions_of_the_coordinate() {
     let reflex = asset("reflex").unwrap();
     let power = "positions.preshape = { value = 0.0, unit = \"rad\"";
     assert!(reflex.toml.contains(power));
-    let told = |new: &str| {
-        let text = complaint(reflex.urdf, &reflex.toml.replacen(power, new, 1));
+    let message = |new: &str| {
+        let text = problems_of(reflex.urdf, &reflex.toml.replacen(power, new, 1));
         text.split_once(": ").unwrap().1.to_owned()
     };
     let other = power.replacen("preshape", "finger_1", 1);
-    assert_eq!(told(&other), "preshape \"power\" has no position of the preshape coordinate");
+    assert_eq!(message(&other), "preshape \"power\" has no position of the preshape coordinate");
     let both = format!("positions.finger_1 = {{ value = 0.0, unit = \"rad\", source = \"a test\" }}\n{power}");
     assert_eq!(
-        told(&both),
+        message(&both),
         "preshape \"power\" has positions of several actuators; with `[grasp.coordinate]` a preshape has only that of \
          \"preshape\""
     );
@@ -314,12 +314,12 @@ fn preshapes_are_positions_of_the_coordinate() {
 
 /// Both files are checked in one go.
 #[test]
-fn problems_of_both_files_are_told_together() {
+fn problems_of_both_files_are_reported_together() {
     let urdf = GRIPPER_URDF.replacen("<mass value=\"0.3\"/>", "<mass value=\"0\"/>", 1);
     let toml = GRIPPER_TOML.replacen("unit = \"m\"", "unit = \"cm\"", 1);
     let toml = toml.replacen("unit = \"N/m\"", "unit = \"N/mm\"", 1);
     assert_eq!(
-        complaint(&urdf, &toml),
+        problems_of(&urdf, &toml),
         "hand.urdf:5: link \"palm\": mass is 0; it must be greater than 0 kg\n\
          hand.toml:30: arm is in \"cm\"; give it in \"m\"\n\
          hand.toml:32: stiffness is in \"N/mm\"; give it in \"N/m\""
@@ -329,22 +329,22 @@ fn problems_of_both_files_are_told_together() {
 #[test]
 fn texts_that_are_no_hand_are_refused() {
     assert_eq!(
-        complaint(GRIPPER_URDF, "name = "),
+        problems_of(GRIPPER_URDF, "name = "),
         "hand.toml:1: string values must be quoted, expected literal string"
     );
     assert_eq!(
-        complaint("<robot name=\"x\"/>", GRIPPER_TOML),
+        problems_of("<robot name=\"x\"/>", GRIPPER_TOML),
         "hand.urdf:1: there are no links; a hand needs at least one"
     );
     let bomb = "<!DOCTYPE a [<!ENTITY b \"bbbb\">]>\n<robot/>";
-    assert_eq!(complaint(bomb, GRIPPER_TOML), "hand.urdf:1: a document type declaration is not allowed; remove it");
+    assert_eq!(problems_of(bomb, GRIPPER_TOML), "hand.urdf:1: a document type declaration is not allowed; remove it");
     let deep = format!("<robot>{}", "<a>".repeat(100_000));
-    assert_eq!(complaint(&deep, GRIPPER_TOML), "hand.urdf:1: elements are nested deeper than 16");
+    assert_eq!(problems_of(&deep, GRIPPER_TOML), "hand.urdf:1: elements are nested deeper than 16");
     let brackets = "a=[".repeat(100) + &"[".repeat(100_000);
-    assert!(complaint(GRIPPER_URDF, &brackets).starts_with("hand.toml:1: "));
+    assert!(problems_of(GRIPPER_URDF, &brackets).starts_with("hand.toml:1: "));
     let large = " ".repeat(usize::try_from(MAX_FILE_BYTES).unwrap() + 1);
     assert_eq!(
-        complaint(GRIPPER_URDF, &large),
+        problems_of(GRIPPER_URDF, &large),
         "hand.toml:1: the file has 1048577 bytes; a hand description has at most 1048576"
     );
     let pads = format!("pads = [{}]", "\"left_ball\", ".repeat(300));
@@ -354,7 +354,7 @@ fn texts_that_are_no_hand_are_refused() {
 }
 
 #[test]
-fn a_hand_may_say_where_it_holds_and_what_its_grasps_hang_on() {
+fn a_hand_may_state_where_it_holds_and_the_weights_of_its_ranking() {
     let quantity = |value: &str, unit: &str| format!("{{ value = {value}, unit = \"{unit}\", source = \"ours\" }}");
     let with = |range: &str, weight: &str| {
         let more = format!("[grasp]\nclosing_range = {range}\nranking.fingers = {weight}\n");
@@ -366,8 +366,8 @@ fn a_hand_may_say_where_it_holds_and_what_its_grasps_hang_on() {
     assert_eq!(hand.grasp.ranking.iter().collect::<Vec<_>>(), [(&"fingers".to_owned(), &0.5)]);
     let plain = Hand::from_strs(GRIPPER_URDF, GRIPPER_TOML, ["a", "b"]).unwrap();
     assert!(plain.grasp.closing_range == [0.0; 2] && plain.grasp.ranking.is_empty());
-    let reversed = complaint(GRIPPER_URDF, &with(&quantity("[0.05, -0.01]", "m"), &weight));
+    let reversed = problems_of(GRIPPER_URDF, &with(&quantity("[0.05, -0.01]", "m"), &weight));
     assert!(reversed.contains("closing_range") && reversed.contains("the upper end must be greater"), "{reversed}");
-    let wrong_unit = complaint(GRIPPER_URDF, &with(&range, &quantity("0.5", "m")));
+    let wrong_unit = problems_of(GRIPPER_URDF, &with(&range, &quantity("0.5", "m")));
     assert!(wrong_unit.contains("weight of the ranking"), "{wrong_unit}");
 }

@@ -1,4 +1,4 @@
-//! Results that take long, on disk: by the BLAKE3 hash of input, parameters and format.
+//! Expensive results on disk: by the BLAKE3 hash of input, parameters and format.
 //!
 //! | module | purpose |
 //! |---|---|
@@ -7,7 +7,7 @@
 //!
 //! An entry begins with that hash, so the result of another input under its name is noticed; the whole is sealed with a checksum. It is
 //! written to a temporary neighbour and renamed, so readers in other processes see all of it or nothing. An entry that does not read back is
-//! a warning and is made again; a folder that cannot be written, or a full disk, is a warning and costs time only. Beyond the bound of its
+//! a warning and is made again; a folder that cannot be written, or a full disk, is a warning and costs only time. Beyond the bound of its
 //! kind ([`Kind::most_in_all`]) the oldest entries of a folder are removed.
 
 pub(crate) mod bytes;
@@ -78,7 +78,7 @@ impl Entry {
         found
     }
 
-    /// Keeps a result; a failure is a warning.
+    /// Stores a result; a failure is a warning.
     pub fn write(&self, body: &[u8]) {
         let what = self.kind.what;
         let made = self.path.parent().map_or(Ok(()), std::fs::create_dir_all);

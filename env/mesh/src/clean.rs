@@ -20,7 +20,7 @@ use topology::check_fans;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CleanOptions {
-    /// Vertices nearer than this share of the mesh's longest side become one. 0 merges equal coordinates only.
+    /// Vertices nearer than this share of the mesh's longest side become one. 0 merges only equal coordinates.
     pub weld: f64,
     /// Components with less than this share of the surface are dropped, in [0, 1); 0 keeps all. The largest one always stays.
     pub min_component_area: f64,
@@ -45,9 +45,9 @@ pub struct CleanReport {
     pub degenerate_faces: usize,
     /// Faces with the same corners as another one; of a pair with opposite sides both are dropped.
     pub duplicate_faces: usize,
-    /// Faces turned over.
+    /// Flipped faces.
     pub flipped_faces: usize,
-    /// Components found.
+    /// Number of components.
     pub components: usize,
     /// Components dropped for being small.
     pub dropped_components: usize,
@@ -96,7 +96,7 @@ fn check_share(name: &'static str, value: f64) -> Result<(), MeshError> {
     Ok(in_range(name, value, 0.0..1.0, "")?)
 }
 
-/// For each vertex the first one within `distance`: grid cells as wide as the distance, 27 looked at.
+/// For each vertex the first one within `distance`, from the 27 grid cells of that width around it.
 fn weld(vertices: &[Point3<f64>], distance: f64) -> Vec<u32> {
     // With distance 0 the cell is the coordinate itself; adding 0 makes -0 equal to 0.
     let exact = distance == 0.0;

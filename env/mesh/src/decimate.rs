@@ -148,17 +148,17 @@ impl Eq for Candidate {}
 
 struct Collapse {
     points: Vec<Point3<f64>>,
-    /// `None` once gone.
+    /// `None` once removed.
     faces: Vec<Option<[u32; 3]>>,
-    /// How many are not gone.
+    /// Number of faces left.
     alive: usize,
-    /// Living faces of each vertex.
+    /// Remaining faces of each vertex.
     around: Vec<Vec<u32>>,
     quadrics: Vec<Quadric>,
     versions: Vec<u32>,
     /// On an edge with one face.
     boundary: Vec<bool>,
-    /// On an edge with more than two faces: left alone.
+    /// On an edge with more than two faces; it is not collapsed.
     locked: Vec<bool>,
     heap: BinaryHeap<Candidate>,
 }
@@ -239,7 +239,7 @@ impl Collapse {
         let places = [optimum, Some(middle), Some(p), Some(q)];
         let priced = places.into_iter().flatten().map(|x| (quadric.cost(&x), x));
         if let Some((cost, place)) = priced.min_by(|x, y| x.0.total_cmp(&y.0)) {
-            // Short edges first where the surface is flat and every collapse is free.
+            // Short edges first if the surface is flat and every collapse is free.
             let cost = cost + 1e-12 * (q - p).norm_squared().powi(2);
             self.heap.push(Candidate { cost, edge, place, versions: [self.versions[a], self.versions[b]] });
         }
@@ -288,7 +288,7 @@ impl Collapse {
         before.dot(&after) > LEAST_COSINE * before.norm() * after.norm() || before.norm_squared() == 0.0
     }
 
-    /// Moves `a` to `place`, makes `b` one with it, and returns how many faces went.
+    /// Moves `a` to `place`, makes `b` one with it, and returns the number of removed faces.
     fn collapse(&mut self, a: u32, b: u32, place: Point3<f64>) -> usize {
         let mut gone = 0;
         for f in std::mem::take(&mut self.around[b as usize]) {

@@ -13,7 +13,7 @@ mod scan;
 use crate::trimesh::TriMesh;
 use lines::Lines;
 use nalgebra::{Point3, Vector3};
-use scan::Known;
+use scan::NodeColumns;
 
 /// Nodes around the bounds, so that points just outside are on the grid.
 const PAD: usize = 3;
@@ -77,7 +77,7 @@ impl<'a> DistanceGrid<'a> {
         let (inside, known) = rayon::join(
             || Lines { mesh, origin, step, size }.vote(),
             || {
-                let mut known = Known::new(nodes);
+                let mut known = NodeColumns::new(nodes);
                 grid.rasterize(&mut known);
                 // Nodes next to a face are exact already.
                 known.scan(&places, (step * step) as f32);
@@ -167,7 +167,7 @@ impl<'a> DistanceGrid<'a> {
     }
 
     /// Distances of all nodes: a query reads eight, in no order.
-    fn measure(&self, known: &Known, inside: &[bool]) -> Vec<Node> {
+    fn measure(&self, known: &NodeColumns, inside: &[bool]) -> Vec<Node> {
         let distance = |(i, inside): (usize, &bool)| {
             let at = [i % self.size[0], i / self.size[0] % self.size[1], i / (self.size[0] * self.size[1])];
             let distance = known.squared(i, &self.node(at).map(|x| x as f32).into()).sqrt();
@@ -185,7 +185,7 @@ impl<'a> DistanceGrid<'a> {
     }
 
     /// Stores each face at the nodes around it. Large faces are cut up, so that only nodes near them are visited.
-    fn rasterize(&self, known: &mut Known) {
+    fn rasterize(&self, known: &mut NodeColumns) {
         let aabb = self.mesh.aabb();
         let reach = aabb.min.coords.amax().max(aabb.max.coords.amax());
         // Distances are compared in f32: eight times its rounding.
@@ -194,7 +194,7 @@ impl<'a> DistanceGrid<'a> {
         for (face, &Face { corners, normal }) in self.faces.iter().enumerate() {
             let center = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
             let radius = corners.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
-            let whole = Whole { face: face as u32, corners, center, radius, normal };
+            let whole = BoundedFace { face: face as u32, corners, center, radius, normal };
             stack.push(corners);
             while let Some(piece) = stack.pop() {
                 let [a, b, c] = piece;
@@ -206,14 +206,14 @@ impl<'a> DistanceGrid<'a> {
                     stack.push([piece[i], middle, piece[k]]);
                     stack.push([middle, piece[j], piece[k]]);
                 } else {
-                    self.tell(known, &whole, &piece, slack);
+                    self.bound_nodes(known, &whole, &piece, slack);
                 }
             }
         }
     }
 
     /// * `slack`: greatest error of a distance in f32, metres.
-    fn tell(&self, known: &mut Known, whole: &Whole, [a, b, c]: &[Point3<f64>; 3], slack: f64) {
+    fn bound_nodes(&self, known: &mut NodeColumns, whole: &BoundedFace, [a, b, c]: &[Point3<f64>; 3], slack: f64) {
         let (least, greatest) = (a.inf(b).inf(c), a.sup(b).sup(c));
         let low = [0, 1, 2].map(|k| (((least[k] - self.origin[k]) / self.step) - 1.0).floor().max(0.0) as usize);
         let high = [0, 1, 2]
@@ -240,7 +240,7 @@ impl<'a> DistanceGrid<'a> {
 }
 
 /// A face, and a lower bound of its distance.
-struct Whole {
+struct BoundedFace {
     face: u32,
     corners: [Point3<f64>; 3],
     /// Of a ball around it.
@@ -250,7 +250,7 @@ struct Whole {
     normal: Vector3<f64>,
 }
 
-impl Whole {
+impl BoundedFace {
     /// The square of a distance that `p` keeps from the face at least: from the disk that the ball cuts from the plane.
     fn least_squared(&self, p: &Point3<f64>) -> f64 {
         let d = p - self.center;

@@ -1,4 +1,4 @@
-//! Every way a mesh or object set can be wrong; each variant is a sentence about the input.
+//! Errors of meshes and object sets; each variant is a sentence about the input.
 
 use crate::range::OutOfRange;
 use std::path::PathBuf;
@@ -10,7 +10,6 @@ pub enum MeshError {
     /// The file could not be opened or read.
     #[error("cannot read {path}: {source}")]
     Io {
-        /// The file.
         path: PathBuf,
         /// The error of the system.
         source: std::io::Error,
@@ -18,25 +17,20 @@ pub enum MeshError {
     /// The file could not be written.
     #[error("cannot write {path}: {source}")]
     Write {
-        /// The file.
         path: PathBuf,
         /// The error of the system.
         source: std::io::Error,
     },
     /// A coordinate is NaN or infinite.
     #[error("vertex {vertex} is not finite; repair the mesh or drop that vertex")]
-    NotFinite {
-        /// Index of the vertex.
-        vertex: usize,
-    },
+    NotFinite { vertex: usize },
     /// A face names a vertex that does not exist.
     #[error("face {face} names vertex {vertex}, but the mesh has only {count} vertices")]
     BadIndex {
-        /// Index of the face.
         face: usize,
         /// The vertex it names.
         vertex: u32,
-        /// How many vertices there are.
+        /// Number of vertices of the mesh.
         count: usize,
     },
     /// No triangle is left to work with.
@@ -44,36 +38,27 @@ pub enum MeshError {
     Empty,
     /// The ending names no format that we read.
     #[error("{path} does not end in .stl, .ply, .obj or .off; convert it to one of these")]
-    UnknownFormat {
-        /// The file.
-        path: PathBuf,
-    },
+    UnknownFormat { path: PathBuf },
     /// The file is larger than the caller allows.
     #[error("the {format} file has {bytes} bytes, more than the limit of {limit}; raise max_bytes or decimate it")]
     FileTooLarge {
-        /// Format of the file.
         format: &'static str,
         /// Its size (or, for a stream, the size at which reading stopped).
         bytes: u64,
-        /// The limit.
         limit: u64,
     },
     /// The file holds, or claims to hold, more items than the caller allows.
     #[error("the {format} file names {count} {what}, more than the limit of {limit}; raise the limit or decimate it")]
     TooMany {
-        /// Format of the file.
         format: &'static str,
         /// The counted items: vertices, faces, ...
         what: &'static str,
-        /// How many there are.
         count: u64,
-        /// The limit.
         limit: u64,
     },
     /// The file is shorter than its header states.
     #[error("the {format} file is truncated: {detail}; copy or download it again")]
     Truncated {
-        /// Format of the file.
         format: &'static str,
         /// The missing part.
         detail: String,
@@ -81,9 +66,8 @@ pub enum MeshError {
     /// The file breaks the rules of its format.
     #[error("the {format} file cannot be understood: {detail}")]
     Malformed {
-        /// Format of the file.
         format: &'static str,
-        /// Where and how.
+        /// Place and kind of the damage.
         detail: String,
     },
     /// The format of the content differs from the ending.
@@ -105,19 +89,14 @@ pub enum MeshError {
     /// A face has fewer than three corners, so it is no triangle and cannot be cut into triangles.
     #[error("face {face} of the {format} file has {corners} corners; at least 3 are needed")]
     NotTriangles {
-        /// Format of the file.
         format: &'static str,
-        /// Index of the face.
         face: usize,
-        /// How many corners it has.
+        /// Number of its corners.
         corners: usize,
     },
     /// `scale` is zero, negative or not finite.
     #[error("scale is {scale}; give the positive number of metres in one unit of the file")]
-    BadScale {
-        /// The scale.
-        scale: f64,
-    },
+    BadScale { scale: f64 },
     /// The mesh is absurdly large or far away: probably not in metres.
     #[error("a coordinate is {value} m from the origin, more than {limit} m; if it is not in metres, give scale=")]
     TooFar {
@@ -137,13 +116,13 @@ pub enum MeshError {
     /// The points lie in a plane, on a line or in a point, so they bound no solid.
     #[error("the {count} points lie (nearly) in one plane, so they span no volume; give a mesh with thickness")]
     Flat {
-        /// How many points there are.
+        /// Number of points.
         count: usize,
     },
-    /// The hull algorithm gave up.
+    /// The hull algorithm failed.
     #[error("no convex hull of {count} points could be built ({detail}); clean the mesh first")]
     Hull {
-        /// How many points there are.
+        /// Number of points.
         count: usize,
         /// The message of the algorithm.
         detail: String,
@@ -156,17 +135,13 @@ pub enum MeshError {
     BadParameter {
         /// Name of the parameter.
         name: &'static str,
-        /// The value.
         value: f64,
         /// The rule, as a sentence.
         rule: &'static str,
     },
     /// There is no such way to choose voxels.
     #[error("mode is {name:?}; choose solid or surface")]
-    UnknownMode {
-        /// The name.
-        name: String,
-    },
+    UnknownMode { name: String },
     /// A procedural solid whose iso-surface is no manifold on any grid tried.
     #[error("no manifold surface of the procedural object in {tries} grids; take another seed and report this one")]
     NoManifoldSurface {

@@ -1,6 +1,6 @@
 //! Maps and sets with a cheap hash: vertex numbers and grid cells are small keys, and meshes have millions of them.
 //!
-//! The library's hash withstands keys that are chosen to collide; this one need not, since a file that makes it slow harms its owner alone
+//! The library's hash withstands keys that are chosen to collide; this one need not, since a file that makes it slow harms only its owner
 //! and is bounded by the limits on faces. Nothing may depend on the order of iteration.
 
 use std::collections::{HashMap, HashSet};

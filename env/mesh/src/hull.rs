@@ -32,7 +32,7 @@ const MIN_RELATIVE_THICKNESS: f64 = 1e-5;
 ///
 /// # Errors
 /// [`MeshError::NotFinite`]; [`MeshError::Flat`] for fewer than 4 points and for points within 1e-5 of their size of one
-/// plane; [`MeshError::Hull`] should rounding defeat quickhull.
+/// plane; [`MeshError::Hull`] if quickhull fails by rounding.
 pub fn convex_hull(points: &[Point3<f64>]) -> Result<TriMesh, MeshError> {
     if let Some(vertex) = points.iter().position(|p| !p.coords.iter().all(|x| x.is_finite())) {
         return Err(MeshError::NotFinite { vertex });

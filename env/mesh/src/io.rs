@@ -11,7 +11,7 @@
 //! | `sniff` | the apparent format of a file with the wrong ending |
 //! | [`write`] | atomic writers |
 //!
-//! Headers lie: every count is compared with the caller's limits and with the size of the file before anything is
+//! Headers may be wrong: every count is compared with the caller's limits and with the size of the file before anything is
 //! allocated. The parsers run on a bounded copy of the file in memory; a panic inside one becomes an error.
 
 mod format;
@@ -68,7 +68,7 @@ pub fn parse(bytes: &[u8], format: MeshFormat, options: &LoadOptions) -> Result<
         MeshFormat::Obj => obj::parse(content, options),
         MeshFormat::Off => off::parse(content, options),
     };
-    // The last line of defence: the parsers are not ours, and a hostile file must not take the process down.
+    // The parsers are not ours, and a hostile file must not end the process.
     let raw = std::panic::catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         Err(MeshError::Malformed { format: format.name(), detail: "the parser gave up on it".into() })
     });

@@ -20,16 +20,16 @@ use nalgebra::{Matrix3, Point3};
 use serde::{Deserialize, Serialize};
 use solid::{Lines, enclosed};
 
-/// How heavy the solid is.
+/// Mass of the solid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Mass {
-    /// In all, kg.
+    /// Total mass, kg.
     Kilograms(f64),
-    /// kg/m3.
+    /// Density, kg/m3.
     Density(f64),
 }
 
-/// Which solid the figures are of.
+/// The solid to which mass properties refer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum MassMethod {
     /// The volume bounded by a closed mesh: exact.
@@ -43,7 +43,7 @@ pub enum MassMethod {
 }
 
 impl MassMethod {
-    /// The solid that stands in for a mesh that is not closed, as a sentence; `None` for the mesh itself.
+    /// The substitute for a mesh that is not closed, as a sentence; `None` for the mesh itself.
     pub fn caveat(self) -> Option<&'static str> {
         match self {
             Self::Closed | Self::Union => None,
@@ -79,7 +79,7 @@ const LEAST_SHARE: f64 = 0.01;
 
 /// Mass properties of the solid inside `mesh`, of uniform density.
 ///
-/// A closed mesh is integrated exactly (signed tetrahedra), whichever way it is turned; where its shells overlap, their union counts
+/// A closed mesh is integrated exactly (signed tetrahedra), regardless of its orientation; where its shells overlap, their union counts
 /// once. The solid of an open mesh is the volume that it winds around, or its convex hull if that is almost 0: see
 /// [`MassProperties::method`]. An open mesh, and one of many shells, must be oriented ([`crate::clean`](fn@crate::clean)).
 ///
@@ -112,7 +112,7 @@ fn closed(mesh: &TriMesh) -> Option<(Moments, MassMethod)> {
         let share = union.volume / signed.volume;
         return Some((union.plus(&outward.plus(&signed, -1.0), share), MassMethod::Union));
     }
-    // A closed sheet (two sides of the same paper) has no volume.
+    // A closed sheet (two sides of one surface) has no volume.
     (exact.volume.abs() > 1e-9 * mesh.extent().powi(3)).then_some((exact, MassMethod::Closed))
 }
 

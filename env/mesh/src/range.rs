@@ -8,9 +8,8 @@ use std::ops::{Bound, RangeBounds};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("`{field}` is {}, but it must be {expected}", Number(*.value))]
 pub struct OutOfRange {
-    /// Name of the field.
     pub field: &'static str,
-    /// The value given.
+    /// The value passed.
     pub value: f64,
     /// The accepted values, with their unit.
     pub expected: String,
@@ -96,7 +95,7 @@ fn words(range: &impl RangeBounds<f64>) -> String {
     }
 }
 
-/// A number as people write it: without a row of zeros.
+/// A number, in exponential form unless it is 0 or from 1e-4 to 1e10.
 struct Number(f64);
 
 impl fmt::Display for Number {
@@ -111,22 +110,22 @@ impl fmt::Display for Number {
 mod tests {
     use super::{Bound, Isometry3, RangeBounds, all_within, in_range, is_pose};
 
-    fn told(value: f64, range: impl RangeBounds<f64>) -> String {
+    fn message(value: f64, range: impl RangeBounds<f64>) -> String {
         in_range("x", value, range, "m").map_or_else(|error| error.to_string(), |()| "fine".to_owned())
     }
 
     /// Every kind of range in words, its own ends, and values that are no numbers.
     #[test]
-    fn ranges_are_told_from_their_bounds() {
+    fn ranges_are_written_by_their_bounds() {
         let above = (Bound::Excluded(0.0), Bound::Included(1.0));
         for (range, value, text) in [
-            (told(0.0, above), "0", "greater than 0 and at most 1 m"),
-            (told(2e-20, 1.0..=2.0), "2e-20", "between 1 and 2 m"),
-            (told(2.0, 1.0..2.0), "2", "at least 1 and less than 2 m"),
-            (told(1e300, 4.0..=4.0), "1e300", "4 m"),
-            (told(f64::INFINITY, 0.0..f64::INFINITY), "inf", "at least 0 and finite m"),
-            (told(f64::NAN, 1e-5..), "NaN", "at least 1e-5 m"),
-            (told(4_294_967_296.0, ..=65_536.0), "4294967296", "at most 65536 m"),
+            (message(0.0, above), "0", "greater than 0 and at most 1 m"),
+            (message(2e-20, 1.0..=2.0), "2e-20", "between 1 and 2 m"),
+            (message(2.0, 1.0..2.0), "2", "at least 1 and less than 2 m"),
+            (message(1e300, 4.0..=4.0), "1e300", "4 m"),
+            (message(f64::INFINITY, 0.0..f64::INFINITY), "inf", "at least 0 and finite m"),
+            (message(f64::NAN, 1e-5..), "NaN", "at least 1e-5 m"),
+            (message(4_294_967_296.0, ..=65_536.0), "4294967296", "at most 65536 m"),
         ] {
             assert_eq!(range, format!("`x` is {value}, but it must be {text}"));
         }
@@ -140,6 +139,6 @@ mod tests {
         assert_eq!(refused.to_string(), "`x` is 3, but it must be 1, the length of a unit quaternion");
         assert!(is_pose("x", &Isometry3::translation(1.0, 2.0, 3.0), 3.0).is_ok());
         assert!(is_pose("x", &Isometry3::translation(1.0, 2.0, 3.0), 2.0).is_err());
-        assert_eq!([told(1.0, above), told(0.0, 0.0..=0.0), told(1e300, 0.0..f64::INFINITY)], ["fine"; 3]);
+        assert_eq!([message(1.0, above), message(0.0, 0.0..=0.0), message(1e300, 0.0..f64::INFINITY)], ["fine"; 3]);
     }
 }

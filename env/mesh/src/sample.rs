@@ -8,18 +8,17 @@ use rand_chacha::ChaCha8Rng;
 /// A point on the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSample {
-    /// Where, metres, in the mesh's frame.
+    /// Position in the mesh's frame, metres.
     pub point: Point3<f64>,
     /// Unit normal of its face (outward when the mesh is oriented).
     pub normal: Vector3<f64>,
-    /// Its face.
     pub face: u32,
 }
 
 /// `count` points, uniform by area and stratified: the surface is laid out along a line by cumulative area, and each of
 /// `count` equal stretches gets one point.
 ///
-/// Same mesh, count and seed: same samples. Degenerate faces get none; a mesh without any area gives no samples.
+/// Same mesh, count and seed: same samples. Degenerate faces get none; a mesh without any area has no samples.
 pub fn sample_surface(mesh: &TriMesh, count: usize, seed: u64) -> Vec<SurfaceSample> {
     let mut total = 0.0;
     let cumulative: Vec<f64> = (0..mesh.faces().len())

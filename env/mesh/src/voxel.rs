@@ -71,7 +71,7 @@ pub fn voxelize(mesh: &TriMesh, options: &VoxelOptions) -> Result<(VoxelGrid, Op
     Ok((grid, rule))
 }
 
-/// Voxels of a given cube whose centre lies inside a mesh, of which the cube may hold a part alone.
+/// Voxels of a given cube whose centre lies inside a mesh, of which the cube may hold only a part.
 ///
 /// * `frame_from_mesh`: where the mesh is, in the frame that the cube is given in.
 ///

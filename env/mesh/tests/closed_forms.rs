@@ -111,7 +111,7 @@ fn a_box_rests_on_its_six_sides_as_often_as_it_sees_them() {
 
 /// Hulls are computed in single precision: a corner in the middle of an edge leaves a face without width, which may look anywhere.
 #[test]
-fn a_sliver_of_the_hull_has_no_say() {
+fn a_sliver_of_the_hull_is_ignored() {
     let cube = cuboid(Vector3::new(0.1, 0.1, 0.1));
     let corners = cube.vertices();
     let [a, b, c] = cube.faces()[0];

@@ -129,7 +129,7 @@ fn solid() -> impl Strategy<Value = TriMesh> {
     })
 }
 
-/// Voxels of the union of solids, each filled alone: volume, centre and moment of inertia about it per unit of density. None where all
+/// Voxels of the union of solids, each filled by itself: volume, centre and moment of inertia about it per unit of density. None where all
 /// voxels of one lie in another, which may make it a cavity.
 fn by_voxels(solids: &[TriMesh]) -> Option<(f64, Point3<f64>, Matrix3<f64>)> {
     let bounds = joined(solids, &[]).aabb();

@@ -15,7 +15,7 @@ fn mode(path: &Path) -> u32 {
     std::fs::metadata(path).unwrap().permissions().mode() & 0o777
 }
 
-/// Files were readable by their owner alone, with any umask, because the temporary file is.
+/// Files were readable only by their owner, with any umask, because the temporary file is.
 #[test]
 fn new_files_have_the_mode_that_the_umask_leaves_and_old_ones_keep_theirs() {
     let folder = tempfile::tempdir().unwrap();
@@ -84,7 +84,7 @@ fn devices_and_pipes_are_not_read() {
 
 /// As a cache entry, a device was read into memory until that ran out.
 #[test]
-fn a_device_in_the_cache_costs_the_cache_alone() {
+fn a_device_in_the_cache_costs_only_the_cache() {
     let folder = tempfile::tempdir().unwrap();
     let (mesh, params) = (cuboid(Vector3::new(0.05, 0.08, 0.2)), PartsParams::default());
     let made = convex_parts(&mesh, &params, Some(folder.path())).unwrap();

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The first run writes the meshes to the folder OUT; CoACD writes its parts there, and a second run with the third argument
-//! `CoACD` prints those rows alone.
+//! `CoACD` prints only those rows.
 //! Every method is measured by [`graspbox_mesh::measure_parts`]; distances are in millimetres, `volume` is the sum of the
 //! parts' volumes over that of the object.
 #![allow(clippy::print_stdout)]

@@ -65,7 +65,6 @@ pub enum Family {
 /// Bounds that every object of a family keeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FamilyFacts {
-    /// The family.
     pub family: Family,
     /// Its name in object sets, snake_case.
     pub name: &'static str,

@@ -45,9 +45,7 @@ use nalgebra::Point3;
 pub struct ProceduralObject {
     /// `family-seed`, with at least six digits of the seed: `mug-000042`.
     pub name: String,
-    /// Its family.
     pub family: Family,
-    /// Its seed.
     pub seed: u64,
     /// Its closed surface with outward faces, object frame, metres.
     pub mesh: TriMesh,

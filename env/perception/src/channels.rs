@@ -12,11 +12,10 @@
 //! Free space is neither unseen nor below the table.
 
 use crate::crop::Observed;
-use graspbox_camera::Camera;
 use graspbox_mesh::VoxelFrame;
+use graspbox_render::Camera;
 use nalgebra::{Isometry3, Vector3};
 
-/// Number of channels.
 pub const CHANNELS: usize = 3;
 /// Their names, in order.
 pub const CHANNEL_NAMES: [&str; CHANNELS] = ["surface", "unseen", "table"];

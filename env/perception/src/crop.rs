@@ -6,8 +6,8 @@
 //! The object is the largest group of pixels above the table. In plan view, gaps between pixels of one group are at most `gap`.
 
 use crate::PerceptionError;
-use graspbox_camera::Camera;
 use graspbox_mesh::{VoxelFrame, in_range};
+use graspbox_render::Camera;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 

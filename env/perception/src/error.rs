@@ -1,20 +1,19 @@
 //! Errors of perception; each variant is a sentence about the input.
 
-use graspbox_camera::CameraError;
 use graspbox_hand::HandError;
 use graspbox_mesh::{MeshError, OutOfRange};
 use graspbox_plan::PlanError;
+use graspbox_render::RenderError;
 
 /// An invalid input of perception.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PerceptionError {
-    /// A number is out of range.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
     /// The intrinsics or the pose of a camera are invalid.
     #[error(transparent)]
-    Camera(#[from] CameraError),
+    Render(#[from] RenderError),
     /// A mesh cannot be voxelized.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -27,9 +26,7 @@ pub enum PerceptionError {
     /// The number of cells along an axis of a hand's grid is not usable.
     #[error("shape[{axis}] is {cells}; give a multiple of {multiple}, at most {most}")]
     GridShape {
-        /// Index of the axis.
         axis: usize,
-        /// Number of cells.
         cells: usize,
         /// It is a multiple of this.
         multiple: usize,

@@ -4,7 +4,7 @@
 
 use crate::PerceptionError;
 use crate::lookup::{CellBox, Solid};
-use graspbox_hand::{Hand, Preshape, Quarter};
+use graspbox_hand::{Hand, Preshape, QuarterTurn};
 use graspbox_mesh::in_range;
 use graspbox_plan::closing_center;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -62,8 +62,7 @@ impl HandGridConfig {
 }
 
 /// One preshape of the hand.
-pub(crate) struct Shaped {
-    /// Its number.
+pub(crate) struct PreshapeGrid {
     pub preshape: f64,
     /// Time at which a finger reaches each cell: 255 at the open finger, 64 at its last position, 0 for cells that it does not reach.
     pub swept: Vec<u8>,
@@ -82,7 +81,7 @@ pub(crate) struct Shaped {
 
 /// Collisions of the open hand, and contacts of its closing chains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Meeting {
+pub struct GraspContact {
     /// The open hand collides with nothing at the pose and on the approach.
     pub free: bool,
     /// Bit set of the chains that meet the object as they close.
@@ -93,13 +92,12 @@ pub struct Meeting {
 pub struct HandGrid {
     /// The cells, hand frame.
     pub cells: CellBox,
-    pub(crate) shaped: Vec<Shaped>,
+    pub(crate) shaped: Vec<PreshapeGrid>,
     standoff: f64,
     /// Chains that close.
     pub(crate) chains: u32,
     /// Point at which closed fingers meet, hand frame.
     pub(crate) center: Point3<f64>,
-    /// The hand.
     pub hand: Hand,
 }
 
@@ -111,14 +109,14 @@ impl HandGrid {
     pub fn new(hand: &Hand, config: &HandGridConfig) -> Result<Self, PerceptionError> {
         config.check()?;
         let motions = hand.preshapes().iter().map(|preshape| closing(hand, preshape)).collect::<Result<Vec<_>, _>>()?;
-        let moving = |motions: &[Vec<Moving>]| motions.iter().flatten().fold(0, |all, part| all | part.chain);
+        let moving = |motions: &[Vec<ChainLink>]| motions.iter().flatten().fold(0, |all, part| all | part.chain);
         let chains = motions.iter().fold(0, |all, motion| all | moving(motion));
         if chains == 0 {
             return Err(PerceptionError::NothingCloses { name: hand.name.clone() });
         }
         let cells = grid(&motions, config);
         let shaped = hand.preshapes().iter().zip(&motions);
-        let shaped = shaped.map(|(preshape, motion)| Shaped::new(hand, preshape, motion, &cells, config));
+        let shaped = shaped.map(|(preshape, motion)| PreshapeGrid::new(hand, preshape, motion, &cells, config));
         let shaped = shaped.collect::<Result<Vec<_>, _>>()?;
         let (standoff, center) = (config.standoff, hand.grasp.center);
         Ok(Self { cells, shaped, standoff, chains: chains.count_ones(), center, hand: hand.clone() })
@@ -161,9 +159,9 @@ impl HandGrid {
         obstacles: &[Point3<f32>],
         pose: &Isometry3<f64>,
         index: usize,
-    ) -> Meeting {
+    ) -> GraspContact {
         let shaped = &self.shaped[index];
-        let refused = Meeting { free: false, chains: 0 };
+        let refused = GraspContact { free: false, chains: 0 };
         if shaped.hits_table(pose, self.standoff) {
             return refused;
         }
@@ -186,12 +184,16 @@ impl HandGrid {
             }
             chains |= flags;
         }
-        if obstacles.iter().any(|point| flags_at(point) & HAND != 0) { refused } else { Meeting { free: true, chains } }
+        if obstacles.iter().any(|point| flags_at(point) & HAND != 0) {
+            refused
+        } else {
+            GraspContact { free: true, chains }
+        }
     }
 }
 
 /// A link of a closing chain.
-struct Moving {
+struct ChainLink {
     solid: Solid,
     /// Bit of its chain.
     chain: u16,
@@ -199,7 +201,7 @@ struct Moving {
 
 /// The links of the chains in each step of closing, for two orders: all joints of a chain at once, as in stiff fingers, and one after the other from
 /// the root, as if the root joint were the softest.
-fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<Moving>>, PerceptionError> {
+fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<ChainLink>>, PerceptionError> {
     let open = hand.open_configuration(preshape.value);
     let closed = hand.closed_configuration(preshape.value, 1.0);
     // Index of each coordinate among the closing ones of its chain, and their number.
@@ -229,7 +231,7 @@ fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<Moving>>, Percept
                 };
                 if let Some(chain) = hand.chain_of_link(placed.link).filter(moves) {
                     let solid = Solid::new(&placed.collider.shape, &placed.hand_from_shape, 0.0, 0.0);
-                    parts.push(Moving { solid, chain: 1 << chain.min(14) });
+                    parts.push(ChainLink { solid, chain: 1 << chain.min(14) });
                 }
             }
         }
@@ -239,7 +241,7 @@ fn closing(hand: &Hand, preshape: &Preshape) -> Result<Vec<Vec<Moving>>, Percept
 }
 
 /// Cells around the volume that the chains sweep with any preshape; where their number is set, they are as small as it allows.
-fn grid(motions: &[Vec<Vec<Moving>>], config: &HandGridConfig) -> CellBox {
+fn grid(motions: &[Vec<Vec<ChainLink>>], config: &HandGridConfig) -> CellBox {
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for part in motions.iter().flat_map(|steps| &steps[SPREAD..]).flatten() {
         let [from, to] = part.solid.bounds();
@@ -266,11 +268,11 @@ fn grid(motions: &[Vec<Vec<Moving>>], config: &HandGridConfig) -> CellBox {
     CellBox { origin: Point3::from(origin), shape, cell }
 }
 
-impl Shaped {
+impl PreshapeGrid {
     fn new(
         hand: &Hand,
         preshape: &Preshape,
-        motion: &[Vec<Moving>],
+        motion: &[Vec<ChainLink>],
         cells: &CellBox,
         config: &HandGridConfig,
     ) -> Result<Self, PerceptionError> {
@@ -306,7 +308,7 @@ impl Shaped {
         let reach = motion.iter().flatten().map(|part| part.solid.bounds()[1].z).fold(0.0, f64::max);
         let center = closing_center(hand, preshape.value)?;
         let corners = solid(0.0).flat_map(|solid| solid.corners().collect::<Vec<_>>()).collect();
-        let turns = preshape.face.quarter == Quarter::Always;
+        let turns = preshape.face.quarter == QuarterTurn::Always;
         Ok(Self { preshape: preshape.value, swept, turns, center, reach, corners, flags, lookup })
     }
 

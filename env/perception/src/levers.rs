@@ -1,4 +1,4 @@
-//! How far a hand is from the middle of what it grasps: a long object that is held at its end tips or slips out.
+//! How far a hand is from the middle of the object that it grasps: a long object that is held at its end tips or slips out.
 //!
 //! The cells around a hand do not show the end of a long object. This measure sees the whole crop.
 
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// end of a heap out of it.
 const NEARBY: f64 = 0.05;
 
-/// Distance in plan view, metres, from the point where the fingertips close to the middle of what is occupied near it, at each of m poses.
+/// Distance in plan view, metres, from the point where the fingertips close to the middle of the occupied voxels near it, at each of m poses.
 ///
 /// * `occupancy`: (N, N, N), 0 to 255.
 /// * `grasps`: for each grasp `crop_from_hand` and the index of the preshape.

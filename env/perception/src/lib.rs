@@ -10,7 +10,7 @@
 //! | [`proposals`] | candidate grasps of an occupancy, filtered and diverse |
 //! | [`hand_grid`] | the grid of a hand: its swept volume, and collision look-ups |
 //! | [`hand_crops`](mod@hand_crops) | voxels around the hand at many poses |
-//! | [`levers`](mod@levers) | how far the hand is from the middle of what it grasps |
+//! | [`levers`](mod@levers) | how far the hand is from the middle of the object that it grasps |
 //! | `lookup` | cells in the hand frame |
 //! | [`error`] | errors, one sentence each |
 //!
@@ -53,7 +53,7 @@ pub use channels::{CHANNEL_NAMES, CHANNELS, fill_channels};
 pub use crop::{CropConfig, Observed, observe};
 pub use error::PerceptionError;
 pub use hand_crops::{CropVolume, HAND_CHANNEL_NAMES, HAND_CHANNELS, hand_crops};
-pub use hand_grid::{HandGrid, HandGridConfig, Meeting};
+pub use hand_grid::{GraspContact, HandGrid, HandGridConfig};
 pub use levers::levers;
 pub use lookup::CellBox;
 pub use noise::{DepthNoise, add_depth_noise};

@@ -22,7 +22,6 @@ impl CellBox {
         Self { origin: Point3::from(*low), shape, cell }
     }
 
-    /// Number of cells.
     #[must_use]
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> usize {

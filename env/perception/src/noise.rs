@@ -4,8 +4,8 @@
 //! improved 3D reconstruction and tracking", 3DIMPVT 2012; stereo cameras have the same growth with distance.
 
 use crate::PerceptionError;
-use graspbox_camera::Intrinsics;
 use graspbox_mesh::in_range;
+use graspbox_render::Intrinsics;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;

@@ -6,7 +6,7 @@
 //! fingers meet the object, are dropped; the most diverse of the others are kept.
 
 use crate::PerceptionError;
-use crate::hand_grid::{HandGrid, Meeting};
+use crate::hand_grid::{GraspContact, HandGrid};
 use crate::surface::{SurfacePoint, surface};
 use graspbox_hand::GraspPose;
 use graspbox_mesh::{VoxelFrame, in_range};
@@ -49,7 +49,6 @@ pub enum Source {
 }
 
 impl Source {
-    /// Name of the source.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -110,7 +109,6 @@ impl ProposalConfig {
     }
 }
 
-/// A candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     /// Pose of the hand in the frame of the grid.
@@ -148,7 +146,7 @@ pub fn propose(
     let points = collision_points(&surface, config.points);
     let needed = (config.fingers as u32).min(hand.chains);
     let meets = |candidate: &Candidate| hand.meets(&points, obstacles, &candidate.pose, candidate.preshape);
-    let met: Vec<Meeting> = candidates.par_iter().map(meets).collect();
+    let met: Vec<GraspContact> = candidates.par_iter().map(meets).collect();
     let kept = candidates.into_iter().zip(met);
     let kept = kept.filter(|(_, met)| met.free && met.chains.count_ones() >= needed).map(|(candidate, _)| candidate);
     Ok(most_different(hand, kept.collect(), config.most))

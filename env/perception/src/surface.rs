@@ -14,7 +14,6 @@ const LEVEL: f64 = 63.5;
 /// voxel.
 const AGREES: f64 = 0.3;
 
-/// A point of the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// Position in the frame of the grid, metres.

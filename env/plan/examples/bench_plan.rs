@@ -56,7 +56,7 @@ fn median<T>(runs: usize, mut work: impl FnMut() -> T) -> f64 {
     times[runs / 2]
 }
 
-/// The collision filter alone, and the whole plan, on one object.
+/// The collision filter, and the whole plan, on one object.
 fn bench_filter(mesh: &TriMesh, parts: &[Vec<Point3<f64>>], mass: f64) -> Result<(), Box<dyn Error>> {
     let hand = Hand::reflex()?;
     let world_from_object = default_pose(mesh);

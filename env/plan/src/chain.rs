@@ -8,7 +8,7 @@
 //!
 //! The chain moves in the plane normal to the axis of its last closing joint. Joints about other axes keep their positions in the open hand. One
 //! tendon pulls all joints: it shortens by `sum of r_i dq_i`, and the chain makes any collision-free motion for which that is positive. First the
-//! root closes, then the joints after it, each alone. If only the tip is held, it curls further while an earlier joint yields.
+//! root closes, then the joints after it, each by itself. If only the tip is held, it curls further while an earlier joint yields.
 
 mod model;
 mod plane;
@@ -63,7 +63,7 @@ pub(crate) struct ChainModel {
     coordinates: Vec<Coordinate>,
     /// Directions of motion in order of preference, each with one entry per coordinate.
     moves: Vec<Vec<f64>>,
-    /// Half the width of the chain.
+    /// Half the width of the chain, metres.
     pub half_width: f64,
     /// Greatest distance from the first joint that it reaches.
     pub reach: f64,

@@ -39,7 +39,7 @@ pub enum Feasibility {
     HitsObjectOnApproach,
     /// It collides with a neighbour at the pose or on the approach, and with nothing else.
     HitsNeighbour,
-    /// It collides with neighbours alone, and pushes them aside: see [`CollisionScene::touch`] and `PlanParams::max_press`.
+    /// It collides only with neighbours, and pushes them aside: see [`CollisionScene::touch`] and `PlanParams::max_press`.
     PushesNeighbour,
 }
 
@@ -140,7 +140,6 @@ pub struct Neighbour {
 pub struct CollisionScene {
     obstacle: Arc<Obstacle>,
     neighbours: Arc<[Neighbour]>,
-    /// For each neighbour.
     neighbours_from_object: Vec<Isometry3<f64>>,
     /// Up, and the table's height along it.
     up: Unit<Vector3<f64>>,

@@ -27,7 +27,6 @@ pub enum PlanError {
          `variations`, `standoffs` or `max_boxes`"
     )]
     TooMany {
-        /// Number of boxes.
         boxes: usize,
         /// Poses for each face, orientation and preshape.
         each: usize,
@@ -39,15 +38,13 @@ pub enum PlanError {
     UnsupportedHand {
         /// Name of the hand.
         name: String,
-        /// The reason.
         reason: &'static str,
     },
     /// The hand has a weight for an unknown term of the ranking.
     #[error(
-        "the hand {hand:?} has a weight for {name:?}, which is no term of the ranking; in `[grasp.ranking]` of its hand.toml name one of {known}"
+        "the hand {hand:?} has a weight for {name:?}, which is not a term of the ranking; in `[grasp.ranking]` of its hand.toml name one of {known}"
     )]
     UnknownTerm {
-        /// Name of the hand.
         hand: String,
         /// The unknown term.
         name: String,

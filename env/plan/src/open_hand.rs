@@ -11,7 +11,6 @@ use parry3d_f64::shape::SharedShape;
 pub(crate) struct SweptShape {
     /// The shape at the pose.
     pub shape: SharedShape,
-    /// Pose of the shape.
     pub hand_from_shape: Pose,
     /// The volume that it sweeps on the straight approach, including its end.
     pub swept: SharedShape,

@@ -33,7 +33,6 @@ struct Pair {
 
 /// Inputs for poses across pairs; object frame.
 pub(crate) struct Surroundings<'a> {
-    /// Samples of the surface.
     pub samples: &'a [SurfaceSample],
     /// The boxes, each with its index.
     pub boxes: &'a [(usize, OrientedBox)],

@@ -23,7 +23,7 @@ pub struct PlanObject<'a> {
     pub obstacle: &'a Arc<Obstacle>,
     /// Centre of mass, object frame, metres.
     pub center_of_mass: Point3<f64>,
-    /// Where the object rests.
+    /// Pose of the object at rest.
     pub world_from_object: Isometry3<f64>,
     /// Other objects and walls.
     pub neighbours: Arc<[Neighbour]>,
@@ -95,13 +95,12 @@ impl Candidate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
-    /// The boxes.
     pub tree: BoxTree,
     /// Feasible candidates, best first, then the others in the order of their creation.
     pub candidates: Vec<Candidate>,
     /// Number of feasible candidates.
     pub feasible: usize,
-    /// Where the object rests.
+    /// Pose of the object at rest.
     pub world_from_object: Isometry3<f64>,
 }
 
@@ -112,7 +111,7 @@ impl Plan {
     }
 }
 
-/// Plans grasps of an object with a hand by geometry alone. The same input gives the same plan with any number of threads.
+/// Plans grasps of an object with a hand by geometry. Equal input returns equal plans with any number of threads.
 ///
 /// # Errors
 /// [`PlanError::OutOfRange`] for bad parameters, [`PlanError::Degenerate`] for a flat mesh, [`PlanError::UnsupportedHand`],

@@ -4,7 +4,7 @@
 //! along hand x. With the hand rotated by 90 degrees, its y is along the short side. A face without a suitable preshape gets the first one,
 //! and ranks low.
 
-use graspbox_hand::{Hand, Preshape, Quarter};
+use graspbox_hand::{Hand, Preshape, QuarterTurn};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use crate::PlanError;
@@ -26,9 +26,9 @@ pub(crate) fn preshapes(hand: &Hand, size: FaceSize, quarter: bool, square: f64)
     let suits = |preshape: &&Preshape| {
         let rule = &preshape.face;
         let turned = match rule.quarter {
-            Quarter::Always => true,
-            Quarter::Square => !quarter || squarish,
-            Quarter::Never => !quarter,
+            QuarterTurn::Always => true,
+            QuarterTurn::Square => !quarter || squarish,
+            QuarterTurn::Never => !quarter,
         };
         let ratios = (1.0 / rule.max_ratio..=rule.max_ratio).contains(&ratio) || size.length < rule.any_ratio_below;
         let within = |[least, most]: [f64; 2], side: f64| (least..=most).contains(&side);

@@ -1,4 +1,4 @@
-//! Ranking by geometry alone: the hand is closed on the surface at each feasible pose (`predict`), and a weighted sum of features of the closed hand
+//! Ranking by geometry: the hand is closed on the surface at each feasible pose (`predict`), and a weighted sum of features of the closed hand
 //! is the score (`score`).
 
 mod predict;

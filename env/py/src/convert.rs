@@ -1,4 +1,4 @@
-//! Conversion of arrays between numpy and the core, with all checks of shapes and numbers; [`graspbox_agent::json`] parses configs.
+//! Conversion of arrays between numpy and the core, with all checks of shapes and numbers, and of configs, which [`graspbox_gym::json`] reads.
 //!
 //! Input arrays must be C-contiguous float64, which the public functions of `graspbox` ensure. Output arrays are new.
 
@@ -15,20 +15,25 @@ pub type Array<'py, T> = Bound<'py, PyArrayDyn<T>>;
 /// An input array of float64, of any shape.
 pub type Floats<'py> = PyReadonlyArrayDyn<'py, f64>;
 
-/// A config from its JSON text; errors name it `what`.
+/// A config from a dict of numbers, text, lists and dicts; errors name it `what`.
+///
+/// It is read by way of [`serde_json::Value`], which is strict about types (pythonize by itself accepts any object as a
+/// bool) and is where errors look up the invalid value. Numbers keep their bits.
 ///
 /// # Errors
-/// As [`graspbox_agent::json::config`].
-pub fn config<T: DeserializeOwned>(text: &str, what: &str) -> Result<T, CoreError> {
-    Ok(graspbox_agent::json::config(text, what)?)
+/// As [`graspbox_gym::json::config_of`].
+pub fn read_config<T: DeserializeOwned>(config: &Bound<'_, PyAny>, what: &str) -> Result<T, CoreError> {
+    let value = pythonize::depythonize(config).map_err(|error| CoreError::Config(format!("{what}: {error}")))?;
+    Ok(graspbox_gym::json::config_of(&value, what)?)
 }
 
-/// The JSON text of a config.
-pub fn json<T: Serialize>(config: &T) -> Result<String, CoreError> {
-    serde_json::to_string(config).map_err(|error| CoreError::Internal(error.to_string()))
+/// A value as numbers, text, lists and dicts: tuples become lists.
+pub fn to_python<'py, T: Serialize>(py: Python<'py>, value: &T) -> PyResult<Bound<'py, PyAny>> {
+    let value = serde_json::to_value(value).map_err(|error| CoreError::Internal(error.to_string()))?;
+    Ok(pythonize::pythonize(py, &value)?)
 }
 
-/// The entries of `array`, which must have the shape `shape`; `None` stands for any length.
+/// The entries of `array`, which must have the shape `shape`; `None` allows any length.
 ///
 /// # Errors
 /// Another shape, or an array that is not C-contiguous.

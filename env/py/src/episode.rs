@@ -1,7 +1,8 @@
-//! `graspbox.Scene`: an object at rest on the table, and trials on it.
+//! `graspbox._core.SettledScene`: an object at rest on the table, and trials on it.
 
 use crate::convert::{
-    Array, Floats, array, entries, isometries, isometry, matrices, matrix, matrix_rows, row_major, table, vector,
+    Array, Floats, array, entries, isometries, isometry, matrices, matrix, matrix_rows, read_config, row_major, table,
+    vector,
 };
 use crate::errors::CoreError;
 use crate::gil::{detached, interruptible};
@@ -26,8 +27,8 @@ use std::sync::Arc;
 type BodyArrays<'py> = (Vec<Array<'py, f64>>, f64, Array<'py, f64>, Array<'py, f64>);
 
 /// A handle on a settled object.
-#[pyclass(frozen, module = "graspbox._core", name = "Scene")]
-pub struct Scene {
+#[pyclass(frozen, module = "graspbox._core")]
+pub struct SettledScene {
     /// The settled object.
     pub core: Arc<Core>,
     mesh: Arc<MeshData>,
@@ -46,19 +47,19 @@ fn grasps(poses: &Floats<'_>, preshape: &Floats<'_>) -> Result<Vec<GraspPose>, C
 }
 
 #[pymethods]
-impl Scene {
-    /// Prepares the mesh (convex parts are cached in `cache`) and lets it settle; `physics` is JSON.
+impl SettledScene {
+    /// Prepares the mesh (convex parts are cached in `cache`) and lets it settle.
     #[new]
     #[pyo3(signature = (mesh, hand, physics, world_from_object, cache))]
     fn new(
         py: Python<'_>,
         mesh: &Mesh,
         hand: &Hand,
-        physics: &str,
+        physics: &Bound<'_, PyAny>,
         world_from_object: Option<Floats<'_>>,
         cache: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let physics: PhysicsConfig = crate::convert::config(physics, "PhysicsConfig")?;
+        let physics: PhysicsConfig = read_config(physics, "PhysicsConfig")?;
         let start = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
         let (mesh, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
         detached(py, None, move || {
@@ -82,10 +83,10 @@ impl Scene {
         walls: Vec<(Floats<'_>, [f64; 3])>,
         target: Option<usize>,
         hand: &Hand,
-        physics: &str,
+        physics: &Bound<'_, PyAny>,
         cache: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let physics: PhysicsConfig = crate::convert::config(physics, "PhysicsConfig")?;
+        let physics: PhysicsConfig = read_config(physics, "PhysicsConfig")?;
         let poses = isometries(&world_from_objects, "world_from_objects")?;
         let walls = crate::layout::walls(&walls)?;
         let (data, hand): (Vec<_>, _) = (meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect(), Arc::clone(&hand.0));
@@ -174,12 +175,12 @@ impl Scene {
         poses: Floats<'_>,
         preshape: Floats<'_>,
         factors: Floats<'_>,
-        config: &str,
+        config: &Bound<'_, PyAny>,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let grasps = grasps(&poses, &preshape)?;
         let factors = entries(&factors, "factors", &[Some(grasps.len()), Some(2)])?.as_chunks::<2>().0.to_vec();
-        let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;
+        let config: TrialConfig = read_config(config, "TrialConfig")?;
         let progress = Arc::new(Progress::default());
         let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
         let trials = interruptible(
@@ -198,11 +199,11 @@ impl Scene {
         py: Python<'py>,
         poses: Floats<'_>,
         preshape: Floats<'_>,
-        config: &str,
+        config: &Bound<'_, PyAny>,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let grasps = grasps(&poses, &preshape)?;
-        let config: ForceConfig = crate::convert::config(config, "ForceConfig")?;
+        let config: ForceConfig = read_config(config, "ForceConfig")?;
         let progress = Arc::new(Progress::default());
         let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
         let outcomes = interruptible(
@@ -221,10 +222,10 @@ impl Scene {
         pose: Floats<'_>,
         preshape: f64,
         factors: [f64; 2],
-        config: &str,
+        config: &Bound<'_, PyAny>,
     ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
         let pose = GraspPose { object_from_hand: isometry(&pose, "pose")?, preshape };
-        let config: TrialConfig = crate::convert::config(config, "TrialConfig")?;
+        let config: TrialConfig = read_config(config, "TrialConfig")?;
         let progress = Arc::new(Progress::default());
         let (scene, watched) = (Arc::clone(&self.core), Arc::clone(&progress));
         let trial = interruptible(

@@ -2,16 +2,15 @@
 //!
 //! The classes are defined in `graspbox.errors`, since Rust cannot give an exception two bases.
 
-use graspbox_agent::AgentError;
-use graspbox_agent::json::BadConfig;
-use graspbox_camera::CameraError;
 use graspbox_episode::EpisodeError;
+use graspbox_gym::EnvError;
+use graspbox_gym::json::BadConfig;
 use graspbox_hand::HandError;
 use graspbox_mesh::MeshError;
 use graspbox_perception::PerceptionError;
 use graspbox_plan::PlanError;
+use graspbox_render::RenderError;
 use graspbox_sim::SimError;
-use graspbox_vision::VisionError;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -27,7 +26,6 @@ pub enum CoreError {
     /// A file cannot be read or written.
     #[error("{source}: {path}")]
     File {
-        /// The file.
         path: PathBuf,
         /// The system's error.
         source: std::io::Error,
@@ -49,12 +47,7 @@ pub enum CoreError {
     Connection(String),
     /// An object cannot be used; another one might.
     #[error("{error}")]
-    Object {
-        /// Its name.
-        name: String,
-        /// The reason.
-        error: Box<CoreError>,
-    },
+    Object { name: String, error: Box<CoreError> },
     /// The call was stopped by a signal.
     #[error("the call was interrupted")]
     Interrupted,
@@ -151,7 +144,7 @@ impl From<PlanError> for CoreError {
 impl From<PerceptionError> for CoreError {
     fn from(error: PerceptionError) -> Self {
         match error {
-            PerceptionError::Camera(source) => source.into(),
+            PerceptionError::Render(source) => source.into(),
             PerceptionError::Mesh(source) => source.into(),
             PerceptionError::Hand(source) => source.into(),
             PerceptionError::Plan(source) => source.into(),
@@ -170,10 +163,10 @@ impl From<SimError> for CoreError {
     }
 }
 
-impl From<CameraError> for CoreError {
-    fn from(error: CameraError) -> Self {
+impl From<RenderError> for CoreError {
+    fn from(error: RenderError) -> Self {
         match error {
-            CameraError::Mesh(source) => source.into(),
+            RenderError::Mesh(source) => source.into(),
             _ => Self::Config(error.to_string()),
         }
     }
@@ -198,27 +191,18 @@ impl From<EpisodeError> for CoreError {
     }
 }
 
-impl From<VisionError> for CoreError {
-    fn from(error: VisionError) -> Self {
-        match error {
-            VisionError::Mesh { object, source } => Self::from(source).about(&format!("object `{object}`")),
-            _ => Self::Config(error.to_string()),
-        }
-    }
-}
-
-impl From<AgentError> for CoreError {
-    fn from(error: AgentError) -> Self {
+impl From<EnvError> for CoreError {
+    fn from(error: EnvError) -> Self {
         let object = error.object().map(str::to_owned);
         let found = match error {
-            AgentError::Episode(source) => source.into(),
-            AgentError::InFile { path, source } => Self::from(*source).about(&format!("`{}`", path.display())),
-            AgentError::Vision(source) => source.into(),
-            AgentError::Broken { .. } | AgentError::WrongSize { .. } => Self::Internal(error.to_string()),
-            AgentError::BadHand { source } => source.into(),
-            AgentError::Unusable { source } => source.into(),
-            AgentError::NotRenderable { object, source } => Self::from(source).about(&format!("object `{object}`")),
-            AgentError::NoRoom { .. } => Self::Simulation(error.to_string()),
+            EnvError::Episode(source) => source.into(),
+            EnvError::InFile { path, source } => Self::from(*source).about(&format!("`{}`", path.display())),
+            EnvError::Render(source) => source.into(),
+            EnvError::Broken { .. } | EnvError::WrongSize { .. } => Self::Internal(error.to_string()),
+            EnvError::BadHand { source } => source.into(),
+            EnvError::Unusable { source } => source.into(),
+            EnvError::NotRenderable { object, source } => Self::from(source).about(&format!("object `{object}`")),
+            EnvError::NoRoom { .. } => Self::Simulation(error.to_string()),
             _ => Self::Config(error.to_string()),
         };
         found.of_object(object)

@@ -4,15 +4,13 @@
 //! Ctrl-C it requests a stop, waits for `GRACE`, and abandons the work if it has not returned.
 
 use crate::errors::CoreError;
-use graspbox_agent::panic_text;
+use graspbox_gym::caught;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Time between two checks for signals: a tenth of the documented second.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -130,8 +128,7 @@ where
 {
     let (sender, results) = sync_channel(1);
     pool(thread_count(num_threads)?)?.spawn(move || {
-        let result = catch_unwind(AssertUnwindSafe(|| work().map_err(Into::into)))
-            .unwrap_or_else(|payload| Err(CoreError::Internal(panic_text(payload.as_ref()))));
+        let result = caught(|| work().map_err(Into::into), CoreError::Internal);
         // After an interruption there is no receiver.
         drop(sender.send(result));
     });
@@ -177,33 +174,4 @@ pub fn awaited<T: Send>(py: Python<'_>, results: &Mutex<Receiver<T>>) -> PyResul
 #[pyo3(signature = (requested=None))]
 pub fn num_threads(#[pyo3(from_py_with = threads)] requested: Option<usize>) -> PyResult<usize> {
     Ok(thread_count(requested)?)
-}
-
-/// Occupies the pool for `seconds`, then returns the number of its threads: for tests of threads, forks, signals and panics.
-#[pyfunction]
-#[pyo3(name = "_spin", signature = (seconds, *, num_threads=None, deaf=false, fail=false))]
-pub fn spin(
-    py: Python<'_>,
-    seconds: f64,
-    #[pyo3(from_py_with = threads)] num_threads: Option<usize>,
-    deaf: bool,
-    fail: bool,
-) -> PyResult<usize> {
-    let cancel = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&cancel);
-    let stop = move || flag.store(true, Ordering::Relaxed);
-    interruptible(py, num_threads, stop, move || {
-        let started = Instant::now();
-        while started.elapsed().as_secs_f64() < seconds {
-            if !deaf && cancel.load(Ordering::Relaxed) {
-                return Err(CoreError::Interrupted);
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        if fail {
-            let nothing: [usize; 0] = [];
-            return Ok(nothing[started.elapsed().subsec_nanos() as usize]);
-        }
-        Ok(rayon::broadcast(|_| ()).len())
-    })
 }

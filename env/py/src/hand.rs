@@ -1,9 +1,10 @@
 //! `graspbox.Hand`: a hand read from its two files.
 
 use crate::convert::{Array, Floats, array, matrices, table, vector};
+use crate::description::{Description, describe};
 use crate::errors::CoreError;
 use graspbox_hand::assets::{ASSETS, asset};
-use graspbox_hand::{Hand as Core, JointKind, Material, Shape};
+use graspbox_hand::{Hand as Core, JointKind, Material};
 use graspbox_plan::closing_center;
 use nalgebra::{UnitQuaternion, Vector3};
 use pyo3::prelude::*;
@@ -87,6 +88,12 @@ impl Hand {
     #[pyo3(signature = (_memo, /))]
     fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
         slf
+    }
+
+    /// All that its files say, as plain values: see [`Description`].
+    #[getter]
+    fn description(&self) -> Description {
+        describe(&self.0)
     }
 
     #[getter]
@@ -183,6 +190,12 @@ impl Hand {
         array(py, positions, &[count])
     }
 
+    /// Frames of the links, in the order of the description, with the independent joints at `positions` (c,): `hand_from_link` (l, 4, 4).
+    fn link_frames<'py>(&self, py: Python<'py>, positions: Floats<'_>) -> PyResult<Array<'py, f64>> {
+        let links = self.0.hand_from_links(&vector(&positions, "positions")?).map_err(CoreError::from)?;
+        matrices(py, links.into_iter())
+    }
+
     /// Collision shapes as boxes with the independent joints at `positions` (c,): `hand_from_shape` (n, 4, 4), half extents (n, 3), pad flags (n,),
     /// and the row of [`Hand::joint_frames`] of the joint that moves each, -1 for the palm (n,).
     fn shapes<'py>(&self, py: Python<'py>, positions: Floats<'_>) -> PyResult<Shapes<'py>> {
@@ -201,18 +214,6 @@ impl Hand {
             array(py, pads, &[count])?,
             array(py, shapes.iter().map(|s| carrier(s.link)).collect(), &[count])?,
         ))
-    }
-
-    /// Kind of each collision shape, in the order of [`Hand::shapes`]: cuboid, cylinder (about its z axis) or sphere.
-    #[getter]
-    fn shape_kinds(&self) -> Vec<&'static str> {
-        let colliders = self.0.links.iter().flat_map(|link| &link.colliders);
-        let kind = |shape: &Shape| match shape {
-            Shape::Cuboid(_) => "cuboid",
-            Shape::Cylinder { .. } => "cylinder",
-            Shape::Sphere { .. } => "sphere",
-        };
-        colliders.map(|collider| kind(&collider.shape)).collect()
     }
 
     /// Frames of all moving joints, chain by chain from root to tip, with the independent ones at `positions` (c,): hand_from_joint (j, 4, 4),

@@ -1,6 +1,6 @@
 //! Several objects at rest on the table: packed, in a pile, in a bin.
 
-use crate::convert::{Floats, array, config, isometry, matrices, table};
+use crate::convert::{Floats, array, isometry, matrices, read_config, table};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Lets the meshes come to rest in a layout. Indices of those that stayed (k,), their poses (k, 4, 4), and poses (w, 4, 4) and half extents (w, 3)
-/// of the walls; `layout` and `physics` are JSON; `most` and `spread` as of [`Draw`].
+/// of the walls; `most` and `spread` as of [`Draw`].
 #[pyfunction]
 #[pyo3(signature = (meshes, most, spread, hand, layout, physics, seed, cache))]
 #[expect(clippy::too_many_arguments, reason = "every setting crosses by itself")]
@@ -24,13 +24,13 @@ pub fn arrange<'py>(
     most: Option<usize>,
     spread: f64,
     hand: &Hand,
-    layout: &str,
-    physics: &str,
+    layout: &Bound<'_, PyAny>,
+    physics: &Bound<'_, PyAny>,
     seed: i128,
     cache: Option<PathBuf>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let layout: Layout = config(layout, "layout")?;
-    let physics: PhysicsConfig = config(physics, "PhysicsConfig")?;
+    let layout: Layout = read_config(layout, "layout")?;
+    let physics: PhysicsConfig = read_config(physics, "PhysicsConfig")?;
     let draw = Draw { most, spread, seed: crate::convert::seed(seed)? };
     let (data, hand): (Vec<_>, _) = (meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect(), Arc::clone(&hand.0));
     let found = detached(py, None, move || {

@@ -1,26 +1,9 @@
 //! The only crate that uses Python: arrays, paths and configs cross, nothing else.
 //!
-//! | module | purpose |
-//! |---|---|
-//! | [`mod@bench`] | timings of operations that are too short to be timed through Python |
-//! | [`config`] | the configs that cross |
-//! | [`convert`] | arrays, with all checks of shapes and numbers |
-//! | [`environments`] | environments, their objects and results; servers and clients |
-//! | [`episode`] | an object at rest, and trials on it |
-//! | [`errors`] | one error type, and the Python exception of each error |
-//! | [`gil`] | releases the GIL, catches panics, checks for Ctrl-C, owns the thread pools |
-//! | [`hand`] | the handle on a hand |
-//! | [`images`] | pictures, images of scenes, candidates of grasps in them, voxels |
-//! | [`layout`] | several objects at rest |
-//! | [`log`] | log events of the core, for Python's `logging` |
-//! | [`mesh`] | the handle on a mesh |
-//! | [`plan`] | box trees and plans |
-//!
-//! `python/graspbox/_core.pyi` is this module's contract.
+//! `python/graspbox/_core.pyi` is the contract of this module.
 
-pub mod bench;
-pub mod config;
 pub mod convert;
+pub mod description;
 pub mod environments;
 pub mod episode;
 pub mod errors;
@@ -39,35 +22,35 @@ mod _core {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use crate::bench::{time_best_split, time_reset};
-    #[pymodule_export]
-    use crate::config::config_again;
-    #[pymodule_export]
     use crate::convert::is_rigid;
+    #[pymodule_export]
+    use crate::description::describe_urdf;
     #[pymodule_export]
     use crate::environments::client::{Client, PolicyClient};
     #[pymodule_export]
-    use crate::environments::env_pool::{EnvPool, Objects, agent_tables, sampled_objects};
+    use crate::environments::env_pool::{EnvPool, Objects, env_tables, goal_rewards, sampled_objects};
+    #[pymodule_export]
+    use crate::environments::listener::Listener;
     #[pymodule_export]
     use crate::environments::objects::{procedural, procedural_families};
     #[pymodule_export]
-    use crate::environments::policy_server::{PolicyJob, PolicyServer};
+    use crate::environments::policy_server::{PolicyJob, PolicyListener};
     #[pymodule_export]
-    use crate::environments::server::{Job, Server};
+    use crate::environments::server::{EnvironmentListener, Job};
     #[pymodule_export]
-    use crate::episode::Scene;
+    use crate::episode::SettledScene;
     #[pymodule_export]
-    use crate::gil::{num_threads, spin};
+    use crate::gil::num_threads;
     #[pymodule_export]
     use crate::hand::Hand;
     #[pymodule_export]
-    use crate::images::perception::{HandGrid, add_depth_noise, channel_names, crops, solids};
+    use crate::images::perception::{HandVolumes, add_depth_noise, channel_names, crops, solids};
     #[pymodule_export]
     use crate::images::render::render;
     #[pymodule_export]
     use crate::images::scene_images::{camera_poses, occupancies, render_scenes};
     #[pymodule_export]
-    use crate::images::vision::{image_kinds, image_tables, occupancy, pictures, poses_of_cameras, time_images, views};
+    use crate::images::vision::{image_kinds, image_tables, occupancy, pictures, poses_of_cameras, views};
     #[pymodule_export]
     use crate::images::voxel::{load_binvox, save_binvox, voxelize};
     #[pymodule_export]

@@ -1,14 +1,14 @@
 //! `graspbox.Mesh`: a mesh with its name and mass.
 
-use crate::convert::{self, Array, Floats, array, config, matrices, points, row_major, table, triples};
+use crate::convert::{self, Array, Floats, array, matrices, points, read_config, row_major, table, triples};
 use crate::errors::CoreError;
 use crate::gil::detached;
-use graspbox_camera::Model;
 use graspbox_episode::{Body, DEFAULT_DENSITY, ObjectSpec};
 use graspbox_mesh::{
     CleanOptions, LoadOptions, Mass, MassProperties, MeshError, RestingOptions, TriMesh, check_watertight, clean,
     convex_hull, least_width, load, mass_properties, resting_poses, sample_surface,
 };
+use graspbox_render::Model;
 use nalgebra::Point3;
 use numpy::PyReadonlyArrayDyn;
 use pyo3::exceptions::PyUserWarning;
@@ -140,10 +140,10 @@ fn weigh(mesh: &TriMesh, mass: Option<f64>) -> Result<MassProperties, MeshError>
 pub struct Mesh(pub Arc<MeshData>);
 
 /// Contents of a pickle: the arguments of the constructor.
-type State<'py> = (Array<'py, f64>, Array<'py, u32>, String, Option<f64>, Option<String>, Option<Vec<Array<'py, f64>>>);
+type State<'py> = (Array<'py, f64>, Array<'py, u32>, String, Option<f64>, Option<()>, Option<Vec<Array<'py, f64>>>);
 
-fn cleaning_options(json: Option<&str>) -> Result<Option<CleanOptions>, CoreError> {
-    json.map(|text| config(text, "cleaning options")).transpose()
+fn cleaning_options(options: Option<&Bound<'_, PyAny>>) -> Result<Option<CleanOptions>, CoreError> {
+    options.map(|options| read_config(options, "cleaning options")).transpose()
 }
 
 impl Mesh {
@@ -178,7 +178,7 @@ fn warn_large(py: Python<'_>, faces: usize) -> PyResult<()> {
 
 #[pymethods]
 impl Mesh {
-    /// A mesh from vertices (n, 3) and faces (m, 3); `cleaning` is JSON, `parts` are the vertices of convex parts, each (k, 3).
+    /// A mesh from vertices (n, 3) and faces (m, 3); `parts` are the vertices of convex parts, each (k, 3).
     #[new]
     #[pyo3(signature = (vertices, faces, name, mass, cleaning, parts))]
     fn new(
@@ -187,7 +187,7 @@ impl Mesh {
         faces: PyReadonlyArrayDyn<'_, u32>,
         name: String,
         mass: Option<f64>,
-        cleaning: Option<&str>,
+        cleaning: Option<&Bound<'_, PyAny>>,
         parts: Option<Vec<Floats<'_>>>,
     ) -> PyResult<Self> {
         let (vertices, faces) = (points(&vertices, "vertices")?, triples(&faces, "faces")?);
@@ -207,7 +207,7 @@ impl Mesh {
         })
     }
 
-    /// Reads a file; `options` and `cleaning` are JSON.
+    /// Reads a file.
     #[staticmethod]
     #[pyo3(signature = (path, name, mass, options, cleaning))]
     fn load(
@@ -215,10 +215,10 @@ impl Mesh {
         path: PathBuf,
         name: String,
         mass: Option<f64>,
-        options: &str,
-        cleaning: Option<&str>,
+        options: &Bound<'_, PyAny>,
+        cleaning: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let options: LoadOptions = config(options, "load options")?;
+        let options: LoadOptions = read_config(options, "load options")?;
         let cleaning = cleaning_options(cleaning)?;
         let file = path.clone();
         let read = move || load(&file, &options).map_err(|error| CoreError::in_file(error, &file));

@@ -1,6 +1,6 @@
 //! Box trees and plans as arrays.
 
-use crate::convert::{Floats, array, config, isometry, matrices, matrix, row_major, table};
+use crate::convert::{Floats, array, isometry, matrices, matrix, read_config, row_major, table};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
@@ -16,10 +16,10 @@ use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Decomposes a mesh into boxes; `params` is JSON. Arrays by name, one row per node of the tree, depth first.
+/// Decomposes a mesh into boxes. Arrays by name, one row per node of the tree, depth first.
 #[pyfunction]
-pub fn decompose<'py>(py: Python<'py>, mesh: &Mesh, params: &str) -> PyResult<Bound<'py, PyDict>> {
-    let params: DecomposeParams = config(params, "DecomposeConfig")?;
+pub fn decompose<'py>(py: Python<'py>, mesh: &Mesh, params: &Bound<'_, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    let params: DecomposeParams = read_config(params, "DecomposeConfig")?;
     let data = Arc::clone(&mesh.0);
     let tree = detached(py, None, move || Ok::<_, CoreError>(cut(&data.spec.mesh, &params)?))?;
     tree_arrays(py, &tree)
@@ -38,13 +38,13 @@ fn tree_arrays<'py>(py: Python<'py>, tree: &BoxTree) -> PyResult<Bound<'py, PyDi
     Ok(dict)
 }
 
-/// What is around an object.
-struct Around {
+/// Obstacles around an object.
+struct Obstacles {
     objects: Vec<(Arc<MeshData>, Isometry3<f64>)>,
     walls: Vec<(Isometry3<f64>, Vector3<f64>)>,
 }
 
-impl Around {
+impl Obstacles {
     fn new(objects: &[(PyRef<'_, Mesh>, Floats<'_>)], walls: &[(Floats<'_>, [f64; 3])]) -> Result<Self, CoreError> {
         let objects = objects.iter().map(|(mesh, pose)| Ok((Arc::clone(&mesh.0), isometry(pose, "neighbours")?)));
         let walls = walls.iter().map(|(pose, half)| Ok((isometry(pose, "walls")?, Vector3::from(*half))));
@@ -71,7 +71,7 @@ impl Around {
     }
 }
 
-/// Plans grasps; `params` is JSON. `neighbours` are other objects with their poses, `walls` boxes with their half extents. Arrays by name, one row per candidate: feasible ones first, best first. With `features`, also the features of
+/// Plans grasps. `neighbours` are other objects with their poses, `walls` boxes with their half extents. Arrays by name, one row per candidate: feasible ones first, best first. With `features`, also the features of
 /// the ranking (NaN for poses that are not feasible).
 #[pyfunction]
 #[pyo3(signature = (mesh, hand, params, world_from_object, cache, num_threads, features, neighbours, walls))]
@@ -80,7 +80,7 @@ pub fn plan<'py>(
     py: Python<'py>,
     mesh: &Mesh,
     hand: &Hand,
-    params: &str,
+    params: &Bound<'_, PyAny>,
     world_from_object: Option<Floats<'py>>,
     cache: Option<PathBuf>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
@@ -88,8 +88,8 @@ pub fn plan<'py>(
     neighbours: Vec<(PyRef<'py, Mesh>, Floats<'py>)>,
     walls: Vec<(Floats<'py>, [f64; 3])>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let around = Around::new(&neighbours, &walls)?;
-    let params: PlanParams = config(params, "PlanConfig")?;
+    let around = Obstacles::new(&neighbours, &walls)?;
+    let params: PlanParams = read_config(params, "PlanConfig")?;
     let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
     let (data, hand) = (Arc::clone(&mesh.0), Arc::clone(&hand.0));
     let planned_for = Arc::clone(&hand);

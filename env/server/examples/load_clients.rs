@@ -9,7 +9,7 @@ use graspbox_server::{Client, ClientOptions, Value, decode};
 use std::sync::{Arc, Barrier};
 use std::time::{Duration, Instant};
 
-/// Entries of an action of `Grasp-v0` with the ReFlex hand.
+/// Entries of an action of `Grasp-v0` with the ReFlex hand and `fingers="each"`.
 const ACTION: usize = 10;
 
 /// Waits for an answer; an error of the server ends the program.
@@ -27,13 +27,19 @@ fn answer(client: &mut Client, id: u64) -> Result<(), Box<dyn std::error::Error>
 /// Makes environments and begins their episodes.
 fn begin(url: &str, envs: usize, seed: u64) -> Result<Client, Box<dyn std::error::Error>> {
     let mut client = Client::connect(url, ClientOptions::default(), Duration::ZERO)?;
-    let id = client.submit("make", 3, |frame| {
+    let id = client.submit("make", 4, |frame| {
         frame.text("environment");
         frame.text("graspbox/Grasp-v0");
         frame.text("num_envs");
         frame.unsigned(envs as u64);
         frame.text("objects");
         frame.text("procedural:can:0-3");
+        frame.text("keywords");
+        frame.map(2);
+        frame.text("fingers");
+        frame.text("each");
+        frame.text("control_freq");
+        frame.unsigned(20);
     })?;
     answer(&mut client, id)?;
     let id = client.submit("reset", 1, |frame| {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// The server's description of the session, for resuming it.
 #[derive(Clone, Copy, Debug)]
-struct Ticket {
+struct ResumeInfo {
     session: u64,
     secret: u64,
 }
@@ -28,7 +28,7 @@ pub struct Client {
     max_message: usize,
     next: u64,
     seen: u64,
-    ticket: Option<Ticket>,
+    ticket: Option<ResumeInfo>,
     /// Number of the command whose answer holds the ticket.
     making: Option<u64>,
     lost: Option<Instant>,
@@ -157,6 +157,11 @@ impl Client {
         }
     }
 
+    /// Time since the connection was lost, while there is none.
+    pub fn lost(&self) -> Option<Duration> {
+        self.lost.filter(|_| self.socket.is_none()).map(|since| since.elapsed())
+    }
+
     /// Discards the answer to command `id`.
     pub fn forget(&mut self, id: u64) {
         if self.answers.remove(&id).is_none() {
@@ -192,7 +197,8 @@ impl Client {
                 Some(Value::Integer(number)) => u64::try_from(*number).ok(),
                 _ => None,
             };
-            self.ticket = number("session").zip(number("secret")).map(|(session, secret)| Ticket { session, secret });
+            self.ticket =
+                number("session").zip(number("secret")).map(|(session, secret)| ResumeInfo { session, secret });
         }
         self.seen = self.seen.max(id);
         self.lost = None;
@@ -240,7 +246,7 @@ impl Client {
         }
     }
 
-    fn resume(&mut self, ticket: Ticket) -> Result<(), ClientError> {
+    fn resume(&mut self, ticket: ResumeInfo) -> Result<(), ClientError> {
         let (mut socket, _) = greet(&self.url, &self.options)?;
         let mut frame = Encoder::default();
         frame.map(5);

@@ -31,7 +31,7 @@ const HANDSHAKE: Duration = Duration::from_secs(10);
 /// Largest accepted message, bytes.
 const MAX_MESSAGE: usize = 1 << 30;
 
-/// How to reach a server.
+/// Address and credentials of a server.
 #[derive(Clone, Debug, Default)]
 pub struct ClientOptions {
     /// The token of the server.
@@ -49,7 +49,6 @@ pub enum ClientError {
     Url {
         /// The given address.
         url: String,
-        /// The reason.
         why: String,
     },
     /// The server does not answer, or the connection broke.
@@ -112,7 +111,6 @@ pub enum ClientError {
     SessionLost {
         /// Its address.
         url: String,
-        /// Why.
         why: String,
     },
 }
@@ -150,7 +148,6 @@ impl Write for Stream {
 /// A received message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Incoming {
-    /// A frame.
     Frame(Bytes),
     /// Text: an error of a policy server.
     Text(String),

@@ -17,7 +17,7 @@ pub const OPENMETRICS: &str = "application/openmetrics-text; version=1.0.0; char
 const LOG_PAUSE: Duration = Duration::from_secs(1);
 
 /// Log text of a reason.
-fn told(reason: &str) -> &str {
+fn log_text(reason: &str) -> &str {
     match reason {
         "token" => "it does not know the token",
         "origin" => "a browser page of its origin may not connect (--origin)",
@@ -42,7 +42,6 @@ pub struct Metrics {
     pub connections: Gauge,
     /// Sessions with environments, or of policies.
     pub sessions: Gauge,
-    /// Environments.
     pub environments: Gauge,
     /// Environment steps.
     pub steps: Counter,
@@ -106,8 +105,8 @@ impl Metrics {
             return;
         }
         match std::mem::take(unlogged) {
-            0 => tracing::warn!("{whom} is refused: {}", told(reason)),
-            more => tracing::warn!("{whom} is refused, after {more} others: {}", told(reason)),
+            0 => tracing::warn!("{whom} is refused: {}", log_text(reason)),
+            more => tracing::warn!("{whom} is refused, after {more} others: {}", log_text(reason)),
         }
         *last = Some(Instant::now());
     }

@@ -11,19 +11,13 @@ pub enum PemError {
     /// It cannot be read.
     #[error("{path}: {source}")]
     Unreadable {
-        /// The file.
         path: String,
         /// The system's error.
         source: io::Error,
     },
     /// It has other contents.
     #[error("{path}: {why}")]
-    Wrong {
-        /// The file.
-        path: String,
-        /// The reason.
-        why: String,
-    },
+    Wrong { path: String, why: String },
 }
 
 fn read(path: &str) -> Result<Vec<u8>, PemError> {

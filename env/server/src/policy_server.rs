@@ -7,7 +7,7 @@ use crate::error::ServerError;
 use crate::gate::Gate;
 use crate::listener;
 use crate::metrics::Metrics;
-use crate::server::{check, counters, io_runtime, refused};
+use crate::server::{RunningServer, check, counters, io_runtime, refused, shut_down};
 use crate::serving::connection::{refuse, write};
 use crate::wire::encode::Encoder;
 use crate::wire::fault::Fault;
@@ -37,7 +37,7 @@ const MAX_BEHIND: usize = 8;
 
 /// Transport of a request and its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Form {
+pub enum Transport {
     /// A frame of msgpack.
     Frame,
     /// The body of a POST, JSON.
@@ -46,8 +46,7 @@ pub enum Form {
 
 /// A request for a decision, to be answered once; dropping it is an error.
 pub struct PolicyJob {
-    /// Its transport.
-    pub form: Form,
+    pub form: Transport,
     /// The frame, or the body.
     pub body: Bytes,
     /// Number of its connection; 0 for a POST.
@@ -71,7 +70,7 @@ impl PolicyJob {
 type Reply = oneshot::Receiver<Result<Vec<u8>, Fault>>;
 
 /// State shared by connections and deciders.
-struct Desk {
+struct PolicyState {
     gate: Gate,
     metadata: Bytes,
     metrics: Arc<Metrics>,
@@ -89,12 +88,12 @@ struct Desk {
     arrived: Condvar,
 }
 
-impl Desk {
+impl PolicyState {
     fn queue(&self) -> MutexGuard<'_, VecDeque<PolicyJob>> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn submit(&self, form: Form, body: Bytes, connection: u64) -> Reply {
+    fn submit(&self, form: Transport, body: Bytes, connection: u64) -> Reply {
         let (reply, result) = oneshot::channel();
         self.metrics.received.inc_by(body.len() as u64);
         let mut queue = self.queue();
@@ -114,12 +113,12 @@ impl Desk {
 }
 
 /// A request from its arrival until its answer is written, or its client is disconnected.
-struct Unanswered(Arc<Desk>);
+struct Unanswered(Arc<PolicyState>);
 
 impl Unanswered {
-    fn new(desk: &Arc<Desk>) -> Self {
-        desk.unanswered.fetch_add(1, Ordering::AcqRel);
-        Self(Arc::clone(desk))
+    fn new(state: &Arc<PolicyState>) -> Self {
+        state.unanswered.fetch_add(1, Ordering::AcqRel);
+        Self(Arc::clone(state))
     }
 }
 
@@ -132,7 +131,7 @@ impl Drop for Unanswered {
 /// A running policy server.
 pub struct PolicyServer {
     runtime: Mutex<Option<Runtime>>,
-    desk: Arc<Desk>,
+    state: Arc<PolicyState>,
     address: SocketAddr,
 }
 
@@ -151,7 +150,7 @@ impl PolicyServer {
         let mut frame = Encoder::default();
         frame.json(metadata);
         let most = config.max_sessions + SPARE_CONNECTIONS;
-        let desk = Arc::new(Desk {
+        let state = Arc::new(PolicyState {
             gate: Gate::new(config.token.as_deref(), &config.origins),
             metadata: frame.into_bytes().into(),
             metrics: Arc::default(),
@@ -165,20 +164,15 @@ impl PolicyServer {
             gone: Mutex::default(),
             arrived: Condvar::new(),
         });
-        spawn(&runtime, listener, tls, Arc::clone(&desk), most);
-        Ok(Self { runtime: Mutex::new(Some(runtime)), desk, address })
-    }
-
-    /// The address on which it listens.
-    pub fn address(&self) -> SocketAddr {
-        self.address
+        spawn(&runtime, listener, tls, Arc::clone(&state), most);
+        Ok(Self { runtime: Mutex::new(Some(runtime)), state, address })
     }
 
     /// The next requests, at most `most`; none if none come within `wait`.
     pub fn next_jobs(&self, most: usize, wait: Duration) -> Vec<PolicyJob> {
-        let queue = self.desk.queue();
+        let queue = self.state.queue();
         let (mut queue, _) = self
-            .desk
+            .state
             .arrived
             .wait_timeout_while(queue, wait, |queue| queue.is_empty())
             .unwrap_or_else(PoisonError::into_inner);
@@ -195,38 +189,37 @@ impl PolicyServer {
 
     /// Connections ended since the last call.
     pub fn gone(&self) -> Vec<u64> {
-        std::mem::take(&mut *self.desk.gone.lock().unwrap_or_else(PoisonError::into_inner))
+        std::mem::take(&mut *self.state.gone.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Counts a decision.
     pub fn decided(&self, seconds: f64) {
-        self.desk.metrics.steps.inc();
-        self.desk.metrics.decision_seconds.observe(seconds);
+        self.state.metrics.steps.inc();
+        self.state.metrics.decision_seconds.observe(seconds);
+    }
+}
+
+impl RunningServer for PolicyServer {
+    fn address(&self) -> SocketAddr {
+        self.address
     }
 
-    /// Its counters, in the text format of OpenMetrics.
-    pub fn metrics(&self) -> String {
-        self.desk.metrics.text()
+    fn metrics(&self) -> String {
+        self.state.metrics.text()
     }
 
-    /// Refuses new connections and HTTP requests.
-    pub fn drain(&self) {
-        self.desk.draining.store(true, Ordering::Release);
+    fn drain(&self) {
+        self.state.draining.store(true, Ordering::Release);
     }
 
-    /// True while an answer to a request has not been written.
-    pub fn is_busy(&self) -> bool {
-        self.desk.unanswered.load(Ordering::Acquire) > 0
+    fn is_busy(&self) -> bool {
+        self.state.unanswered.load(Ordering::Acquire) > 0
     }
 
-    /// Ends everything, also waiting requests; to wait for them, poll [`PolicyServer::is_busy`] after [`PolicyServer::drain`].
-    pub fn stop(&self) {
+    fn stop(&self) {
         self.drain();
-        self.desk.queue().clear();
-        if let Some(runtime) = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take() {
-            std::thread::sleep(Duration::from_millis(50));
-            runtime.shutdown_timeout(Duration::from_secs(1));
-        }
+        self.state.queue().clear();
+        shut_down(&self.runtime);
     }
 }
 
@@ -240,32 +233,36 @@ fn spawn(
     runtime: &Runtime,
     listener: TcpListener,
     tls: Option<tokio_rustls::TlsAcceptor>,
-    desk: Arc<Desk>,
+    state: Arc<PolicyState>,
     most: usize,
 ) {
-    let metrics = Arc::clone(&desk.metrics);
+    let metrics = Arc::clone(&state.metrics);
     let router = Router::new()
         .route("/", get(connect))
         .route("/grasps", post(decide))
         .route("/healthz", get(health))
         .route("/metrics", get(count))
-        .layer(DefaultBodyLimit::max(desk.max_message))
-        .with_state(desk);
+        .layer(DefaultBodyLimit::max(state.max_message))
+        .with_state(state);
     runtime.spawn(listener::accept(listener, tls, router, most, move || Arc::clone(&metrics)));
 }
 
-async fn health(State(desk): State<Arc<Desk>>) -> (StatusCode, &'static str) {
-    if desk.draining.load(Ordering::Acquire) {
+async fn health(State(state): State<Arc<PolicyState>>) -> (StatusCode, &'static str) {
+    if state.draining.load(Ordering::Acquire) {
         (StatusCode::SERVICE_UNAVAILABLE, "stopping\n")
     } else {
         (StatusCode::OK, "OK\n")
     }
 }
 
-async fn count(State(desk): State<Arc<Desk>>, Extension(peer): Extension<SocketAddr>, headers: HeaderMap) -> Response {
-    match desk.gate.admits(&headers) {
-        Ok(()) => counters(&desk.metrics),
-        Err(reason) => refused(&desk.metrics, reason, peer),
+async fn count(
+    State(state): State<Arc<PolicyState>>,
+    Extension(peer): Extension<SocketAddr>,
+    headers: HeaderMap,
+) -> Response {
+    match state.gate.admits(&headers) {
+        Ok(()) => counters(&state.metrics),
+        Err(reason) => refused(&state.metrics, reason, peer),
     }
 }
 
@@ -273,40 +270,40 @@ async fn count(State(desk): State<Arc<Desk>>, Extension(peer): Extension<SocketA
 ///
 /// The handler reads the body: an extractor would read it before the token is checked, and without a timeout.
 async fn decide(
-    State(desk): State<Arc<Desk>>,
+    State(state): State<Arc<PolicyState>>,
     Extension(peer): Extension<SocketAddr>,
     headers: HeaderMap,
     body: Body,
 ) -> Response {
-    if let Err(reason) = desk.gate.admits(&headers) {
-        return refused(&desk.metrics, reason, peer);
+    if let Err(reason) = state.gate.admits(&headers) {
+        return refused(&state.metrics, reason, peer);
     }
-    if desk.draining.load(Ordering::Acquire) {
-        return json(StatusCode::SERVICE_UNAVAILABLE, told(&Desk::lost()));
+    if state.draining.load(Ordering::Acquire) {
+        return json(StatusCode::SERVICE_UNAVAILABLE, fault_body(&PolicyState::lost()));
     }
     // A page of another origin could send a plain form without a preflight request.
     if headers.get(CONTENT_TYPE).is_none_or(|kind| !kind.as_bytes().starts_with(b"application/json")) {
         return (StatusCode::UNSUPPORTED_MEDIA_TYPE, "send JSON: Content-Type: application/json\n").into_response();
     }
-    let read = timeout(Duration::from_secs(WRITE_TIMEOUT), to_bytes(body, desk.max_message)).await;
+    let read = timeout(Duration::from_secs(WRITE_TIMEOUT), to_bytes(body, state.max_message)).await;
     let Ok(Ok(body)) = read else {
         return (StatusCode::PAYLOAD_TOO_LARGE, "the body is too large, or comes too slowly\n").into_response();
     };
-    let unanswered = Unanswered::new(&desk);
-    let result = desk.submit(Form::Json, body, 0).await;
+    let unanswered = Unanswered::new(&state);
+    let result = state.submit(Transport::Json, body, 0).await;
     let (status, bytes) = match result {
         Ok(Ok(bytes)) => (StatusCode::OK, bytes),
         Ok(Err(fault)) => {
-            desk.metrics.faults.inc();
+            state.metrics.faults.inc();
             let status = match fault.kind.as_str() {
                 "InternalError" => StatusCode::INTERNAL_SERVER_ERROR,
                 _ => StatusCode::BAD_REQUEST,
             };
-            (status, told(&fault))
+            (status, fault_body(&fault))
         }
-        Err(_) => (StatusCode::SERVICE_UNAVAILABLE, told(&Desk::lost())),
+        Err(_) => (StatusCode::SERVICE_UNAVAILABLE, fault_body(&PolicyState::lost())),
     };
-    desk.metrics.sent.inc_by(bytes.len() as u64);
+    state.metrics.sent.inc_by(bytes.len() as u64);
     drop(unanswered);
     json(status, bytes)
 }
@@ -315,42 +312,42 @@ fn json(status: StatusCode, body: Vec<u8>) -> Response {
     (status, [(CONTENT_TYPE, "application/json")], body).into_response()
 }
 
-fn told(fault: &Fault) -> Vec<u8> {
+fn fault_body(fault: &Fault) -> Vec<u8> {
     let error = serde_json::json!({"type": fault.kind, "field": fault.field, "message": fault.message});
     serde_json::json!({ "error": error }).to_string().into_bytes()
 }
 
 async fn connect(
-    State(desk): State<Arc<Desk>>,
+    State(state): State<Arc<PolicyState>>,
     Extension(peer): Extension<SocketAddr>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    if let Err(reason) = desk.gate.admits(&headers) {
-        return refused(&desk.metrics, reason, peer);
+    if let Err(reason) = state.gate.admits(&headers) {
+        return refused(&state.metrics, reason, peer);
     }
-    let free = !desk.draining.load(Ordering::Acquire);
-    let Some(slot) = Arc::clone(&desk.slots).try_acquire_owned().ok().filter(|_| free) else {
-        desk.metrics.refuse(if free { "sessions" } else { "stopping" }, &peer);
+    let free = !state.draining.load(Ordering::Acquire);
+    let Some(slot) = Arc::clone(&state.slots).try_acquire_owned().ok().filter(|_| free) else {
+        state.metrics.refuse(if free { "sessions" } else { "stopping" }, &peer);
         return (StatusCode::SERVICE_UNAVAILABLE, "this server takes no more clients; try again later\n")
             .into_response();
     };
-    let most = desk.max_message;
+    let most = state.max_message;
     upgrade.max_message_size(most).max_frame_size(most).protocols(["graspbox"]).on_upgrade(move |socket| async move {
-        desk.metrics.sessions.inc();
-        let number = desk.connections.fetch_add(1, Ordering::Relaxed);
+        state.metrics.sessions.inc();
+        let number = state.connections.fetch_add(1, Ordering::Relaxed);
         tracing::info!("connection {number} begins, of {peer}");
-        serve(socket, &desk, number).await;
+        serve(socket, &state, number).await;
         tracing::info!("connection {number} ends");
-        desk.gone.lock().unwrap_or_else(PoisonError::into_inner).push(number);
-        desk.metrics.sessions.dec();
+        state.gone.lock().unwrap_or_else(PoisonError::into_inner).push(number);
+        state.metrics.sessions.dec();
         drop(slot);
     })
 }
 
 /// Serves a client: one request at a time; pings are answered meanwhile.
-async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
-    if !write(&mut socket, Message::Binary(desk.metadata.clone())).await {
+async fn serve(mut socket: WebSocket, state: &Arc<PolicyState>, number: u64) {
+    if !write(&mut socket, Message::Binary(state.metadata.clone())).await {
         return;
     }
     let mut behind: VecDeque<(Bytes, Unanswered)> = VecDeque::new();
@@ -361,7 +358,7 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
     let (mut heard, mut longest) = (Instant::now(), Duration::from_secs(PING * MAX_UNUSED_POLICY));
     loop {
         if deciding.is_none() {
-            deciding = behind.pop_front().map(|(frame, own)| (desk.submit(Form::Frame, frame, number), own));
+            deciding = behind.pop_front().map(|(frame, own)| (state.submit(Transport::Frame, frame, number), own));
         }
         tokio::select! {
             result = decision(&mut deciding) => {
@@ -369,7 +366,7 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
                 let message = match result {
                     Ok(frame) => Message::Binary(frame.into()),
                     Err(fault) => {
-                        desk.metrics.faults.inc();
+                        state.metrics.faults.inc();
                         Message::Text(fault.message.into())
                     }
                 };
@@ -380,8 +377,8 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
             }
             message = socket.recv(), if behind.len() < MAX_BEHIND => match message {
                 Some(Ok(Message::Binary(frame))) => {
-                    (heard, longest) = (Instant::now(), Duration::from_secs_f64(desk.idle_timeout));
-                    behind.push_back((frame, Unanswered::new(desk)));
+                    (heard, longest) = (Instant::now(), Duration::from_secs_f64(state.idle_timeout));
+                    behind.push_back((frame, Unanswered::new(state)));
                 }
                 Some(Ok(Message::Text(_))) => {
                     let wrong = "observations are binary frames of msgpack; this frame is text";
@@ -390,7 +387,7 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
                     }
                 }
                 Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
-                Some(Err(error)) => return refuse(&mut socket, &error, desk.max_message).await,
+                Some(Err(error)) => return refuse(&mut socket, &error, state.max_message).await,
                 Some(Ok(Message::Close(_))) | None => return,
             },
             _ = pings.tick() => {
@@ -410,7 +407,7 @@ async fn serve(mut socket: WebSocket, desk: &Arc<Desk>, number: u64) {
 /// The awaited decision; never resolves if there is none.
 async fn decision(deciding: &mut Option<(Reply, Unanswered)>) -> Result<Vec<u8>, Fault> {
     match deciding {
-        Some((reply, _)) => reply.await.unwrap_or_else(|_| Err(Desk::lost())),
+        Some((reply, _)) => reply.await.unwrap_or_else(|_| Err(PolicyState::lost())),
         None => std::future::pending().await,
     }
 }

@@ -48,11 +48,29 @@ pub struct Server {
 
 /// State of the request handlers.
 #[derive(Clone)]
-struct Door {
+struct HandlerState {
     sessions: Arc<Sessions>,
     gate: Arc<Gate>,
     hello: Bytes,
     slots: Arc<Semaphore>,
+}
+
+/// A running server of environments or of a policy; dropping it stops it.
+pub trait RunningServer: Send + Sync {
+    /// The address on which it listens.
+    fn address(&self) -> SocketAddr;
+
+    /// Its counters, in the text format of OpenMetrics.
+    fn metrics(&self) -> String;
+
+    /// Refuses new sessions, connections and HTTP requests.
+    fn drain(&self);
+
+    /// True while requests run or wait, or answers have not been written.
+    fn is_busy(&self) -> bool;
+
+    /// Ends everything, also running requests; to wait for them, poll [`RunningServer::is_busy`] after [`RunningServer::drain`].
+    fn stop(&self);
 }
 
 impl Server {
@@ -73,7 +91,7 @@ impl Server {
         let hub = Arc::new(Hub::new(config, pools, classify, sender));
         let sessions = Arc::new(Sessions::new(hub));
         let config = &sessions.hub.config;
-        let door = Door {
+        let state = HandlerState {
             gate: Arc::new(Gate::new(config.token.as_deref(), &config.origins)),
             hello: hello(config, offer),
             slots: Arc::new(Semaphore::new(config.max_sessions + SPARE_CONNECTIONS)),
@@ -81,7 +99,7 @@ impl Server {
         };
         let most = config.max_sessions + SPARE_CONNECTIONS;
         let hub = Arc::clone(&sessions.hub);
-        runtime.spawn(listener::accept(listener, tls, router(door), most, move || Arc::clone(&hub.metrics)));
+        runtime.spawn(listener::accept(listener, tls, router(state), most, move || Arc::clone(&hub.metrics)));
         let reaped = Arc::clone(&sessions);
         runtime.spawn(async move {
             let mut ticks = interval(Duration::from_secs(1));
@@ -91,11 +109,6 @@ impl Server {
             }
         });
         Ok(Self { runtime: Mutex::new(Some(runtime)), sessions, address: bound, makers: Mutex::new(makers) })
-    }
-
-    /// The address on which it listens.
-    pub fn address(&self) -> SocketAddr {
-        self.address
     }
 
     /// The next request for environments; none if none comes within `wait`.
@@ -110,32 +123,39 @@ impl Server {
             }
         }
     }
+}
 
-    /// Its counters, in the text format of OpenMetrics.
-    pub fn metrics(&self) -> String {
+impl RunningServer for Server {
+    fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    fn metrics(&self) -> String {
         self.sessions.hub.metrics.text()
     }
 
-    /// Refuses new sessions.
-    pub fn drain(&self) {
+    fn drain(&self) {
         self.sessions.hub.draining.store(true, Ordering::Release);
     }
 
     /// True while commands run or wait, steps are pending, or answers have not been written.
-    pub fn is_busy(&self) -> bool {
+    fn is_busy(&self) -> bool {
         self.sessions.are_busy()
     }
 
-    /// Ends everything, also running commands; to wait for them, poll [`Server::is_busy`] after [`Server::drain`].
-    pub fn stop(&self) {
+    fn stop(&self) {
         self.drain();
         self.sessions.end_all("the server is stopping");
-        let runtime = self.runtime.lock().unwrap_or_else(PoisonError::into_inner).take();
-        if let Some(runtime) = runtime {
-            // Connections get their last frame, with the reason.
-            std::thread::sleep(Duration::from_millis(50));
-            runtime.shutdown_timeout(Duration::from_secs(1));
-        }
+        shut_down(&self.runtime);
+    }
+}
+
+/// Ends a runtime, once.
+pub fn shut_down(runtime: &Mutex<Option<Runtime>>) {
+    if let Some(runtime) = runtime.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        // Connections get their last frame, with the reason.
+        std::thread::sleep(Duration::from_millis(50));
+        runtime.shutdown_timeout(Duration::from_secs(1));
     }
 }
 
@@ -210,25 +230,29 @@ fn hello(config: &ServerConfig, offer: &serde_json::Value) -> Bytes {
     frame.into_bytes().into()
 }
 
-fn router(door: Door) -> Router {
+fn router(state: HandlerState) -> Router {
     Router::new()
         .route("/", get(connect))
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
-        .with_state(door)
+        .with_state(state)
 }
 
-async fn health(State(door): State<Door>) -> (StatusCode, &'static str) {
-    if door.sessions.hub.draining.load(Ordering::Acquire) {
+async fn health(State(state): State<HandlerState>) -> (StatusCode, &'static str) {
+    if state.sessions.hub.draining.load(Ordering::Acquire) {
         (StatusCode::SERVICE_UNAVAILABLE, "stopping\n")
     } else {
         (StatusCode::OK, "OK\n")
     }
 }
 
-async fn metrics(State(door): State<Door>, Extension(peer): Extension<SocketAddr>, headers: HeaderMap) -> Response {
-    let metrics = &door.sessions.hub.metrics;
-    match door.gate.admits(&headers) {
+async fn metrics(
+    State(state): State<HandlerState>,
+    Extension(peer): Extension<SocketAddr>,
+    headers: HeaderMap,
+) -> Response {
+    let metrics = &state.sessions.hub.metrics;
+    match state.gate.admits(&headers) {
         Ok(()) => counters(metrics),
         Err(reason) => refused(metrics, reason, peer),
     }
@@ -250,25 +274,25 @@ pub fn refused(metrics: &Metrics, reason: &'static str, peer: SocketAddr) -> Res
 }
 
 async fn connect(
-    State(door): State<Door>,
+    State(state): State<HandlerState>,
     Extension(peer): Extension<SocketAddr>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    if let Err(reason) = door.gate.admits(&headers) {
-        return refused(&door.sessions.hub.metrics, reason, peer);
+    if let Err(reason) = state.gate.admits(&headers) {
+        return refused(&state.sessions.hub.metrics, reason, peer);
     }
-    let Ok(slot) = Arc::clone(&door.slots).try_acquire_owned() else {
-        door.sessions.hub.metrics.refuse("connections", &peer);
+    let Ok(slot) = Arc::clone(&state.slots).try_acquire_owned() else {
+        state.sessions.hub.metrics.refuse("connections", &peer);
         return (StatusCode::SERVICE_UNAVAILABLE, "this server has too many connections; try again later\n")
             .into_response();
     };
-    let most = door.sessions.hub.config.max_message;
+    let most = state.sessions.hub.config.max_message;
     let upgrade = upgrade.max_message_size(most).max_frame_size(most).protocols(["graspbox"]);
     upgrade.on_upgrade(move |socket| async move {
-        let metrics = Arc::clone(&door.sessions.hub.metrics);
+        let metrics = Arc::clone(&state.sessions.hub.metrics);
         metrics.connections.inc();
-        connection::serve(socket, peer, door.sessions, door.hello).await;
+        connection::serve(socket, peer, state.sessions, state.hello).await;
         metrics.connections.dec();
         drop(slot);
     })

@@ -136,7 +136,7 @@ proptest! {
     }
 
     #[test]
-    fn a_token_opens_for_its_owner_alone(token in "[!-~]{16,40}", other in "[!-~]{0,40}", scheme in 0..3_usize) {
+    fn a_token_opens_only_for_its_owner(token in "[!-~]{16,40}", other in "[!-~]{0,40}", scheme in 0..3_usize) {
         let gate = Gate::new(Some(&token), &[]);
         let given = |text: &str| {
             let mut headers = HeaderMap::new();

@@ -74,7 +74,7 @@ fn commands_are_read_or_refused() {
 }
 
 #[test]
-fn nobody_comes_in_without_the_token() {
+fn a_request_without_the_token_is_refused() {
     attack(bodies::gate);
 }
 

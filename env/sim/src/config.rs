@@ -3,7 +3,7 @@
 
 use crate::SimError;
 use graspbox_mesh::in_range;
-pub use graspbox_solver::NewtonConfig;
+pub use graspbox_solver::ImplicitConfig;
 use serde::{Deserialize, Serialize};
 
 /// Friction factors of table and object; those of the hand are in its description ([`graspbox_hand::Friction`]). The coefficient of a pair is the
@@ -27,9 +27,9 @@ impl Default for Friction {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EngineKind {
-    /// `newton`: f64, all contacts of a step solved together by Newton's method.
+    /// `implicit`: f64, all contacts of a step solved together by Newton's method.
     #[default]
-    Newton,
+    Implicit,
     /// `rapier`: f32, contacts solved in sub-steps of projected Gauss-Seidel.
     Rapier,
 }
@@ -49,7 +49,6 @@ pub struct RapierConfig {
     pub idle_iterations: usize,
     /// Natural frequency of contacts, Hz. With rapier's default (30 Hz) fingers penetrate by millimetres.
     pub contact_frequency: f64,
-    /// Damping ratio of contacts.
     pub contact_damping_ratio: f64,
     /// Natural frequency of contacts with the hand's base and the table, Hz.
     pub static_contact_frequency: f64,
@@ -76,7 +75,6 @@ impl Default for RapierConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PhysicsConfig {
-    /// The engine.
     pub engine: EngineKind,
     /// Time step, seconds.
     pub dt: f64,
@@ -84,8 +82,8 @@ pub struct PhysicsConfig {
     pub gravity: f64,
     /// Friction factors of table and object.
     pub friction: Friction,
-    /// Settings of the engine `newton`; other engines ignore them.
-    pub newton: NewtonConfig,
+    /// Settings of the engine `implicit`; other engines ignore them.
+    pub implicit: ImplicitConfig,
     /// Settings of the engine `rapier`; other engines ignore them.
     pub rapier: RapierConfig,
 }
@@ -97,7 +95,7 @@ impl Default for PhysicsConfig {
             dt: 0.002,
             gravity: 9.81,
             friction: Friction::default(),
-            newton: NewtonConfig::default(),
+            implicit: ImplicitConfig::default(),
             rapier: RapierConfig::default(),
         }
     }
@@ -109,20 +107,20 @@ impl PhysicsConfig {
     /// # Errors
     /// [`SimError::OutOfRange`], naming the first setting that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
-        let (f, n, r) = (&self.friction, &self.newton, &self.rapier);
+        let (f, n, r) = (&self.friction, &self.implicit, &self.rapier);
         in_range("dt", self.dt, 1e-5..=0.02, "s")?;
         in_range("gravity", self.gravity, 0.0..=100.0, "m/s2")?;
         in_range("friction.table", f.table, 0.0..=5.0, "")?;
         in_range("friction.object", f.object, 0.0..=5.0, "")?;
-        in_range("newton.prediction", n.prediction, 1e-4..=0.05, "m")?;
-        in_range("newton.contact_drift", n.contact_drift, 0.0..=1e-3, "m")?;
-        in_range("newton.contact_stiffness", n.contact_stiffness, 1e3..=1e7, "N/m")?;
-        in_range("newton.contact_relaxation", n.contact_relaxation, 0.0..=0.1, "s")?;
-        in_range("newton.support_stiffness", n.support_stiffness, 0.0..=1e7, "N/(m kg)")?;
-        in_range("newton.penetration_cap", n.penetration_cap, 1e-5..=0.01, "m")?;
-        in_range("newton.stick_speed", n.stick_speed, 1e-7..=0.01, "m/s")?;
-        in_range("newton.tolerance", n.tolerance, 1e-12..=1e-3, "m/s")?;
-        in_range("newton.max_iterations", n.max_iterations as f64, 1.0..=1000.0, "")?;
+        in_range("implicit.prediction", n.prediction, 1e-4..=0.05, "m")?;
+        in_range("implicit.contact_drift", n.contact_drift, 0.0..=1e-3, "m")?;
+        in_range("implicit.contact_stiffness", n.contact_stiffness, 1e3..=1e7, "N/m")?;
+        in_range("implicit.contact_relaxation", n.contact_relaxation, 0.0..=0.1, "s")?;
+        in_range("implicit.support_stiffness", n.support_stiffness, 0.0..=1e7, "N/(m kg)")?;
+        in_range("implicit.penetration_cap", n.penetration_cap, 1e-5..=0.01, "m")?;
+        in_range("implicit.stick_speed", n.stick_speed, 1e-7..=0.01, "m/s")?;
+        in_range("implicit.tolerance", n.tolerance, 1e-12..=1e-3, "m/s")?;
+        in_range("implicit.max_iterations", n.max_iterations as f64, 1.0..=1000.0, "")?;
         in_range("rapier.prediction", r.prediction, 1e-4..=0.05, "m")?;
         in_range("rapier.contact_drift", r.contact_drift, 0.0..=1e-3, "m")?;
         in_range("rapier.solver_iterations", r.solver_iterations as f64, 1.0..=64.0, "")?;

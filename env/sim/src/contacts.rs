@@ -36,7 +36,6 @@ pub struct Tactile {
 /// A contact point that presses on a link of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkContact {
-    /// Index of the link.
     pub link: usize,
     /// Position in the link's frame, metres.
     pub point: Point3<f64>,

@@ -5,14 +5,17 @@
 //! and newtons. Equal calls on equal engines give equal bits, on any thread.
 
 use crate::SimError;
+use crate::config::PhysicsConfig;
 use crate::motion::FrameMotion;
-use graspbox_hand::ActuatorState;
+use crate::object::ObjectModel;
+use crate::scenery::Wall;
+use graspbox_hand::{ActuatorState, Hand};
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
 
 /// A part of the world that has contacts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
-    /// Index of an object.
     Object(usize),
     Table,
     Ground,
@@ -36,6 +39,15 @@ impl Part {
     pub(crate) fn is_link(self) -> bool {
         matches!(self, Part::Link { .. })
     }
+}
+
+/// Contents and settings of a world.
+#[derive(Clone, Copy)]
+pub(crate) struct WorldSpec<'a> {
+    pub hand: &'a Arc<Hand>,
+    pub objects: &'a [ObjectModel],
+    pub walls: &'a [Wall],
+    pub config: &'a PhysicsConfig,
 }
 
 /// Inputs of one step.
@@ -84,9 +96,7 @@ pub(crate) struct Contact {
 /// Position (rad or m) and speed (rad/s or m/s) of one joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointState {
-    /// Position.
     pub position: f64,
-    /// Speed.
     pub speed: f64,
 }
 

@@ -17,60 +17,30 @@ pub enum SimError {
     NoObjects,
     /// A convex part has no volume.
     #[error("convex part {part} of object {object} has no volume; remove it, or thicken the mesh there")]
-    FlatPart {
-        /// Index of the object.
-        object: usize,
-        /// Index of its part.
-        part: usize,
-    },
+    FlatPart { object: usize, part: usize },
     /// More objects than a world may have.
-    #[error("{count} objects are too many for one world; the most are {}", graspbox_solver::MAX_OBJECTS)]
-    TooManyObjects {
-        /// Their number.
-        count: usize,
-    },
+    #[error("{count} objects are too many; a world has at most {}", graspbox_solver::MAX_OBJECTS)]
+    TooManyObjects { count: usize },
     /// More walls than a world may have.
-    #[error("{count} walls are too many for one world; the most are {}", graspbox_solver::MAX_WALLS)]
-    TooManyWalls {
-        /// Their number.
-        count: usize,
-    },
+    #[error("{count} walls are too many; a world has at most {}", graspbox_solver::MAX_WALLS)]
+    TooManyWalls { count: usize },
     /// The poses are not one for each object.
     #[error("there are {poses} poses for {objects} objects; give one for each")]
-    WrongPoses {
-        /// Number of poses.
-        poses: usize,
-        /// Number of objects.
-        objects: usize,
-    },
+    WrongPoses { poses: usize, objects: usize },
     /// Mass or inertia is not finite and positive.
     #[error("the object's {what} is {value}, but it must be finite and positive")]
     BadMass {
         /// `mass` or `inertia`.
         what: &'static str,
-        /// The value that was passed.
         value: f64,
     },
     /// An engine cannot simulate the hand.
     #[error("the engine `{engine}` cannot simulate the hand `{hand}`: {why}; choose another engine")]
-    BadHand {
-        /// Name of the hand.
-        hand: String,
-        /// Name of the engine.
-        engine: &'static str,
-        /// The reason.
-        why: String,
-    },
+    BadHand { hand: String, engine: &'static str, why: String },
     /// An actuator command is NaN or infinite.
     #[error("the command to actuator {actuator} is not a finite number")]
-    BadCommand {
-        /// Index of the actuator.
-        actuator: usize,
-    },
+    BadCommand { actuator: usize },
     /// The snapshot is damaged, or belongs to another version or template.
     #[error("the snapshot cannot be restored: {why}")]
-    BadSnapshot {
-        /// The reason.
-        why: String,
-    },
+    BadSnapshot { why: String },
 }

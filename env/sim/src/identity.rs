@@ -1,22 +1,15 @@
 //! The identity of a template: a hash of everything that it is built from.
 
 use crate::SimError;
-use crate::config::PhysicsConfig;
-use crate::object::{Geometry, ObjectModel};
-use crate::scenery::Wall;
-use graspbox_hand::Hand;
+use crate::engine::WorldSpec;
+use crate::object::Geometry;
 use graspbox_mesh::TriMesh;
 
 /// Identifies the hand, objects, walls and settings of a template, and so the snapshots that it can restore.
 pub(crate) type Identity = [u8; 32];
 
 /// Hash of everything that a template is built from. A snapshot can be restored if the identities are equal.
-pub(crate) fn identity(
-    hand: &Hand,
-    objects: &[ObjectModel],
-    walls: &[Wall],
-    config: &PhysicsConfig,
-) -> Result<Identity, SimError> {
+pub(crate) fn identity(WorldSpec { hand, objects, walls, config }: WorldSpec) -> Result<Identity, SimError> {
     let mut hasher = blake3::Hasher::new();
     for object in objects {
         let bytes = postcard::to_allocvec(&(object.mass(), object.center_of_mass(), object.inertia(), config))

@@ -9,7 +9,7 @@
 //! | [`scenery`] | dimensions of table and ground; walls, bins |
 //! | [`load`] | contact forces on the hand, and their sum |
 //! | `engine` | the interface between a world and its engine |
-//! | `newton` | the engine `newton` ([`graspbox_solver`]), the default |
+//! | `implicit` | the engine `implicit` ([`graspbox_solver`]), the default |
 //! | `rapier` | the engine `rapier`; no other module uses that library |
 //! | `motion` | the moving frame |
 //! | `snapshot`, `identity` | worlds as bytes, and the templates that can restore them |
@@ -46,16 +46,16 @@ pub mod contacts;
 mod engine;
 mod error;
 mod identity;
+mod implicit;
 pub mod load;
 mod motion;
-mod newton;
 pub mod object;
 mod rapier;
 pub mod scenery;
 mod snapshot;
 pub mod world;
 
-pub use config::{EngineKind, Friction, NewtonConfig, PhysicsConfig, RapierConfig};
+pub use config::{EngineKind, Friction, ImplicitConfig, PhysicsConfig, RapierConfig};
 pub use contacts::{Contacts, LinkContact, Tactile};
 pub use error::SimError;
 pub use load::{HandContact, HandLoad};

@@ -7,7 +7,6 @@ use nalgebra::{Point3, Vector3};
 /// A contact point of an object, table or ground that presses on the hand; hand frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandContact {
-    /// Index of the link.
     pub link: usize,
     /// Index of the collider within the link.
     pub shape: usize,

@@ -97,7 +97,6 @@ impl ObjectModel {
         self.inertia
     }
 
-    /// Collision geometry.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }

@@ -18,9 +18,7 @@ mod shape;
 
 use crate::SimError;
 use crate::config::PhysicsConfig;
-use crate::engine::{Contact, Engine, JointState, Part, StepInput};
-use crate::object::ObjectModel;
-use crate::scenery::Wall;
+use crate::engine::{Contact, Engine, JointState, Part, StepInput, WorldSpec};
 use build::Handles;
 use forces::FrameForces;
 use graspbox_hand::Hand;
@@ -55,18 +53,14 @@ impl Rapier {
     ///
     /// # Errors
     /// [`SimError::NoParts`], [`SimError::FlatPart`], [`SimError::BadHand`] or [`SimError::TooManyObjects`].
-    pub(crate) fn new(
-        hand: Arc<Hand>,
-        objects: &[ObjectModel],
-        walls: &[Wall],
-        config: PhysicsConfig,
-    ) -> Result<Self, SimError> {
-        if objects.len() > graspbox_solver::MAX_OBJECTS {
-            return Err(SimError::TooManyObjects { count: objects.len() });
+    pub(crate) fn new(spec: WorldSpec) -> Result<Self, SimError> {
+        if spec.objects.len() > graspbox_solver::MAX_OBJECTS {
+            return Err(SimError::TooManyObjects { count: spec.objects.len() });
         }
-        let (physics, handles) = build::build(&hand, objects, walls, &config)?;
-        let tensions = vec![0.0; hand.tendons.len()];
-        Ok(Self { physics, tensions, shared: Arc::new(Shared { hand, handles, config }) })
+        let (physics, handles) = build::build(spec)?;
+        let tensions = vec![0.0; spec.hand.tendons.len()];
+        let shared = Shared { hand: Arc::clone(spec.hand), handles, config: *spec.config };
+        Ok(Self { physics, tensions, shared: Arc::new(shared) })
     }
 
     fn body(&self, handle: RigidBodyHandle) -> &RigidBody {

@@ -14,6 +14,16 @@ pub const TABLE_HEIGHT: f64 = 0.75;
 /// Side of the ground, metres: farther than anything rolls in an episode.
 pub const GROUND_SIDE: f64 = 20.0;
 
+/// Table top and ground as boxes: poses of their middles in the world, half sides.
+#[must_use]
+pub fn slabs() -> [Wall; 2] {
+    let slab = |side: f64, z: f64| Wall {
+        world_from_wall: Isometry3::translation(0.0, 0.0, z),
+        half: Vector3::new(side, side, TABLE_THICKNESS) * 0.5,
+    };
+    [slab(TABLE_SIDE, -TABLE_THICKNESS * 0.5), slab(GROUND_SIDE, -TABLE_HEIGHT - TABLE_THICKNESS * 0.5)]
+}
+
 /// Farthest place of a wall, metres.
 const FARTHEST: f64 = 10.0;
 

@@ -4,10 +4,10 @@
 
 use crate::SimError;
 use crate::config::{EngineKind, PhysicsConfig};
-use crate::engine::{Engine, StepInput};
+use crate::engine::{Engine, StepInput, WorldSpec};
 use crate::identity::{Identity, identity};
+use crate::implicit::Implicit;
 use crate::motion::BaseMotion;
-use crate::newton::Newton;
 use crate::object::ObjectModel;
 use crate::rapier::Rapier;
 use crate::scenery::{self, Wall};
@@ -117,12 +117,13 @@ impl Template {
         if objects.is_empty() {
             return Err(SimError::NoObjects);
         }
+        let spec = WorldSpec { hand: &hand, objects, walls, config: &config };
         let engine: Box<dyn Engine> = match config.engine {
-            EngineKind::Newton => Box::new(Newton::new(Arc::clone(&hand), objects, walls, config)?),
-            EngineKind::Rapier => Box::new(Rapier::new(Arc::clone(&hand), objects, walls, config)?),
+            EngineKind::Implicit => Box::new(Implicit::new(spec)?),
+            EngineKind::Rapier => Box::new(Rapier::new(spec)?),
         };
         let shared = Shared {
-            identity: identity(&hand, objects, walls, &config)?,
+            identity: identity(spec)?,
             hand_from_base: hand.base_from_hand.inverse(),
             hand,
             config,
@@ -157,7 +158,7 @@ impl Template {
         Ok(self.place(world_from_hand, world_from_objects, preshape))
     }
 
-    /// As [`Template::spawn_objects`], for poses that are known to be one for each object.
+    /// As [`Template::spawn_objects`]; the caller has checked that there is one pose for each object.
     pub fn place(
         &self,
         world_from_hand: &Isometry3<f64>,
@@ -208,12 +209,7 @@ impl Template {
 
     /// Height above the table of the lowest point of the first object's collision geometry at pose `world_from_object`, metres.
     pub fn lowest_point(&self, world_from_object: &Isometry3<f64>) -> f64 {
-        self.lowest_point_of(0, world_from_object)
-    }
-
-    /// Height above the table of the lowest point of an object's collision geometry at pose `world_from_object`, metres.
-    pub fn lowest_point_of(&self, object: usize, world_from_object: &Isometry3<f64>) -> f64 {
-        self.engine.lowest_point(object, world_from_object)
+        self.engine.lowest_point(0, world_from_object)
     }
 
     /// Hash of everything that the template is built from: hand, objects, walls and settings.
@@ -221,17 +217,14 @@ impl Template {
         &self.shared.identity
     }
 
-    /// Number of objects.
     pub fn object_count(&self) -> usize {
         self.shared.masses.len()
     }
 
-    /// The hand of this template.
     pub fn hand(&self) -> &Arc<Hand> {
         &self.shared.hand
     }
 
-    /// The physics settings of this template.
     pub fn config(&self) -> &PhysicsConfig {
         &self.shared.config
     }
@@ -271,7 +264,7 @@ impl World {
         Ok(())
     }
 
-    /// Whether a copy can be observed and stepped, the hand standing still.
+    /// Whether a copy can be observed and stepped with the hand at rest.
     fn survives_a_step(&self) -> bool {
         let step = || {
             let mut copy = self.clone();

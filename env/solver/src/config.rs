@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Settings of the contact search, of contact and friction, and of the iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct NewtonConfig {
+pub struct ImplicitConfig {
     /// Gap up to which a point counts as a contact, beyond the distance that the bodies cover in a step at their present velocities, metres. It
     /// allows for the speed that a finger gains within a step under full tendon force.
     pub prediction: f64,
@@ -34,7 +34,7 @@ pub struct NewtonConfig {
     pub max_iterations: usize,
 }
 
-impl Default for NewtonConfig {
+impl Default for ImplicitConfig {
     fn default() -> Self {
         Self {
             prediction: 0.001,

@@ -65,6 +65,17 @@ impl Acceleration {
     }
 }
 
+/// Inputs of [`Dynamics::update`]. `velocity` and `acceleration` have one entry per coordinate, the driven ones last; accelerations of the
+/// free ones are not read.
+#[derive(Clone, Copy)]
+pub(crate) struct TreeMotion<'a> {
+    pub model: &'a Model,
+    pub kinematics: &'a Kinematics,
+    pub frame: &'a FrameMotion,
+    pub velocity: &'a [f64],
+    pub acceleration: &'a [f64],
+}
+
 /// Buffers of one world.
 #[derive(Clone, Default)]
 pub(crate) struct Dynamics {
@@ -77,30 +88,13 @@ pub(crate) struct Dynamics {
 
 impl Dynamics {
     /// Writes the mass matrix (with armature) of the free coordinates to `mass` and their bias forces to `bias`.
-    ///
-    /// `velocity` and `acceleration` have one entry per coordinate, the driven ones last; accelerations of the free ones are not read.
-    pub fn update(
-        &mut self,
-        model: &Model,
-        kinematics: &Kinematics,
-        frame: &FrameMotion,
-        velocity: &[f64],
-        acceleration: &[f64],
-        mass: &mut Matrix,
-    ) {
-        self.outwards(model, kinematics, frame, velocity, acceleration);
-        self.inwards(model, kinematics, mass);
+    pub fn update(&mut self, motion: TreeMotion, mass: &mut Matrix) {
+        self.outwards(motion);
+        self.inwards(motion.model, motion.kinematics, mass);
     }
 
     /// Velocities, accelerations and wrenches, from the base to the tips.
-    fn outwards(
-        &mut self,
-        model: &Model,
-        kinematics: &Kinematics,
-        frame: &FrameMotion,
-        velocity: &[f64],
-        acceleration: &[f64],
-    ) {
+    fn outwards(&mut self, TreeMotion { model, kinematics, frame, velocity, acceleration }: TreeMotion) {
         self.composites.clear();
         self.accelerations.clear();
         self.wrenches.clear();

@@ -7,24 +7,13 @@ use nalgebra::{Isometry3, Vector3};
 pub enum ModelError {
     /// A convex part encloses no volume.
     #[error("convex part {part} of object {object} is flat")]
-    FlatPart {
-        /// Index of the object.
-        object: usize,
-        /// Index of its part.
-        part: usize,
-    },
+    FlatPart { object: usize, part: usize },
     /// More objects than a world may have.
-    #[error("{count} objects are too many; the most are {}", crate::model::MAX_OBJECTS)]
-    TooManyObjects {
-        /// Their number.
-        count: usize,
-    },
+    #[error("{count} objects are too many; a world has at most {}", crate::limits::MAX_OBJECTS)]
+    TooManyObjects { count: usize },
     /// More walls than a world may have.
-    #[error("{count} walls are too many; the most are {}", crate::model::MAX_WALLS)]
-    TooManyWalls {
-        /// Their number.
-        count: usize,
-    },
+    #[error("{count} walls are too many; a world has at most {}", crate::limits::MAX_WALLS)]
+    TooManyWalls { count: usize },
     /// The tree breaks a rule of [`crate::tree`].
     #[error("{why} (index {index})")]
     BadTree {
@@ -45,7 +34,7 @@ pub enum StateError {
         what: &'static str,
     },
     /// A number in it is not finite, or larger than any world's.
-    #[error("its {what} cannot be")]
+    #[error("its {what} are impossible")]
     Impossible {
         /// Where the number is.
         what: &'static str,

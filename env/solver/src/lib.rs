@@ -1,4 +1,4 @@
-//! The engine `newton`: simulates free objects, a hand of any kinematic tree on a moving base, and a table.
+//! The engine `implicit`: simulates free objects, a hand of any kinematic tree on a moving base, and a table.
 //!
 //! | module | purpose |
 //! |---|---|
@@ -50,7 +50,7 @@
 //!
 //! Why not a library: general engines iterate over contacts one by one (rapier) or solve worlds of any size (MuJoCo). This world has 6
 //! unknowns for each object and about 6 to 20 for the hand, however many contacts there are. Newton's method with a dense matrix therefore
-//! solves those of bodies that touch each other together, to rounding, in about three iterations. `docs/decisions/0003-newton-solver.md` has the
+//! solves those of bodies that touch each other together, to rounding, in about three iterations. `docs/decisions/0003-implicit-solver.md` has the
 //! measurements.
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
@@ -62,6 +62,7 @@ mod dynamics;
 mod error;
 mod kinematics;
 mod laws;
+mod limits;
 pub mod model;
 pub mod object;
 mod problem;
@@ -71,11 +72,12 @@ pub mod solver;
 pub mod tree;
 mod units;
 
-pub use config::NewtonConfig;
+pub use config::ImplicitConfig;
 pub use contact::{Contact, Side};
 pub use dynamics::FrameMotion;
 pub use error::{ModelError, StateError};
-pub use model::{BodyIndex, BodyKind, MAX_OBJECTS, MAX_WALLS, Model};
+pub use limits::{MAX_OBJECTS, MAX_WALLS};
+pub use model::{BodyIndex, BodyKind, Model};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface, Wall};
 pub use solver::saved::SavedState;

@@ -6,8 +6,9 @@ use parry3d::math::{Pose, Vector};
 use parry3d::shape::SharedShape;
 use std::ops::Range;
 
-use crate::config::NewtonConfig;
+use crate::config::ImplicitConfig;
 use crate::error::ModelError;
+use crate::limits::{MAX_OBJECTS, MAX_WALLS};
 use crate::object::{Object, ObjectPart, corners};
 use crate::scenery::Scenery;
 use crate::tree::{BodyShape, JointKind, Tree};
@@ -27,15 +28,12 @@ pub enum BodyKind {
     Scenery,
 }
 
-/// Most objects of a world: pairs of bodies grow with its square.
-pub const MAX_OBJECTS: usize = 64;
-
 /// Two bodies that may touch.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     pub a: BodyIndex,
     pub b: BodyIndex,
-    /// What both are.
+    /// Kinds of both.
     pub sides: [BodyKind; 2],
 }
 
@@ -49,9 +47,6 @@ pub(crate) struct HandShape {
     pub radius: f64,
     pub friction: f64,
 }
-
-/// Most walls of a world.
-pub const MAX_WALLS: usize = 64;
 
 /// An object, ready for simulation.
 pub(crate) struct FreeObject {
@@ -87,7 +82,7 @@ pub struct Model {
     pub(crate) tree: Tree,
     pub(crate) objects: Vec<FreeObject>,
     pub(crate) scenery: Scenery,
-    pub(crate) config: NewtonConfig,
+    pub(crate) config: ImplicitConfig,
     pub(crate) shapes: Vec<HandShape>,
     /// Body (of the tree) and index within it, for every shape.
     pub(crate) shape_owner: Vec<(usize, usize)>,
@@ -115,7 +110,7 @@ impl Model {
     ///
     /// # Errors
     /// [`ModelError`] for a tree or an object that breaks the rules of [`Tree`] and [`Object`], and for too many objects or walls.
-    pub fn new(tree: Tree, objects: Vec<Object>, scenery: Scenery, config: NewtonConfig) -> Result<Self, ModelError> {
+    pub fn new(tree: Tree, objects: Vec<Object>, scenery: Scenery, config: ImplicitConfig) -> Result<Self, ModelError> {
         tree.check()?;
         if scenery.walls.len() > MAX_WALLS {
             return Err(ModelError::TooManyWalls { count: scenery.walls.len() });
@@ -174,7 +169,6 @@ impl Model {
         &self.tree
     }
 
-    /// Number of objects.
     #[must_use]
     pub fn object_count(&self) -> usize {
         self.objects.len()
@@ -193,13 +187,12 @@ impl Model {
         self.objects.len()
     }
 
-    /// [`BodyIndex`] of the scenery.
     #[must_use]
     pub fn scenery_body(&self) -> BodyIndex {
         self.base() + self.tree.bodies.len()
     }
 
-    /// What a body is.
+    /// Kind of a body.
     #[must_use]
     #[inline]
     pub fn kind(&self, body: BodyIndex) -> BodyKind {
@@ -359,33 +352,36 @@ fn levers(tree: &Tree) -> Vec<f64> {
 }
 
 #[cfg(test)]
+use crate::tree::Coordinate;
+
+#[cfg(test)]
 impl Model {
     /// A ball over a table, and a hand of one body without mass or shapes.
     pub(crate) fn of_ball(mass: f64, inertia: f64) -> Self {
         Self::for_test(Tree { bodies: vec![tests::body(None)], ..Tree::default() }, vec![tests::ball(mass, inertia)])
     }
 
+    /// A ball over a table, and a hand.
+    pub(crate) fn of_tree(tree: Tree) -> Self {
+        Self::for_test(tree, vec![tests::ball(0.1, 1e-4)])
+    }
+
     /// Two balls over a table, and a finger of two joints without shapes.
     pub(crate) fn of_balls_and_finger() -> Self {
         let bodies = vec![tests::body(None), tests::body(Some(0)), tests::body(Some(1))];
-        let tree = Tree { bodies, coordinates: vec![tests::COORDINATE; 2], ..Tree::default() };
+        let tree = Tree { bodies, coordinates: vec![Coordinate::FREE; 2], ..Tree::default() };
         Self::for_test(tree, vec![tests::ball(0.2, 7e-5); 2])
     }
 
     fn for_test(tree: Tree, objects: Vec<Object>) -> Self {
-        let scenery =
-            Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls: vec![], friction: 0.5 };
-        Self::new(tree, objects, scenery, NewtonConfig::default()).unwrap()
+        Self::new(tree, objects, tests::scenery(), ImplicitConfig::default()).unwrap()
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::tree::{Body, Coordinate, Joint, Primitive};
-    use nalgebra::Matrix3;
-
-    pub(super) const COORDINATE: Coordinate = Coordinate {
+impl Coordinate {
+    /// Without armature, spring or losses; far stops.
+    pub(crate) const FREE: Self = Self {
         armature: 0.0,
         damping: 0.0,
         stiffness: 0.0,
@@ -393,6 +389,17 @@ mod tests {
         limits: [-10.0, 10.0],
         stop_stiffness: 0.0,
     };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tree::{Body, Joint, Primitive};
+    use nalgebra::Matrix3;
+
+    pub(super) fn scenery() -> Scenery {
+        Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls: vec![], friction: 0.5 }
+    }
 
     /// A body without shapes; with a coordinate, on a joint to the body before it.
     pub(super) fn body(coordinate: Option<usize>) -> Body {
@@ -439,9 +446,7 @@ mod tests {
     fn too_many_objects_are_refused() {
         let hand = Tree { bodies: vec![body(None)], ..Tree::default() };
         let objects = vec![ball(0.1, 1e-4); MAX_OBJECTS + 1];
-        let scenery =
-            Scenery { table_side: 1.2, table_thickness: 0.1, table_height: 0.75, walls: vec![], friction: 0.5 };
-        let found = Model::new(hand, objects, scenery, NewtonConfig::default()).err();
-        assert_eq!(found, Some(ModelError::TooManyObjects { count: MAX_OBJECTS + 1 }));
+        let error = Model::new(hand, objects, scenery(), ImplicitConfig::default()).err();
+        assert_eq!(error, Some(ModelError::TooManyObjects { count: MAX_OBJECTS + 1 }));
     }
 }

@@ -32,7 +32,6 @@ pub struct Object {
     pub center: Point3<f64>,
     /// Inertia about the centre of mass, axes of the object, kg m2.
     pub inertia: Matrix3<f64>,
-    /// Friction factor.
     pub friction: f64,
 }
 

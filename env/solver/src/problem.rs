@@ -108,7 +108,7 @@ pub(crate) struct Touching {
     pub sides: [Side; 2],
 }
 
-/// How friction's bounds are treated.
+/// Treatment of friction's bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Bounds {
     /// They follow the normal impulses.
@@ -126,7 +126,6 @@ pub(crate) struct HandTerms {
     pub mass: Matrix,
     /// Positions of the free coordinates at the beginning of the step.
     pub q: Vec<f64>,
-    /// Momentum `p`.
     pub momentum: Vec<f64>,
     /// Velocities at the beginning of the step, and once the step is solved at its end.
     pub velocity: Vec<f64>,
@@ -147,7 +146,6 @@ pub(crate) struct Problem {
     pub dt: f64,
     pub stick_speed: f64,
     pub hand: HandTerms,
-    /// All objects.
     pub objects: Vec<ObjectTerms>,
     pub points: Vec<Point>,
     pub patches: Vec<Patch>,
@@ -155,7 +153,6 @@ pub(crate) struct Problem {
     pub v: Vec<f64>,
     /// Residual at `v`.
     pub residual: Vec<f64>,
-    /// Its derivative.
     pub derivative: Matrix,
     /// Metres per unit of each unknown, see [`Model::levers`].
     pub levers: Vec<f64>,
@@ -193,7 +190,6 @@ impl Problem {
         }
     }
 
-    /// Number of unknowns.
     pub fn unknowns(&self) -> usize {
         self.v.len()
     }

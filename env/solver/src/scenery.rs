@@ -20,7 +20,6 @@ pub struct Scenery {
     pub table_thickness: f64,
     /// Height of the table top above the ground, metres.
     pub table_height: f64,
-    /// Walls.
     pub walls: Vec<Wall>,
     /// Friction factor of all surfaces.
     pub friction: f64,
@@ -46,9 +45,7 @@ pub(crate) struct Plane {
 pub enum Surface {
     /// The table top.
     Table,
-    /// The ground.
     Ground,
-    /// A wall.
     Wall,
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 use crate::contact::{Contact, Side};
-use crate::dynamics::{Dynamics, FrameMotion};
+use crate::dynamics::{Dynamics, FrameMotion, TreeMotion};
 use crate::kinematics::{Kinematics, Twist};
 use crate::model::{BodyIndex, BodyKind, Model};
 use crate::problem::Problem;
@@ -17,7 +17,7 @@ use crate::problem::newton::Newton;
 use crate::problem::objects::own_twist;
 use crate::problem::rows::{self, PointSource};
 use crate::scenery::Surface;
-use crate::search::{Moving, Opposite, Searcher, Situation};
+use crate::search::{BodyMotion, Opposite, Searcher, Situation};
 use crate::solver::sleep::Sleep;
 
 /// Inputs of one step.
@@ -47,7 +47,6 @@ pub struct CableCommand {
     pub rate: f64,
 }
 
-/// The state of an object.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ObjectState {
     /// The object in the base's frame.
@@ -83,7 +82,6 @@ impl Default for ObjectState {
 /// The state that a world carries from step to step.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct State {
-    /// The objects.
     pub objects: Vec<ObjectState>,
     /// Coordinates, the driven ones last, rad or m.
     pub positions: Vec<f64>,
@@ -115,7 +113,7 @@ pub struct Solver {
     sources: Vec<PointSource>,
     /// Contacts of a loaded state, until the next step.
     loaded: Vec<Contact>,
-    moving: Vec<Moving>,
+    moving: Vec<BodyMotion>,
     accelerations: Vec<f64>,
     friction_factors: Vec<f64>,
     /// By object: whether it sleeps.
@@ -164,7 +162,6 @@ impl Solver {
         &self.model
     }
 
-    /// The present state.
     #[must_use]
     pub fn state(&self) -> &State {
         &self.state
@@ -201,8 +198,10 @@ impl Solver {
         self.kinematics.place(&model, &self.state.positions);
         self.kinematics.differentiate(&model, &reference, &self.state.rates[free..]);
         let mass = &mut self.problem.hand.mass;
-        let (rates, accelerations) = (&self.state.rates, &self.accelerations);
-        self.dynamics.update(&model, &self.kinematics, &input.frame, rates, accelerations, mass);
+        let (velocity, acceleration) = (&*self.state.rates, &*self.accelerations);
+        let motion =
+            TreeMotion { model: &model, kinematics: &self.kinematics, frame: &input.frame, velocity, acceleration };
+        self.dynamics.update(motion, mass);
         for object in 0..model.object_count() {
             self.object_momentum(&model, input, object, &reference);
         }
@@ -366,16 +365,16 @@ impl Solver {
                         None => middle - reference,
                     };
                     let velocity = Twist { linear: state.linear, angular: state.angular }.at(&arm);
-                    Moving { center: middle, velocity, omega: state.angular }
+                    BodyMotion { center: middle, velocity, omega: state.angular }
                 }
                 BodyKind::Hand(index) => {
                     let twist = kinematics.twist(model, index, &self.state.rates);
-                    Moving { center: middle, velocity: twist.at(&(middle - reference)), omega: twist.angular }
+                    BodyMotion { center: middle, velocity: twist.at(&(middle - reference)), omega: twist.angular }
                 }
                 // At the base's origin.
                 BodyKind::Scenery => {
                     let moved = scenery.at(&-reference);
-                    Moving { center: Vector3::zeros(), velocity: moved, omega: scenery.angular }
+                    BodyMotion { center: Vector3::zeros(), velocity: moved, omega: scenery.angular }
                 }
             });
         }

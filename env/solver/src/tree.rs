@@ -41,14 +41,14 @@ pub enum Primitive {
     Cuboid(Vector3<f64>),
     /// A cylinder about its z axis.
     Cylinder {
-        /// Radius.
+        /// Radius, metres.
         radius: f64,
-        /// Half its length.
+        /// Half its length, metres.
         half_length: f64,
     },
     /// A ball.
     Sphere {
-        /// Radius.
+        /// Radius, metres.
         radius: f64,
     },
 }
@@ -56,7 +56,6 @@ pub enum Primitive {
 /// One collision shape of a body.
 #[derive(Clone, Copy, Debug)]
 pub struct BodyShape {
-    /// The primitive.
     pub primitive: Primitive,
     /// Its pose in the body's frame.
     pub body_from_shape: Isometry3<f64>,

@@ -45,7 +45,7 @@ fn slope(scene: &Scene) -> f64 {
     (2.0 * (middle.z - HALF) / distance).atan().to_degrees()
 }
 
-/// Friction alone holds a slope of loose grains, so that it grows with the coefficient of friction, from nearly 0. With
+/// Only friction holds a slope of loose grains, so that it grows with the coefficient of friction, from nearly 0. With
 /// much friction grains roll down before they slide, and the slope grows no more: a cube tips over its edge where its
 /// support is steeper than 45 degrees. The cone is a mean of a few heaps of a few cubes, some of which lie flat on
 /// others: hence the allowance at little friction.

@@ -57,7 +57,7 @@ fn a_pyramid_of_cans_stands() {
     stands(Scene::new(objects), &places, 1e-3);
 }
 
-/// Seven wedges in a half circle carry each other by friction and thrust alone. They begin 0.06 mm apart: a normal between sides that coincide
+/// Seven wedges in a half circle carry each other only by friction and thrust. They begin 0.06 mm apart: a normal between sides that coincide
 /// exactly is not defined.
 #[test]
 fn an_arch_stands() {
@@ -166,7 +166,7 @@ fn dominoes_fall_in_a_row() {
 const DOMINO: ([f64; 3], f64) = ([0.006, 0.02, 0.04], 0.03);
 
 /// A domino that turns about its lower edge at `rate`, 0.1 mm before it hits an upright one at the height `share` of
-/// its own. Both ends of the edge that hits lie exactly on the border of a face; with one of them alone, as in parry's
+/// its own. Both ends of the edge that hits lie exactly on the border of a face; with only one of them, as in parry's
 /// manifold, both dominoes would turn about the vertical.
 fn tipping_domino(share: f64, rate: f64, friction: f64, on_table: f64) -> Scene {
     let ([thin, wide, tall], mass) = DOMINO;
@@ -357,7 +357,7 @@ fn snapshots_continue_with_the_same_bits() {
     assert!(other.solver.load(fewer).is_err(), "a state of fewer objects was taken");
 }
 
-/// A bug here: a wall felt at the wrong place, or from one side alone.
+/// A bug here: a wall felt at the wrong place, or from one side only.
 #[test]
 fn a_wall_carries_and_stops() {
     use graspbox_solver::{Surface, Wall};

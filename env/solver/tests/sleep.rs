@@ -66,7 +66,7 @@ fn sleepers_keep_their_place_in_the_world() {
     assert_eq!(asleep(&scene), [true; 5]);
 }
 
-/// A bug here: objects that hang in the air for whoever asks what carries them.
+/// A bug here: sleeping objects that `carried_by_scenery` reports as hanging in the air.
 #[test]
 fn sleepers_keep_their_contacts() {
     let mut scene = stacks();

@@ -3,10 +3,9 @@
 numpy's scalars and arrays count as numbers and lists anywhere in a config.
 """
 
-import json
 import math
 import operator
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -19,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError, GraspboxError
 
-__all__ = ["about", "check_range", "config_of", "floats", "natural", "plain", "shown", "to_json", "with_settings"]
+__all__ = ["about", "check_range", "config_dict", "config_of", "floats", "natural", "plain", "shown", "with_settings"]
 
 #: Greatest depth of nested lists in a config; lists of matrices need the most.
 _MAX_DEPTH = 8
@@ -40,13 +39,7 @@ def about(field: str) -> Iterator[None]:
 
 
 def floats(values: ArrayLike, name: str = "the array") -> NDArray[np.float64]:
-    """Convert an array to the core's layout: C-contiguous float64.
-
-    Raises
-    ------
-    ConfigError
-        If the values, called `name`, are not numbers in rows of equal length.
-    """
+    """Convert an array, called `name` in errors, to the core's layout: C-contiguous float64."""
     try:
         if values is not None:  # numpy would convert None to NaN
             return np.asarray(values, dtype=np.float64, order="C")
@@ -56,97 +49,62 @@ def floats(values: ArrayLike, name: str = "the array") -> NDArray[np.float64]:
 
 
 def natural(value: Any, name: str, bits: int = 32) -> int:
-    """Return a Python or numpy integer of at most `bits` bits as an int; the core checks narrower ranges.
-
-    Raises
-    ------
-    ConfigError
-        If the value, called `name`, is not an integer (a bool is none), is negative, or has more bits.
-    """
+    """Return a non-negative integer of Python or numpy of at most `bits` bits; a bool is none."""
     try:
         if isinstance(value, bool):
             raise TypeError
-        found = operator.index(value)
+        number = operator.index(value)
     except TypeError:
         raise ConfigError(f"{name} is {shown(value)}; give an integer") from None
-    if found < 0:
-        raise ConfigError(f"{name} is {shown(found)}; give an integer that is not negative")
-    if found >= 2**bits:
-        raise ConfigError(f"{name} is {shown(found)}; give an integer below 2^{bits}")
-    return found
+    if number < 0:
+        raise ConfigError(f"{name} is {shown(number)}; give an integer that is not negative")
+    if number >= 2**bits:
+        raise ConfigError(f"{name} is {shown(number)}; give an integer below 2^{bits}")
+    return number
 
 
 def check_range(config: object, name: str, least: float, most: float) -> None:
-    """Refuse a field of a config that is no number from `least` to `most`.
-
-    Raises
-    ------
-    ConfigError
-        Names the field, its value and the range.
-    """
+    """Refuse a field of a config that is no number from `least` to `most` with a `ConfigError`."""
     value = getattr(config, name)
     if not isinstance(value, Real) or isinstance(value, bool) or not least <= float(value) <= most:
         raise ConfigError(f"{name} is {shown(value)}; give a number from {least:g} to {most:g}")
 
 
-def to_json(config: Any, kind: type | None = None, name: str = "config") -> str:
-    """Serialise a config for the core.
+def config_dict(config: Any, kind: type | None = None, name: str = "config") -> dict[str, Any]:
+    """Convert a config of the class `kind` to a dictionary for the core; `name` is the argument in errors.
 
-    Parameters
-    ----------
-    config : dataclass
-        A config of `graspbox.configs`.
-    kind : type, optional
-        The required class.
-    name : str
-        Name of the argument, for errors.
-
-    Raises
-    ------
-    ConfigError
-        If it has another class, or contains a value other than text, finite numbers and lists of these.
+    A `ConfigError` refuses other classes, and values other than text, finite numbers and lists of these.
     """
     if kind is not None and not isinstance(config, kind):
         raise ConfigError(f"{name} is {shown(config)}; give a {kind.__name__}")
-    return json.dumps(plain(config, type(config).__name__))
+    found: dict[str, Any] = plain(config, type(config).__name__)
+    return found
 
 
 def with_settings(config: Config, kind: type, settings: Mapping[str, Any]) -> Config:
-    """Replace fields of a config by name.
-
-    Raises
-    ------
-    ConfigError
-        If `config` is not of the class `kind`.
-    TypeError
-        If there is no such field; the message suggests the nearest name.
-    """
+    """Replace fields of a config of the class `kind` by name; an unknown name is a TypeError."""
     if not isinstance(config, kind):
         raise ConfigError(f"config is {shown(config)}; give a {kind.__name__}")
     known = [f.name for f in fields(kind)]
     for name in settings:
         if name not in known:
-            near = get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"its fields are {', '.join(known)}"
-            raise TypeError(f"{kind.__name__} has no field {name!r}; {hint}")
+            raise TypeError(_no_field(kind.__name__, name, known))
     return replace(config, **settings)  # type: ignore[type-var]
 
 
 def config_of(kind: type[Config], values: Mapping[str, Any], name: str) -> Config:
-    """Make a config from a dictionary of its fields, as read from JSON; missing fields take their defaults.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown field; the message suggests the nearest name.
-    """
+    """Make a config from a dictionary of its fields, as read from JSON; a `ConfigError` names an unknown field."""
     hints = get_type_hints(kind)
     for field in values:
         if field not in hints:
-            near = get_close_matches(str(field), hints, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"its fields are {', '.join(hints)}"
-            raise ConfigError(f"{name} has no field {field!r}; {hint}")
+            raise ConfigError(_no_field(name, field, hints))
     return kind(**{field: _configured(value, hints[field], f"{name}.{field}") for field, value in values.items()})
+
+
+def _no_field(config: str, name: Any, known: Iterable[str]) -> str:
+    near = get_close_matches(str(name), known, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"its fields are {', '.join(known)}"
+    return f"{config} has no field {name!r}; {hint}"
 
 
 def _configured(value: Any, hint: Any, name: str) -> Any:
@@ -159,7 +117,7 @@ def _configured(value: Any, hint: Any, name: str) -> Any:
 
 
 def config_in(hint: Any) -> type | None:
-    """Return the config class in an annotation, alone or in a union; None if there is none."""
+    """Return the config class of an annotation or of a union's member; None if there is none."""
     return next((kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and is_dataclass(kind)), None)
 
 
@@ -175,12 +133,9 @@ def shown(value: object) -> str:
 
 
 def plain(value: Any, name: str, kind: Any = None, depth: int = 0) -> Any:
-    """Convert a value to JSON types; `kind` is the annotation of the field `name`.
+    """Convert a value to text, numbers, lists and dictionaries; `kind` is the annotation of the field `name`.
 
-    Raises
-    ------
-    ConfigError
-        As `to_json`.
+    Raises as `config_dict`.
     """
     _check_class(value, name, kind)
     if is_dataclass(value) and not isinstance(value, type):

@@ -33,13 +33,7 @@ def _is_special(path: Path) -> bool:
 
 
 def check_output(path: str | os.PathLike[str]) -> Path:
-    """Check before any work that a file can be written, and make its folder if it is missing.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written; an existing file is not changed.
-    """
+    """Check before any work that a file can be written, and make its folder; an existing file is not changed."""
     path = Path(path)
     try:
         if path.is_dir():
@@ -54,53 +48,27 @@ def check_output(path: str | os.PathLike[str]) -> Path:
         raise _failure(error if isinstance(error, OSError) else OSError(22, str(error)), path) from None
 
 
-def take_lock(descriptor: int, path: Path) -> None:
-    """Lock an open file against other processes until it is closed.
-
-    Raises
-    ------
-    ConfigError
-        If another process has locked it; the message names `path`.
-    """
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise ConfigError(f"another process is writing into {str(path)!r}; wait for it to end") from None
-
-
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Make a folder and lock it against other writing processes; the lock ends with this process at the latest.
-
-    Raises
-    ------
-    ConfigError
-        If another process has locked it.
-    FileError
-        If it cannot be made or written to.
-    """
+    """Make a folder and lock it against other writing processes; the lock ends with this process at the latest."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR, 0o644)
+        lock = (folder / _LOCK).open("ab")
     except OSError as error:
         raise _failure(error, folder) from None
-    try:
-        take_lock(lock, folder)
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigError(f"another process is writing into {str(folder)!r}; wait for it to end") from None
         yield
-    finally:
-        os.close(lock)
 
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary file with the suffix of `path`, which replaces `path` when the block ends without an error.
 
-    Links are followed; devices and pipes are written to directly.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
+    Links are followed; devices and pipes are written to directly. Errors of the system become a `FileError`.
     """
     path = check_output(path)
     if _is_special(path):
@@ -123,13 +91,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def dumps(value: Any, indent: str = "") -> str:
-    """Format readable JSON: objects are indented, except that objects without nested objects take one line.
-
-    Raises
-    ------
-    ValueError
-        For NaN or infinity.
-    """
+    """Format readable JSON: objects are indented, but those without nested objects take one line; refuses NaN."""
     inner = indent + "  "
     if isinstance(value, dict) and value and not (indent and _is_flat(value)):
         items = [f"{json.dumps(key)}: {dumps(item, inner)}" for key, item in value.items()]
@@ -145,36 +107,18 @@ def _is_flat(value: dict[str, Any]) -> bool:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file atomically.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written.
-    """
+    """Write a text file atomically; raises as `replacing`."""
     write_bytes(path, text.encode())
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file atomically.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written.
-    """
+    """Write a file atomically; raises as `replacing`."""
     with replacing(path) as temporary:
         temporary.write_bytes(content)
 
 
 def read_bounded(path: str | os.PathLike[str], limit: int) -> bytes:
-    """Read a regular file of at most `limit` bytes.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, is not a regular file, or is larger.
-    """
+    """Read a regular file of at most `limit` bytes; others are a `FileError`."""
     path = Path(path)
     try:
         if path.exists() and not path.is_file():

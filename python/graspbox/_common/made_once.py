@@ -12,12 +12,7 @@ Made = TypeVar("Made")
 class MadeOnce(Generic[Made]):
     """Makes a value at its first use, once for all copies of its owner; threads may share it.
 
-    A pickle holds the function, and makes the value again.
-
-    Parameters
-    ----------
-    make : callable
-        Makes the value; arguments must be hashable, and every combination of them has its own value.
+    Each combination of arguments of `make`, which are hashable, has its own value. A pickle holds the function only.
     """
 
     def __init__(self, make: Callable[..., Made]) -> None:

@@ -19,18 +19,9 @@ def shown_time(seconds: float) -> str:
 
 
 class ProgressBar:
-    """Shows progress over a known number of steps: one updated line on a terminal, ten lines in a log file.
+    """Shows progress over `total` steps: one updated line on a terminal, ten lines in a log file.
 
-    Parameters
-    ----------
-    task : str
-        Description of the task.
-    total : int
-        Number of steps.
-    shown : bool
-        Whether to show the bar.
-    delay : float
-        Seconds until the bar appears.
+    The bar appears after `delay` seconds, if `shown`.
     """
 
     def __init__(self, task: str, total: int, shown: bool = True, delay: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""Unusable objects: errors that concern one object alone, and their representation in results.
+"""Unusable objects: errors that concern one object, and their representation in results.
 
 Work on a set of objects leaves such an object out and continues; its result has ``refused``, the reason by name.
 """

@@ -1,8 +1,8 @@
 """Conversion of arrays of rotations to and from unit quaternions and Euler angles.
 
 Quaternions are (w, x, y, z) with w >= 0. Euler angles are (roll, pitch, yaw) about fixed x, y, z axes in this order:
-R = Rz(yaw) Ry(pitch) Rx(roll), with pitch in [-pi/2, pi/2]. SciPy has both conversions, but nothing else here needs
-SciPy.
+R = Rz(yaw) Ry(pitch) Rx(roll), with pitch in [-pi/2, pi/2]. Arrays of other shapes are a `ConfigError`. SciPy has both
+conversions, but the core does not need it otherwise.
 """
 
 import numpy as np
@@ -16,6 +16,7 @@ __all__ = [
     "euler_from_rotation",
     "poses_from",
     "quaternion_from_rotation",
+    "rotation_about",
     "rotation_from_euler",
     "rotation_from_quaternion",
 ]
@@ -27,22 +28,17 @@ _SHORTEST = 1e-9
 
 
 def _rows(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
-    found = floats(values, name)
-    if found.ndim != len(shape) + 1 or found.shape[1:] != shape:
+    array = floats(values, name)
+    if array.ndim != len(shape) + 1 or array.shape[1:] != shape:
         wanted = ", ".join(("n", *map(str, shape)))
-        raise ConfigError(f"{name} has shape {found.shape}; give ({wanted})")
-    return found
+        raise ConfigError(f"{name} has shape {array.shape}; give ({wanted})")
+    return array
 
 
 def quaternion_from_rotation(rotations: ArrayLike) -> Array:
     """Convert rotations (n, 3, 3) to unit quaternions (n, 4) with w >= 0.
 
     Each quaternion is the row of 4 q q^T with the largest diagonal entry, which avoids division by a small number.
-
-    Raises
-    ------
-    ConfigError
-        For an array of another shape.
     """
     r = _rows(rotations, "rotations", (3, 3))
     xx, yy, zz = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]
@@ -69,7 +65,7 @@ def rotation_from_quaternion(quaternions: ArrayLike) -> Array:
     Raises
     ------
     ConfigError
-        For an array of another shape, or a quaternion that is shorter than 1e-9 or not finite.
+        For a quaternion that is shorter than 1e-9 or not finite.
     """
     q = _rows(quaternions, "quaternions", (4,))
     length = np.linalg.norm(q, axis=1, keepdims=True)
@@ -85,13 +81,7 @@ def rotation_from_quaternion(quaternions: ArrayLike) -> Array:
 
 
 def euler_from_rotation(rotations: ArrayLike) -> Array:
-    """Convert rotations (n, 3, 3) to (roll, pitch, yaw) (n, 3), radians; at a pitch of +-pi/2, roll is 0.
-
-    Raises
-    ------
-    ConfigError
-        For an array of another shape.
-    """
+    """Convert rotations (n, 3, 3) to (roll, pitch, yaw) (n, 3), radians; at a pitch of +-pi/2, roll is 0."""
     r = _rows(rotations, "rotations", (3, 3))
     cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])
     pitch = np.arctan2(-r[:, 2, 0], cosine)
@@ -102,13 +92,7 @@ def euler_from_rotation(rotations: ArrayLike) -> Array:
 
 
 def rotation_from_euler(angles: ArrayLike) -> Array:
-    """Convert (roll, pitch, yaw) (n, 3), radians, to rotations (n, 3, 3).
-
-    Raises
-    ------
-    ConfigError
-        For an array of another shape.
-    """
+    """Convert (roll, pitch, yaw) (n, 3), radians, to rotations (n, 3, 3)."""
     roll, pitch, yaw = _rows(angles, "angles", (3,)).T / 2
     (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
     quaternions = [
@@ -120,14 +104,16 @@ def rotation_from_euler(angles: ArrayLike) -> Array:
     return rotation_from_quaternion(np.stack(quaternions, axis=1))
 
 
-def poses_from(positions: ArrayLike, rotations: ArrayLike) -> Array:
-    """Assemble homogeneous matrices (n, 4, 4) from positions (n, 3) and rotations (n, 3, 3).
+def rotation_about(axes: ArrayLike, angles: ArrayLike) -> Array:
+    """Return the rotations (..., 3, 3) by `angles` (...), radians, about unit vectors (..., 3): Rodrigues' formula."""
+    x, y, z = np.moveaxis(np.asarray(axes, dtype=np.float64), -1, 0)
+    zero, angle = np.zeros_like(x), np.asarray(angles, dtype=np.float64)[..., None, None]
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
 
-    Raises
-    ------
-    ConfigError
-        For arrays of other shapes, or of different lengths.
-    """
+
+def poses_from(positions: ArrayLike, rotations: ArrayLike) -> Array:
+    """Assemble homogeneous matrices (n, 4, 4) from positions (n, 3) and rotations (n, 3, 3)."""
     p, r = _rows(positions, "positions", (3,)), _rows(rotations, "rotations", (3, 3))
     if len(p) != len(r):
         raise ConfigError(f"there are {len(p)} positions and {len(r)} rotations; give the same number of both")
@@ -137,13 +123,7 @@ def poses_from(positions: ArrayLike, rotations: ArrayLike) -> Array:
 
 
 def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
-    """Return the angles (n,) in [0, pi] between rotations (n, 3, 3) and others (n, 3, 3), radians.
-
-    Raises
-    ------
-    ConfigError
-        For arrays of other shapes.
-    """
+    """Return the angles (n,) in [0, pi] between rotations (n, 3, 3) and others (n, 3, 3), radians."""
     a, b = _rows(first, "first", (3, 3)), _rows(second, "second", (3, 3))
     relative = np.einsum("nji,njk->nik", a, b)
     q = quaternion_from_rotation(relative)

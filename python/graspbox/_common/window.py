@@ -8,24 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox._common.extras import imported
+from graspbox._common.imports import imported
 
 __all__ = ["Window"]
 
 
 class Window:
-    """A window that shows frames at a fixed rate; it opens with the first frame.
-
-    Parameters
-    ----------
-    title : str
-        Title of the window.
-
-    Raises
-    ------
-    MissingExtraError
-        If pygame is not installed.
-    """
+    """A window that shows frames at a fixed rate; it opens with the first frame."""
 
     def __init__(self, title: str) -> None:
         self._pygame = imported("pygame", "render_mode='human' shows frames with pygame-ce", "human")

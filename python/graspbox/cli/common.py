@@ -13,27 +13,26 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from graspbox import _core, object_sets, policies
-from graspbox._common.files import dumps
+from graspbox._common.files import check_output, dumps, write_text
 from graspbox.errors import ObjectSetError
 from graspbox.hands import Hand, load_hand
 from graspbox.object_sets.mesh_folders import MASSES
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, max=2**64 - 1, help="Seed of all random numbers.")]
+Seed = Annotated[int, typer.Option(min=0, max=2**64 - 1, help="Seed of all random numbers.")]
 PolicyName = Annotated[
     str,
     typer.Argument(
-        help=f"Policy: {', '.join(policies.names())}, an installed one such as depth, or the folder of a trained one."
+        help=f"Policy: {', '.join(policies.names())}, an installed one such as depth, or the folder of a trained one, "
+        "or of a run of `graspbox train sb3`."
     ),
 ]
 Threads = Annotated[
-    int | None,
-    typer.Option("--threads", min=1, max=1024, help="Threads to use; all by default. Results do not depend on it."),
+    int | None, typer.Option(min=1, max=1024, help="Threads to use; all by default. Results do not depend on it.")
 ]
 Rehearse = Annotated[
     int | None,
     typer.Option(
-        "--rehearse",
         min=0,
         max=256,
         metavar="GRASPS",
@@ -41,31 +40,26 @@ Rehearse = Annotated[
         "8; 0: none. By default as in the policy's folder.",
     ),
 ]
-Objects = Annotated[
-    list[str] | None, typer.Option("--objects", help="Object set, 'procedural' by default; may be repeated.")
+Objects = Annotated[list[str] | None, typer.Option(help="Object set, 'procedural' by default; may be repeated.")]
+ObjectsOfPolicy = Annotated[
+    list[str] | None,
+    typer.Option(help="Object set; may be repeated. By default 'procedural', or the held-out ones of a run."),
 ]
-Split = Annotated[str | None, typer.Option("--split", help="Use only this split: train, validation or test.")]
+Split = Annotated[object_sets.Split | None, typer.Option(help="Use only this split.")]
 HandName = Annotated[
-    str,
-    typer.Option("--hand", help="A hand by its name, or its two files with a comma between: hand.urdf,hand.toml."),
+    str, typer.Option(help="A hand by its name, or its two files with a comma between: hand.urdf,hand.toml.")
 ]
 HandOfPolicy = Annotated[
-    str | None,
-    typer.Option("--hand", help="The hand, by its name or as hand.urdf,hand.toml; by default that of the policy."),
+    str | None, typer.Option(help="The hand, by its name or as hand.urdf,hand.toml; by default that of the policy.")
 ]
-PerScene = Annotated[
-    int | None, typer.Option("--objects-per-scene", min=1, max=40, help="Number of objects of a layout; 5 by default.")
-]
+PerScene = Annotated[int | None, typer.Option(min=1, max=40, help="Number of objects of a layout; 5 by default.")]
 Spread = Annotated[
-    float,
-    typer.Option(
-        "--spread", help="Distance of the objects from the middle, 0.25 to 2 times that of VGN; below 1: closer."
-    ),
+    float, typer.Option(help="Distance of the objects from the middle, 0.25 to 2 times that of VGN; below 1: closer.")
 ]
-Scale = Annotated[float, typer.Option("--scale", help="Metres per unit of the mesh files.")]
-Mass = Annotated[float | None, typer.Option("--mass", help="Kilograms of the object, where there is just one.")]
+Scale = Annotated[float, typer.Option(help="Metres per unit of the mesh files.")]
+Mass = Annotated[float | None, typer.Option(help="Kilograms of the object, where there is only one.")]
 
-#: Progress and remarks go to standard error; standard output holds results alone.
+#: Progress and remarks go to standard error; standard output holds results only.
 console = Console(stderr=True, markup=False, highlight=False, emoji=False)
 
 
@@ -73,6 +67,24 @@ def progress() -> Progress:
     """Make a progress bar on standard error; it disappears at the end."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     return Progress(*columns, console=console, transient=True)
+
+
+def check_files(out: Path | None, picture: Path | None = None) -> None:
+    """Refuse files that cannot be written before anything is computed."""
+    if out is not None:
+        check_output(out)
+    if picture is not None:
+        from graspbox.pictures.files import check_path  # imports matplotlib
+
+        if not picture.is_dir():
+            check_output(picture)
+        check_path(picture)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a result as JSON into a file."""
+    write_text(path, dumps(value) + "\n")
+    console.print(f"wrote {path}")
 
 
 def print_json(value: Any) -> None:
@@ -98,26 +110,20 @@ def made(**facts: Any) -> dict[str, Any]:
 
 
 def find(
-    objects: list[str] | None, split: str | None, scale: float, mass: float | None = None
+    objects: list[str] | None, split: object_sets.Split | None, scale: float, mass: float | None = None
 ) -> object_sets.ObjectSet:
-    """Load the object sets that the command line names; ``procedural`` where it names none.
-
-    Raises
-    ------
-    ObjectSetError
-        As `graspbox.object_sets.load`; if `mass` is given for several objects.
-    """
-    found = object_sets.load(objects or ["procedural"], split=split, scale=scale, mass=mass)  # type: ignore[arg-type]
-    if mass is not None and len(found) != 1:
+    """Load the object sets that the command line names, by default ``procedural``; refuse a mass of several objects."""
+    selected = object_sets.load(objects or ["procedural"], split=split, scale=scale, mass=mass)
+    if mass is not None and len(selected) != 1:
         raise ObjectSetError(
-            f"--mass is the mass of one object, and {found.name!r} has {len(found)}; write their masses into a table "
-            f"{MASSES} in their folder"
+            f"--mass is the mass of one object, and {selected.name!r} has {len(selected)}; write their masses into a "
+            f"table {MASSES} in their folder"
         )
-    return found
+    return selected
 
 
 def end_with(refused: Mapping[str, str]) -> None:
-    """Name the objects that could not be used on standard error, and end with exit status 1 if there are any."""
+    """Print the objects that could not be used on standard error, and end with exit status 1 if there are any."""
     for name, why in refused.items():
         console.print(f"{name}: {why}", style="red", soft_wrap=True)
     if refused:
@@ -136,14 +142,8 @@ def find_hand(name: str) -> Hand:
 
 
 def find_one(mesh: str, scale: float) -> object_sets.ObjectSpec:
-    """Find the one object that the command line names.
-
-    Raises
-    ------
-    ObjectSetError
-        If it names several.
-    """
-    found = find([mesh], None, scale)
-    if len(found) != 1:
-        raise ObjectSetError(f"{mesh!r} names {len(found)} objects; name one")
-    return found[0]
+    """Return the object that the command line names; refuse several."""
+    selected = find([mesh], None, scale)
+    if len(selected) != 1:
+        raise ObjectSetError(f"{mesh!r} names {len(selected)} objects; name one")
+    return selected[0]

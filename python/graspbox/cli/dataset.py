@@ -8,18 +8,18 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from graspbox import dataset as data
-from graspbox import layouts
 from graspbox._common.progress import shown_time
 from graspbox.cli import common
 from graspbox.configs import ShakeConfig, TrialConfig
+from graspbox.data import trials as data
+from graspbox.simulation import layouts
 
 #: Time between two lines of progress where nothing can be drawn again, seconds.
 _LINE_EVERY = 30.0
 
 
 class _Reporter:
-    """Shows trials, their rate and the time that is left: a bar, or a line now and then in a log."""
+    """Shows trials, their rate and the remaining time: a bar, or a line every 30 s in a log."""
 
     def __init__(self) -> None:
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
@@ -44,7 +44,7 @@ def _print(result: data.Result) -> None:
         common.print_table(str(result.folder), (title, *keys), [*rows, ("total", *sums)])
     shards = table["shards"]
     typer.echo(
-        f"{shards['made']} shards made, {shards['resumed']} found; {table['trials_made']} trials in "
+        f"{shards['made']} shards made, {shards['resumed']} kept; {table['trials_made']} trials in "
         f"{shown_time(table['seconds'])}, {table['trials_per_s']:.1f} trials/s"
     )
 
@@ -55,22 +55,15 @@ def _runner(ray: bool, workers: int | None) -> data.Runner | None:
     return data.on_ray() if ray else None if workers is None else data.local(workers)
 
 
-Rests = Annotated[
-    int, typer.Option("--rests", min=1, help="Scenes per object, each with its own resting pose and cameras.")
-]
-Replays = Annotated[
-    int, typer.Option("--replays", min=0, help="Further trials of each pose of the splits validation and test.")
-]
-ShardTrials = Annotated[
-    int, typer.Option("--shard-trials", min=1, help="Trials per file, the unit of work that an interruption loses.")
-]
+Rests = Annotated[int, typer.Option(min=1, help="Scenes per object, each with its own resting pose and cameras.")]
+Replays = Annotated[int, typer.Option(min=0, help="Further trials of each pose of the splits validation and test.")]
+ShardTrials = Annotated[int, typer.Option(min=1, help="Trials per file, the unit of work that an interruption loses.")]
 PerScene = Annotated[
     tuple[int, int],
     typer.Option("--objects-per-scene", help="Least and greatest number of objects in scenes of several."),
 ]
 Workers = Annotated[
-    int | None,
-    typer.Option("--workers", min=1, max=1024, help="Processes; one per core by default. Rows do not depend on them."),
+    int | None, typer.Option(min=1, max=1024, help="Processes; one per core by default. Rows do not depend on them.")
 ]
 Ray = Annotated[
     bool, typer.Option("--ray", help="Make the shards on a Ray cluster: that of RAY_ADDRESS, or a local one.")
@@ -79,22 +72,20 @@ _DEFAULT = data.DatasetConfig()
 
 
 def dataset(
-    out: Annotated[Path, typer.Option("--out", help="Folder of the data set; an existing data set is continued.")],
+    out: Annotated[Path, typer.Option(help="Folder of the data set; an existing data set is continued.")],
     objects: common.Objects = None,
-    poses: Annotated[int, typer.Option("--poses", min=1, help="Trials per scene.")] = _DEFAULT.poses,
+    poses: Annotated[int, typer.Option(min=1, help="Trials per scene.")] = _DEFAULT.poses,
     rests: Rests = _DEFAULT.rests,
     layout: Annotated[
-        str, typer.Option("--layout", help="single, packed, pile or bin: the target alone, or among other objects.")
+        str, typer.Option(help="Layout of a scene: single (only the target), packed, pile or bin.")
     ] = _DEFAULT.layout,
     per_scene: PerScene = _DEFAULT.objects_per_scene,
     spread: common.Spread = _DEFAULT.spread,
-    views: Annotated[int, typer.Option("--views", min=0, help="Cameras per scene.")] = _DEFAULT.views,
+    views: Annotated[int, typer.Option(min=0, help="Cameras per scene.")] = _DEFAULT.views,
     replays: Replays = _DEFAULT.replays,
     shake: Annotated[bool, typer.Option("--shake", help="Shake every success on six axes with 2 g.")] = False,
     images: Annotated[bool, typer.Option("--images", help="Store the images of the cameras too.")] = False,
-    image_size: Annotated[
-        int, typer.Option("--image-size", min=1, help="Rows and columns of stored images.")
-    ] = _DEFAULT.image_size[0],
+    image_size: Annotated[int, typer.Option(min=1, help="Rows and columns of stored images.")] = _DEFAULT.image_size[0],
     shard_trials: ShardTrials = _DEFAULT.shard_trials,
     hand: common.HandName = "reflex",
     split: common.Split = None,
@@ -110,7 +101,7 @@ def dataset(
 
     The exit status is 1 if some objects cannot be used.
     """
-    found, loaded = common.find(objects, split, scale, mass), common.find_hand(hand)
+    object_set, loaded = common.find(objects, split, scale, mass), common.find_hand(hand)
     config = data.DatasetConfig(
         poses=poses,
         rests=rests,
@@ -129,7 +120,9 @@ def dataset(
     reporter = _Reporter()
     report: Callable[[data.Progress], None] = reporter
     with reporter.bar:
-        result = data.generate(found, out, hand=loaded, config=config, resume=resume, runner=runner, progress=report)
+        result = data.generate(
+            object_set, out, hand=loaded, config=config, resume=resume, runner=runner, progress=report
+        )
     if as_json:
         common.print_json(result.table())
     else:

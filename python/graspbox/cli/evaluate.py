@@ -5,10 +5,10 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from graspbox._common.files import check_output, dumps, write_text
+from graspbox._common.files import dumps, write_text
 from graspbox.cli import common
-from graspbox.cli.exports.recording import Rerun, RerunEpisodes, check_rerun, write_replays
-from graspbox.cli.serving.clients import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
+from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
+from graspbox.cli.recorders import CommandRecorder, Rerun, RerunEpisodes, rerun_recorder
 from graspbox.envs import SINGLE_OBJECT_IDS
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError
@@ -16,44 +16,36 @@ from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.replays import ActionLog, failed, shown
-from graspbox.layouts import SceneLayout
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MASSES
+from graspbox.simulation.layouts import SceneLayout
 
 NumEnvs = Annotated[
-    int,
-    typer.Option(
-        "--num-envs",
-        min=1,
-        max=MAX_ENVS,
-        help="Number of environments stepped together; results do not depend on it.",
-    ),
+    int, typer.Option(min=1, max=MAX_ENVS, help="Number of environments stepped together; results do not depend on it.")
 ]
 EnvId = Annotated[
     str | None,
-    typer.Option(
-        "--env",
-        help=f"Environment: {' or '.join(SINGLE_OBJECT_IDS)}; by default the policy's own, else the first.",
-    ),
+    typer.Option(help=f"Environment: {' or '.join(SINGLE_OBJECT_IDS)}; by default the policy's own, else the first."),
 ]
 IncludeLearned = Annotated[
     bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
 ]
-Condition = Annotated[str, typer.Option("--condition", help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
+Condition = Annotated[str, typer.Option(help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
 Lies = Annotated[
     str,
     typer.Option(
-        "--layout",
-        help=f"How objects lie: {', '.join(get_args(SceneLayout))}; except in the first, a target lies among others.",
+        help=f"How objects lie: {', '.join(get_args(SceneLayout))}; except in the first, a target lies among others."
     ),
 ]
 Remote = Annotated[
-    list[str] | None,
-    typer.Option("--remote", help="Server that steps the environments: ws://HOST:PORT; repeatable."),
+    list[str] | None, typer.Option(help="Server that steps the environments: ws://HOST:PORT; repeatable.")
 ]
 
 
-def _print(result: Evaluation) -> None:
+def _print(result: Evaluation, as_json: bool) -> None:
+    if as_json:
+        common.print_json(result.to_json())
+        return
     if not result.trials:
         typer.echo(
             f"no trial: {len(result.refused)} of {result.objects_given} objects were tried, and none can be used"
@@ -94,7 +86,6 @@ def _print(result: Evaluation) -> None:
 def _servers(
     remote: list[str] | None, mass: float | None, token_file: str | None, ca_file: str | None
 ) -> RemoteConfig | None:
-    """Name the servers that step the environments."""
     if not remote:
         return None
     if mass is not None:
@@ -107,8 +98,8 @@ def _servers(
 def evaluate(
     policy: common.PolicyName,
     env: EnvId = None,
-    objects: common.Objects = None,
-    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
+    objects: common.ObjectsOfPolicy = None,
+    trials: Annotated[int, typer.Option(min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
     split: common.Split = None,
     scale: common.Scale = 1.0,
     mass: common.Mass = None,
@@ -127,7 +118,7 @@ def evaluate(
     chunk: Chunk = 1,
     token_file: ServerToken = None,
     ca_file: CaFile = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the JSON, with every trial, into this file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the JSON, with every trial, into this file.")] = None,
     rerun: Rerun = None,
     rerun_episodes: RerunEpisodes = 10,
     as_json: common.Json = False,
@@ -137,69 +128,57 @@ def evaluate(
     The policy may be on a server: ws://HOST:PORT of any server that speaks openpi's protocol. The exit status is 1 if
     some objects cannot be used; other trials replace theirs.
     """
-    _check_outputs(out, rerun, remote, layout)
-    asked = PolicyServers(obs, keys, chunk, token_file, ca_file)
-    asked.check([policy], bool(remote))
-    log = ActionLog(asked.load(policy, rehearse))
-    servers = _servers(remote, mass, token_file, ca_file)
-    # A server uses its own names for its offer.
-    found = None if remote else common.find(objects, split, scale, mass)
-    tried = (objects or ["procedural"]) if found is None else found
+    common.check_files(out)
+    recorder = _recorder(rerun, remote, layout)
+    servers = PolicyServers(obs, keys, chunk, token_file, ca_file)
+    servers.check([policy], bool(remote))
+    log = ActionLog(servers.load(policy, rehearse))
+    objects, split = (objects, split) if objects else log.default_objects(split)
+    object_set = None if remote else common.find(objects, split, scale, mass)  # a server uses its own names
     with common.progress() as bar:
         task = bar.add_task(policy, total=trials)
         result = run(
             log,
             env,
-            tried,
+            objects if object_set is None else object_set,
             trials,
             seed,
             scale=scale if remote else 1.0,
-            split=split if remote else None,  # type: ignore[arg-type]
+            split=split if remote else None,
             include_learned=include_learned,
             condition=condition,
             num_envs=num_envs,
             num_threads=threads,
-            remote=servers,
+            remote=_servers(remote, mass, token_file, ca_file),
             progress=lambda done: bar.update(task, completed=done),
             **_keywords(hand, layout, objects_per_scene),
         )
-    _report(result, as_json)
+    _print(result, as_json)
     if out is not None:
-        _write(out, result, seed, log, found)
-    if found is not None:
-        write_replays(rerun, shown(result, log, found, rerun_episodes))
+        _write(out, result, seed, log, object_set)
+    if object_set is not None and recorder is not None:
+        recorder.write_replays(shown(result, log, object_set, rerun_episodes))
     common.end_with(result.refused)
 
 
-def _keywords(hand: str | None, layout: str, objects_per_scene: int | None) -> dict[str, Any]:
-    """Collect the keywords of the environment that are not its defaults."""
-    found: dict[str, Any] = {} if hand is None else {"hand": common.hand_like(hand)}
-    found |= {} if layout == "single" else {"layout": layout}
-    return found | ({} if objects_per_scene is None else {"objects_per_scene": objects_per_scene})
-
-
-def _check_outputs(out: Path | None, rerun: Path | None, remote: list[str] | None, layout: str) -> None:
-    """Refuse files that cannot be written before anything is computed."""
-    if out is not None:
-        check_output(out)
+def _recorder(rerun: Path | None, remote: list[str] | None, layout: str) -> CommandRecorder | None:
     if rerun is not None and remote:
         raise ConfigError("--rerun records environments of this machine; leave out --remote")
     if rerun is not None and layout != "single":
         raise ConfigError(f"--rerun records single objects; leave it out, or --layout {layout}")
-    check_rerun(rerun)
+    return rerun_recorder(rerun)
 
 
-def _report(result: Evaluation, as_json: bool) -> None:
-    """Print a result."""
-    if as_json:
-        common.print_json(result.to_json())
-    else:
-        _print(result)
+def _keywords(hand: str | None, layout: str, objects_per_scene: int | None) -> dict[str, Any]:
+    """Collect the keywords of the environment that are not its defaults."""
+    keywords: dict[str, Any] = {} if hand is None else {"hand": common.hand_like(hand)}
+    keywords |= {} if layout == "single" else {"layout": layout}
+    return keywords | ({} if objects_per_scene is None else {"objects_per_scene": objects_per_scene})
 
 
-def _write(out: Path, result: Evaluation, seed: int, log: ActionLog, found: ObjectSet | None) -> None:
+def _write(out: Path, result: Evaluation, seed: int, log: ActionLog, object_set: ObjectSet | None) -> None:
     """Write a result with every trial, its origin (`common.made`), and failures that can be replayed."""
-    objects = found or ()
+    objects = object_set or ()
     names = {trial.object for trial in result.trials}
     content = {
         **result.to_json(),
@@ -210,6 +189,6 @@ def _write(out: Path, result: Evaluation, seed: int, log: ActionLog, found: Obje
             for spec in objects
             if spec.name in names
         },
-        "replays": [] if found is None else [replay.to_json() for replay in failed(result, log, found)],
+        "replays": [] if object_set is None else [replay.to_json() for replay in failed(result, log, object_set)],
     }
     write_text(out, dumps(content) + "\n")

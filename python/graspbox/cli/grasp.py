@@ -6,23 +6,18 @@ from typing import Annotated, Any
 import typer
 
 from graspbox._common.arguments import plain
-from graspbox._common.files import check_output, dumps, write_text
 from graspbox.cli import common
-from graspbox.cli.exports.recording import Rerun, RerunEpisodes, check_rerun, write_grasps
+from graspbox.cli.recorders import Rerun, RerunEpisodes, rerun_recorder
 from graspbox.configs import ShakeConfig, TrialConfig
-from graspbox.evaluation.planner_trials import ObjectResult, SetResult, try_set
+from graspbox.evaluation.planner_trials import SetResult, try_set
 from graspbox.object_sets import ObjectSet
 
 
 def run(objects: ObjectSet, **settings: Any) -> SetResult:
-    """Evaluate a set with a common.progress bar."""
+    """Evaluate a set with a progress bar."""
     with common.progress() as bar:
         task = bar.add_task("grasping", total=len(objects))
-
-        def done(_: ObjectResult) -> None:
-            bar.advance(task)
-
-        return try_set(objects, done=done, **settings)
+        return try_set(objects, done=lambda _: bar.advance(task), **settings)
 
 
 #: Columns of the table, and the key of each in a row. The shake's is left out where nothing was shaken.
@@ -42,10 +37,8 @@ def table_rows(table: dict[str, Any]) -> list[tuple[str, ...]]:
     columns = {name: key for name, key in COLUMNS.items() if shaken or key != "survived_shake"}
     keys = tuple(columns.values())
 
-    def word(value: object) -> str:
-        return {True: "yes", False: "no", None: "-"}[value] if value is None or isinstance(value, bool) else str(value)
-
-    rows = [(row["name"], *(word(row[k]) for k in keys)) for row in table["objects"]]
+    words = {"True": "yes", "False": "no", "None": "-"}
+    rows = [(row["name"], *(words.get(str(row[k]), str(row[k])) for k in keys)) for row in table["objects"]]
     sums = [str(sum(row[k] or 0 for row in table["objects"])) for k in keys]
     return [("object", *columns), *rows, ("total", *sums)]
 
@@ -63,7 +56,7 @@ def summary(table: dict[str, Any]) -> str:
 
 def grasp(
     objects: common.Objects = None,
-    poses: Annotated[int, typer.Option("--poses", min=1, help="Poses to try for each object, best first.")] = 20,
+    poses: Annotated[int, typer.Option(min=1, help="Poses to try for each object, best first.")] = 20,
     legacy: Annotated[
         bool, typer.Option(help="Also record the reference study's measures (failed grasps then run for 2.5 s).")
     ] = True,
@@ -80,7 +73,7 @@ def grasp(
     seed: common.Seed = 0,
     threads: common.Threads = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Write the JSON, with every grasp and its outcome, into this file.")
+        Path | None, typer.Option(help="Write the JSON, with every grasp and its outcome, into this file.")
     ] = None,
     details: Annotated[
         bool, typer.Option("--details", help="Print every grasp and its outcome too, with --json.")
@@ -95,12 +88,11 @@ def grasp(
     """
     if details and not as_json:
         raise typer.BadParameter("it needs --json; --out always writes the details", param_hint="--details")
-    if out is not None:
-        check_output(out)
-    check_rerun(rerun)
-    found, loaded = common.find(objects, split, scale, mass), common.find_hand(hand)
+    common.check_files(out)
+    recorder = rerun_recorder(rerun)
+    object_set, loaded = common.find(objects, split, scale, mass), common.find_hand(hand)
     trial = TrialConfig(legacy=legacy, shake=ShakeConfig() if shake else None)
-    result = run(found, hand=loaded, poses=poses, seed=seed, trial=trial, num_threads=threads)
+    result = run(object_set, hand=loaded, poses=poses, seed=seed, trial=trial, num_threads=threads)
     table = result.table()
     facts = {"seed": seed, "hand": hand, "trial": plain(trial, "trial")}
     content = {**result.table(details=True), "made": common.made(**facts)} if details or out is not None else {}
@@ -108,10 +100,10 @@ def grasp(
         common.print_json(content if details else table)
     else:
         head, *rows = table_rows(table)
-        common.print_table(f"{found.name}: {poses} poses each, seed {seed}", head, rows)
+        common.print_table(f"{object_set.name}: {poses} poses each, seed {seed}", head, rows)
         typer.echo(summary(table))
     if out is not None:
-        write_text(out, dumps(content) + "\n")
-        common.console.print(f"wrote {out}")
-    write_grasps(rerun, result, loaded, trial, rerun_episodes)
+        common.write_json(out, content)
+    if recorder is not None:
+        recorder.write_grasps(result, loaded, trial, rerun_episodes)
     common.end_with(table["refused"])

@@ -1,4 +1,4 @@
-"""``graspbox hand``: check the files of a hand, and make them from a URDF or MJCF file."""
+"""Check the files of your hand, or make them from a URDF or MJCF file."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from graspbox._common.files import check_output, write_text
-from graspbox.cli.common import Json, Seed, console, find_hand, print_json
+from graspbox.cli.common import Json, Seed, check_files, console, find_hand, print_json
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
 from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand, guess_hand
 from graspbox.hand_tools.checking import unit_findings
@@ -19,15 +19,13 @@ from graspbox.hands import FittedUrdf, Hand, MeshFit, fitted_urdf, load_hand, ur
 
 __all__ = ["hand_app"]
 
-hand_app = typer.Typer(
-    no_args_is_help=True, help="Check the files of your hand, or make them from a URDF or MJCF file."
-)
+hand_app = typer.Typer(no_args_is_help=True, help=__doc__)
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
 def _refuse(error: GraspboxError, hints: Sequence[Finding] = ()) -> NoReturn:
-    """Say why files describe no hand, and end with the status of a wrong call."""
+    """Print why files describe no hand, and end with the status of a wrong call."""
     console.print(f"graspbox: {error}", soft_wrap=True)
     for hint in hints:
         console.print(f"{hint.subject}: {hint.value}: {hint.message}; {hint.remedy}", soft_wrap=True)
@@ -48,7 +46,7 @@ def _load(words: list[str]) -> Hand:
 
 
 def _print_fits(fits: Mapping[str, MeshFit]) -> None:
-    """Say which shapes stand for each collision mesh, and how far they are from it."""
+    """Print which shapes replace each collision mesh, and their distance from it."""
     for name, fit in fits.items():
         kinds = [shape.kind for shape in fit.primitives]
         counts = (f"{kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds))
@@ -59,7 +57,7 @@ def _print_fits(fits: Mapping[str, MeshFit]) -> None:
 
 
 def _fits_of(words: list[str]) -> Mapping[str, MeshFit]:
-    """Give the fits of the collision meshes of the URDF that the arguments name, if they name one."""
+    """Return the fits of the collision meshes of the URDF that the arguments name, if they name one."""
     urdf = Path(words[0].partition(",")[0])
     return fitted_urdf(urdf).fits if urdf.is_file() else {}
 
@@ -68,16 +66,15 @@ def _print_report(report: HandReport) -> None:
     table = Table(title=f"{report.name}: findings", title_justify="left")
     for column in ("", "thing", "value", "finding"):
         table.add_column(column, overflow="fold")
-    for found in report.findings:
-        text = f"{found.message}; {found.remedy}" if found.remedy else found.message
-        table.add_row(found.severity, found.subject, found.value, text, style=_STYLES[found.severity])
+    for finding in report.findings:
+        text = f"{finding.message}; {finding.remedy}" if finding.remedy else finding.message
+        table.add_row(finding.severity, finding.subject, finding.value, text, style=_STYLES[finding.severity])
     Console(file=sys.stdout, markup=False, highlight=False, emoji=False).print(table)
     counts: dict[str, int] = report.table()["counts"]  # type: ignore[assignment]
     typer.echo(", ".join(f"{count} {severity}{'' if count == 1 else 's'}" for severity, count in counts.items()))
 
 
 def _fit_table(fit: MeshFit) -> dict[str, Any]:
-    """Give the JSON of a fit."""
     return {"shapes": [shape.kind for shape in fit.primitives], "mean": fit.mean, "most": fit.most}
 
 
@@ -97,15 +94,10 @@ def check(
 ) -> None:
     """Check a hand: units, limits, inertias, actuators, its closing motion, reach, sensors, and trials.
 
-    An error makes the hand useless, a warning is probably a mistake, a note is worth knowing. The exit status is 1 if
+    An error makes the hand unusable, a warning is probably a mistake, a note is informative. The exit status is 1 if
     there are errors, and 2 if the files are no hand: then every wrong line is listed.
     """
-    if picture is not None:
-        from graspbox import pictures
-
-        if not picture.is_dir():
-            check_output(picture)
-        picture = pictures.check_path(picture)
+    check_files(None, picture)
     loaded = _load(hand)
     with console.status("checking"):
         report = check_hand(loaded, trials=trials, seed=seed)
@@ -116,6 +108,8 @@ def check(
         _print_fits(fits)
         _print_report(report)
     if picture is not None:
+        from graspbox import pictures
+
         pictures.save_hand_motion(picture, loaded)
         console.print(f"wrote {picture}")
     if report.has_errors:
@@ -125,7 +119,7 @@ def check(
 @hand_app.command("new")
 def new(
     urdf: Annotated[Path, typer.Argument(help="The URDF.")],
-    out: Annotated[Path, typer.Option("--out", help="Write this file.")] = Path("hand.toml"),
+    out: Annotated[Path, typer.Option(help="Write this file.")] = Path("hand.toml"),
     name: Annotated[str | None, typer.Option(help="Name of the hand; that of the URDF's file by default.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     as_json: Json = False,
@@ -147,7 +141,7 @@ def new(
 @hand_app.command("convert")
 def convert(
     mjcf: Annotated[Path, typer.Argument(help="The MJCF file, with one tree of bodies.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder of the new hand.urdf and hand.toml.")] = Path("hand"),
+    out: Annotated[Path, typer.Option(help="Folder of the new hand.urdf and hand.toml.")] = Path("hand"),
     name: Annotated[str | None, typer.Option(help="Name of the hand; that of the file by default.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: Json = False,
@@ -180,7 +174,7 @@ def _check_new(path: Path, force: bool) -> None:
 
 
 def _print_guessed(guessed: GuessedHand, urdf: FittedUrdf, files: Sequence[Path], as_json: bool) -> None:
-    """Name the new files, the fits of meshes and loops, and the guesses to review."""
+    """Print the new files, the fits of meshes and loops, and the guesses to review."""
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
         loops = {name: asdict(fit) for name, fit in urdf.loops.items()}

@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from graspbox import layouts
 from graspbox._common.refusals import reason
 from graspbox.cli.common import (
     HandName,
@@ -17,6 +16,7 @@ from graspbox.cli.common import (
     Split,
     Spread,
     Threads,
+    check_files,
     end_with,
     find,
     hand_like,
@@ -26,6 +26,7 @@ from graspbox.cli.common import (
 )
 from graspbox.configs import PhysicsConfig
 from graspbox.envs._pools.preparation import load_objects, prepare_objects
+from graspbox.simulation import layouts
 
 
 def objects(
@@ -38,15 +39,15 @@ def objects(
 
     Nothing is random here, so there is no --seed.
     """
-    found = find(sets, split, scale)
+    object_set = find(sets, split, scale)
     if as_json:
         keys = ("name", "split", "mass", "mass_known")
-        print_json([{key: getattr(spec, key) for key in keys} for spec in found])
+        print_json([{key: getattr(spec, key) for key in keys} for spec in object_set])
         return
     rows: list[tuple[str, ...]] = [
-        (s.name, s.split, "" if s.mass is None else f"{s.mass:.4f}", s.mass_known) for s in found
+        (s.name, s.split, "" if s.mass is None else f"{s.mass:.4f}", s.mass_known) for s in object_set
     ]
-    print_table(f"{found.name}: {len(found)} objects", ("name", "split", "mass / kg", "mass known"), rows)
+    print_table(f"{object_set.name}: {len(object_set)} objects", ("name", "split", "mass / kg", "mass known"), rows)
 
 
 def prepare(
@@ -61,34 +62,34 @@ def prepare(
 
     Nothing is random here, so there is no --seed. The exit status is 1 if some objects cannot be used.
     """
-    found = find(sets, split, scale, mass)
-    handle, _ = load_objects(found, "reflex", PhysicsConfig())
+    object_set = find(sets, split, scale, mass)
+    handle, _ = load_objects(object_set, "reflex", PhysicsConfig())
     with progress() as bar:
-        task = bar.add_task(found.name, total=len(found))
+        task = bar.add_task(object_set.name, total=len(object_set))
         errors = prepare_objects(
             handle, False, threads, lambda done: bar.update(task, completed=done), skip_errors=True
         )
-    refused = {found[index].name: reason(error, found[index].path) for index, error in errors.items()}
-    prepared = [name for name in found.names if name not in refused]
+    refused = {object_set[index].name: reason(error, object_set[index].path) for index, error in errors.items()}
+    prepared = [name for name in object_set.names if name not in refused]
     if as_json:
-        print_json({"set": found.name, "prepared": prepared, "refused": refused})
+        print_json({"set": object_set.name, "prepared": prepared, "refused": refused})
     else:
-        typer.echo(f"{len(prepared)} of {len(found)} objects of {found.name} are prepared")
+        typer.echo(f"{len(prepared)} of {len(object_set)} objects of {object_set.name} are prepared")
     end_with(refused)
 
 
 def scenes(
     objects: Objects = None,
-    layout: Annotated[str, typer.Option("--layout", help="packed, pile or bin.")] = "pile",
+    layout: Annotated[str, typer.Option(help="packed, pile or bin.")] = "pile",
     each: Annotated[int, typer.Option("--objects-per-scene", min=1, max=64, help="Wanted objects of a scene.")] = 5,
     count: Annotated[int, typer.Option("--scenes", min=1, max=10_000, help="Number of scenes.")] = 6,
-    inside: Annotated[
-        tuple[float, float, float], typer.Option("--inside", help="Length, width and height of the bin, metres.")
-    ] = (0.3, 0.25, 0.12),
+    inside: Annotated[tuple[float, float, float], typer.Option(help="Length, width and height of the bin, metres.")] = (
+        0.3,
+        0.25,
+        0.12,
+    ),
     spread: Spread = 1.0,
-    picture: Annotated[
-        Path | None, typer.Option("--picture", help="Write a picture of the first 12 scenes into this file.")
-    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="Write a picture of the first 12 scenes into this file.")] = None,
     split: Split = None,
     scale: Scale = 1.0,
     hand: HandName = "reflex",
@@ -100,17 +101,13 @@ def scenes(
     Objects and their sizes are drawn at random, as in VGN: 0.7 to 0.9 of their size when packed, 0.8 to 1.0 in piles.
     A scene has fewer objects than wanted where some leave the workspace, or find no place within 12 attempts.
     """
-    found, named = find(objects, split, scale), layouts.layout_named(layout)
-    if picture is not None:
-        from graspbox.pictures.arrangements import save_arrangements
-        from graspbox.pictures.files import check_path
-
-        check_path(picture)
+    object_set, named = find(objects, split, scale), layouts.layout_named(layout)
+    check_files(None, picture)
     made: list[layouts.Arrangement] = []
     with progress() as bar:
         task = bar.add_task("scenes", total=count)
         for number in range(seed, seed + count):
-            meshes = [spec.load() for spec in layouts.draw_objects(found, each, named, number)]
+            meshes = [spec.load() for spec in layouts.draw_objects(object_set, each, named, number)]
             at_rest = layouts.arrange(
                 meshes, named, most=each, spread=spread, seed=number, inside=inside, hand=hand_like(hand)
             )
@@ -125,11 +122,12 @@ def scenes(
         ]
         print_table(f"{layout}: {count} scenes", ("seed", "objects", "missing"), rows)
     if picture is not None:
+        from graspbox.pictures.arrangements import save_arrangements
+
         save_arrangements(picture, made[:12])
 
 
 def _scene_row(scene: layouts.Arrangement, wanted: int, seed: int) -> dict[str, object]:
-    """Write a scene as JSON."""
     return {
         "layout": scene.layout,
         "seed": seed,

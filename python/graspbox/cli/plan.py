@@ -2,34 +2,26 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 import graspbox
-from graspbox._common.files import check_output
 from graspbox.cli import common
-from graspbox.planning import Box, Plan
+from graspbox.planning import Plan
 from graspbox.planning.plan_files import grasp_rows
 
 
-def box_row(box: Box) -> dict[str, object]:
-    """Write a box as JSON."""
-    return {
-        "center": box.center.tolist(),
-        "axes": box.axes.tolist(),
-        "half_extents": box.half_extents.tolist(),
-        "volume": box.volume,
-    }
-
-
 def plan_table(planned: Plan, seconds: float) -> dict[str, Any]:
-    """Write a plan as ``graspbox plan --json`` prints it."""
+    """Return a plan as ``graspbox plan --json`` prints it."""
+    arrays = ("center", "axes", "half_extents")
     return {
         "name": planned.name,
         "hand": planned.hand_name,
         "world_from_object": planned.world_from_object.tolist(),
-        "boxes": [box_row(box) for box in planned.tree],
+        "boxes": [
+            {**{name: getattr(box, name).tolist() for name in arrays}, "volume": box.volume} for box in planned.tree
+        ],
         "poses": len(planned),
         "feasible": int(planned.feasible.sum()),
         "seconds": seconds,
@@ -52,7 +44,7 @@ def print_plan(table: dict[str, Any]) -> None:
 def plan(
     mesh: Annotated[str, typer.Argument(help="A mesh file, or an object set that names one object.")],
     fit: Annotated[
-        str, typer.Option(help="Boxes of least volume ('minimum') or along principal axes ('pca').")
+        Literal["minimum", "pca"], typer.Option(help="Boxes of least volume or along principal axes.")
     ] = "minimum",
     max_boxes: Annotated[int, typer.Option(min=1, help="Maximum number of boxes.")] = 8,
     settle: Annotated[
@@ -61,7 +53,7 @@ def plan(
     picture: Annotated[
         Path | None, typer.Option(help="Write a picture of boxes and best poses into this file.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Save the plan here, for graspbox.Plan.load.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Save the plan here, for graspbox.Plan.load.")] = None,
     hand: common.HandName = "reflex",
     seed: common.Seed = 0,
     scale: common.Scale = 1.0,
@@ -69,16 +61,9 @@ def plan(
     as_json: common.Json = False,
 ) -> None:
     """Cut an object into boxes, propose hand poses, and drop those that collide."""
-    if out is not None:
-        check_output(out)
-    if picture is not None:
-        from graspbox import pictures
-
-        if not picture.is_dir():
-            check_output(picture)
-        picture = pictures.check_path(picture)
+    common.check_files(out, picture)
     spec, with_hand = common.find_one(mesh, scale), common.find_hand(hand)
-    decompose = graspbox.DecomposeConfig(fit=fit, max_boxes=max_boxes)  # type: ignore[arg-type]
+    decompose = graspbox.DecomposeConfig(fit=fit, max_boxes=max_boxes)
     with common.console.status("planning"):
         loaded = spec.load()
         rest = graspbox.Scene(loaded, hand=with_hand).world_from_object if settle else None
@@ -95,5 +80,7 @@ def plan(
         planned.save(out)
         common.console.print(f"wrote {out}")
     if picture is not None:
+        from graspbox import pictures
+
         pictures.save_plan(picture, loaded, planned, hand=with_hand)
         common.console.print(f"wrote {picture}")

@@ -1,4 +1,4 @@
-"""``graspbox record`` and ``graspbox export``: demonstrations of a policy, in graspbox's format and in others."""
+"""``graspbox record``: demonstrations of a policy."""
 
 import json
 from pathlib import Path
@@ -6,39 +6,34 @@ from typing import Annotated, Any
 
 import typer
 
-from graspbox import demonstrations
 from graspbox.cli import common
-from graspbox.cli.exports.recording import Rerun, RerunEpisodes, check_rerun, write_demonstrations
+from graspbox.cli.recorders import Rerun, RerunEpisodes, rerun_recorder
+from graspbox.data import episodes as demonstrations
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS
 
-_FORMATS = ("minari", "lerobot")
-
 Environments = Annotated[
     int,
-    typer.Option(
-        "--num-envs", min=1, max=MAX_ENVS, help="Number of environments stepped together; episodes do not depend on it."
-    ),
+    typer.Option(min=1, max=MAX_ENVS, help="Number of environments stepped together; episodes do not depend on it."),
 ]
 Noise = Annotated[
-    float,
-    typer.Option("--noise", min=0, max=1, help="Noise that disturbs the actions, in shares; it is not recorded."),
+    float, typer.Option(min=0, max=1, help="Noise that disturbs the actions, in shares; it is not recorded.")
 ]
 
 
 def _keywords(settings: list[str] | None) -> dict[str, Any]:
     """Read ``name=value``; a value that is not valid JSON is text."""
-    found: dict[str, Any] = {}
+    keywords: dict[str, Any] = {}
     for one in settings or []:
         name, equals, value = one.partition("=")
         if not equals or not name.isidentifier():
-            raise ConfigError(f"--set {one!r} names no keyword; write, for example, frame_skip=4")
+            raise ConfigError(f"--set {one!r} names no keyword; write, for example, control_freq=10")
         try:
-            found[name] = json.loads(value)
+            keywords[name] = json.loads(value)
         except ValueError:
-            found[name] = value
-    return found
+            keywords[name] = value
+    return keywords
 
 
 def _counts(made: demonstrations.Demonstrations) -> dict[str, Any]:
@@ -54,33 +49,33 @@ def _counts(made: demonstrations.Demonstrations) -> dict[str, Any]:
     }
 
 
-def _print(found: dict[str, Any], as_json: bool) -> None:
+def _print(counts: dict[str, Any], as_json: bool) -> None:
     if as_json:
-        common.print_json(found)
+        common.print_json(counts)
         return
     typer.echo(
-        f"{found['folder']}: {found['episodes']} episodes of {found['trials']} trials, {found['steps']} steps; "
-        f"{found['success']} successes, {found['secure']} secure"
+        f"{counts['folder']}: {counts['episodes']} episodes of {counts['trials']} trials, {counts['steps']} steps; "
+        f"{counts['success']} successes, {counts['secure']} secure"
     )
 
 
 def record(
     policy: common.PolicyName,
-    out: Annotated[Path, typer.Option("--out", help="Folder; an existing recording is continued.")],
-    env: Annotated[str, typer.Option("--env", help=f"Environment: {' or '.join(IDS)}.")] = "graspbox/Grasp-v0",
+    out: Annotated[Path, typer.Option(help="Folder; an existing recording is continued.")],
+    env: Annotated[str, typer.Option(help=f"Environment: {' or '.join(IDS)}.")] = "graspbox/Grasp-v0",
     objects: common.Objects = None,
     hand: common.HandOfPolicy = None,
-    episodes: Annotated[int, typer.Option("--episodes", min=1, help="Episodes to keep.")] = 500,
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes to keep.")] = 500,
     obs: Annotated[
-        list[str] | None, typer.Option("--obs", help="Observation to record, 'state' by default; may be repeated.")
+        list[str] | None, typer.Option(help="Observation to record, 'state' by default; may be repeated.")
     ] = None,
     keep: Annotated[
-        str, typer.Option("--keep", help="Which episodes: secure successes, all successes ('success'), or 'all'.")
+        str, typer.Option(help="Which episodes: secure successes, all successes ('success'), or 'all'.")
     ] = "secure",
     noise: Noise = 0.0,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Other keyword of the environment, such as frame_skip=4; may be repeated."),
+        typer.Option("--set", help="Other keyword of the environment, such as control_freq=10; may be repeated."),
     ] = None,
     split: common.Split = None,
     scale: common.Scale = 1.0,
@@ -96,7 +91,7 @@ def record(
 
     The exit status is 1 if some objects cannot be used.
     """
-    check_rerun(rerun)
+    recorder = rerun_recorder(rerun)
     common.find(objects, split, scale, mass)
     # Options that were left out are no settings of the environment.
     overrides: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
@@ -114,27 +109,12 @@ def record(
             seed,
             keep=keep,
             noise=noise,
-            split=split,  # type: ignore[arg-type]
+            split=split,
             num_envs=num_envs,
             progress=lambda kept, trials: bar.update(task, completed=kept, description=f"{policy}, {trials} trials"),
             **{"num_threads": threads, **overrides, **_keywords(settings)},
         )
     _print(_counts(made), as_json)
-    write_demonstrations(rerun, made, rerun_episodes)
+    if recorder is not None:
+        recorder.write_demonstrations(made, rerun_episodes)
     common.end_with(made.refused)
-
-
-def export(
-    folder: Annotated[Path, typer.Argument(help="Folder written by `graspbox record`.")],
-    form: Annotated[str, typer.Option("--format", help=f"Format: {' or '.join(_FORMATS)}.")],
-    out: Annotated[str, typer.Option("--out", help="Folder of the LeRobotDataset, or id of the Minari data set.")],
-) -> None:
-    """Write recorded demonstrations in the format of Minari or LeRobot."""
-    if form not in _FORMATS:
-        raise ConfigError(f"--format is {form!r}; choose from {', '.join(_FORMATS)}")
-    made = demonstrations.Demonstrations(folder)
-    if form == "minari":
-        where = demonstrations.to_minari(made, out).spec.data_path
-    else:
-        where = demonstrations.to_lerobot(made, out)
-    typer.echo(f"{len(made.episodes)} episodes: {where}")

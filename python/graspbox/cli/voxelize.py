@@ -9,13 +9,14 @@ import typer
 import graspbox
 from graspbox._common.files import check_output, replacing
 from graspbox.cli.common import Json, Scale, console, find_one, print_json, print_table
+from graspbox.meshes.voxels import Mode
 
 
 def voxelize(
     mesh: Annotated[str, typer.Argument(help="A mesh file, or an object set that names one object.")],
     resolution: Annotated[int, typer.Option("-d", "--resolution", min=1, help="Voxels along the longest side.")] = 32,
     mode: Annotated[
-        str, typer.Option(help="Voxels with their centre inside ('solid') or touched by a triangle ('surface').")
+        Mode, typer.Option(help="Voxels with their centre inside ('solid') or touched by a triangle ('surface').")
     ] = "solid",
     down: Annotated[int, typer.Option(min=0, help="Halve the resolution this often.")] = 0,
     remove_internal: Annotated[
@@ -35,14 +36,7 @@ def voxelize(
         check_output(out)
     loaded = find_one(mesh, scale).load()
     started = time.perf_counter()
-    voxels = graspbox.voxelize(
-        loaded,
-        resolution,
-        mode,  # type: ignore[arg-type]
-        down=down,
-        remove_internal=remove_internal,
-        exact=exact,
-    )
+    voxels = graspbox.voxelize(loaded, resolution, mode, down=down, remove_internal=remove_internal, exact=exact)
     seconds = time.perf_counter() - started
     if out is not None:
         with replacing(out) as temporary:

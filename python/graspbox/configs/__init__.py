@@ -9,22 +9,22 @@ from dataclasses import dataclass, field
 from typing import Literal, Self
 
 from graspbox.configs.cameras import FRONT, OVERHEAD, PALM, VIEWER, CameraConfig, CamerasConfig, PictureConfig
-from graspbox.configs.physics import FrictionConfig, NewtonConfig, PhysicsConfig, RapierConfig
+from graspbox.configs.physics import FrictionConfig, ImplicitConfig, PhysicsConfig, RapierConfig
 
 __all__ = [
     "FRONT",
     "OVERHEAD",
     "PALM",
     "VIEWER",
-    "AgentConfig",
     "CameraConfig",
     "CamerasConfig",
     "CleanConfig",
     "ClutterConfig",
     "DecomposeConfig",
+    "EnvConfig",
     "FrictionConfig",
+    "ImplicitConfig",
     "LoadConfig",
-    "NewtonConfig",
     "PhysicsConfig",
     "PictureConfig",
     "PlanConfig",
@@ -340,17 +340,39 @@ class ClutterConfig:
 
 
 @dataclass(frozen=True)
-class AgentConfig:
+class GoalConfig:
+    """Goals of environments.
+
+    Attributes
+    ----------
+    task : {"reach", "place"}
+        What is to reach the goal: the grasp centre of the hand, or the object's centre of mass.
+    threshold : float
+        Greatest distance from the goal at success, metres.
+    ends : bool
+        Whether an episode ends at success.
+    """
+
+    task: Literal["reach", "place"]
+    threshold: float
+    ends: bool
+
+
+@dataclass(frozen=True)
+class EnvConfig:
     """Settings of environments.
 
     Attributes
     ----------
-    control : {"twist", "delta_pose", "target_pose", "grasp_pose", "clear"}
-        Control mode: the meaning of actions; ``grasp_pose`` is one decision per episode, ``clear`` several of them.
+    control : {"twist", "delta_pose", "target_pose", "top_down", "grasp_pose", "clear"}
+        Control mode: how an action moves the hand; ``grasp_pose`` is one decision per episode, ``clear`` several of
+        them.
+    fingers : {"synergy", "each"}
+        How an action moves the fingers in closed-loop control.
+    control_freq : float
+        Actions per second in closed-loop control, Hz, 5 to 100.
     autoreset : {"next_step", "same_step", "disabled"}
         When the next episode begins after an end.
-    frame_skip : int
-        Control periods of 0.05 s per step; the action is held for all of them.
     max_episode_steps : int or None
         Steps after which an episode is truncated.
     observations : tuple of str
@@ -361,19 +383,23 @@ class AgentConfig:
         How objects lie: ``clear`` clears all of them, in the other modes one of several is the target.
     cameras : CamerasConfig
         Cameras and images.
+    goal : GoalConfig, optional
+        Goals, in closed-loop control of a single object.
     success : SuccessCriterion
-        Criterion of success in every control mode.
+        Criterion of success in every control mode, without goals.
     trial : TrialConfig
         The trial that follows a decision; do not set its own `success`.
     """
 
-    control: Literal["twist", "delta_pose", "target_pose", "grasp_pose", "clear"] = "twist"
+    control: Literal["twist", "delta_pose", "target_pose", "top_down", "grasp_pose", "clear"] = "twist"
+    fingers: Literal["synergy", "each"] = "synergy"
+    control_freq: float = 5.0
     autoreset: Literal["next_step", "same_step", "disabled"] = "next_step"
-    frame_skip: int = 1
     max_episode_steps: int | None = None
     observations: tuple[str, ...] = ("proprio", "tactile", "state")
     randomization: Randomization = field(default_factory=Randomization)
     clutter: ClutterConfig = field(default_factory=ClutterConfig)
     cameras: CamerasConfig = field(default_factory=CamerasConfig)
+    goal: GoalConfig | None = None
     success: SuccessCriterion = field(default_factory=SuccessCriterion)
     trial: TrialConfig = field(default_factory=TrialConfig)

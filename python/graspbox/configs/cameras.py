@@ -40,8 +40,8 @@ FRONT = CameraConfig()
 OVERHEAD = CameraConfig(eye=(-0.142, 0.0, 0.591))
 #: On a bracket next to the palm, looking between the fingers at the object in the hand.
 PALM = CameraConfig("palm", "hand", eye=(0.0, 0.075, 0.0), target=(0.0, 0.0, 0.09), up=(-1.0, 0.0, 0.0), fov=1.3)
-#: For pictures: from the side, showing the whole workspace (0.7 x 0.7 x 0.75 m) and the hand above it.
-VIEWER = CameraConfig("viewer", eye=(-1.125, -1.5, 1.0), target=(0.0, 0.0, 0.34375), fov=0.6, far=30.0)
+#: For pictures: from the side; hand and object fill them from the start of an episode until the object is lifted.
+VIEWER = CameraConfig("viewer", eye=(-0.6, -0.8, 0.72), target=(0.0, 0.0, 0.24), fov=0.56, far=30.0)
 
 
 @dataclass(frozen=True)

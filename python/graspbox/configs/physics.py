@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-__all__ = ["FrictionConfig", "NewtonConfig", "PhysicsConfig", "RapierConfig"]
+__all__ = ["FrictionConfig", "ImplicitConfig", "PhysicsConfig", "RapierConfig"]
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class RapierConfig:
 
 
 @dataclass(frozen=True)
-class NewtonConfig:
-    """Settings of the engine ``newton``, which solves all contacts of a step together.
+class ImplicitConfig:
+    """Settings of the engine ``implicit``, which solves all contacts of a step together.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class PhysicsConfig:
     Attributes
     ----------
     engine : str
-        ``"newton"`` (f64, all contacts of a step solved together by Newton's method) or ``"rapier"`` (f32, contacts
+        ``"implicit"`` (f64, all contacts of a step solved together by Newton's method) or ``"rapier"`` (f32, contacts
         solved in sub-steps).
     dt : float
         Time step, seconds, 1e-5 to 0.02.
@@ -114,15 +114,15 @@ class PhysicsConfig:
         m/s2, along -z of the world, 0 to 100.
     friction : FrictionConfig
         Friction factors of table and object.
-    newton : NewtonConfig
-        Settings of the engine ``newton``; other engines ignore them.
+    implicit : ImplicitConfig
+        Settings of the engine ``implicit``; other engines ignore them.
     rapier : RapierConfig
         Settings of the engine ``rapier``; other engines ignore them.
     """
 
-    engine: Literal["newton", "rapier"] = "newton"
+    engine: Literal["implicit", "rapier"] = "implicit"
     dt: float = 0.002
     gravity: float = 9.81
     friction: FrictionConfig = field(default_factory=FrictionConfig)
-    newton: NewtonConfig = field(default_factory=NewtonConfig)
+    implicit: ImplicitConfig = field(default_factory=ImplicitConfig)
     rapier: RapierConfig = field(default_factory=RapierConfig)

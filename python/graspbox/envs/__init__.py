@@ -1,45 +1,40 @@
-"""Gymnasium environments; importing `graspbox` registers them.
+"""Gymnasium environments; they are registered once `graspbox` and `gymnasium` are imported.
 
 | id | task |
 |---|---|
 | ``graspbox/GraspPose-v0`` | one decision per episode: a hand pose and a preshape |
-| ``graspbox/Grasp-v0`` | closed loop at 20 Hz: move the hand, close it, lift |
+| ``graspbox/Grasp-v0`` | closed loop: move the hand, close it, lift |
 | ``graspbox/Clear-v0`` | clear a table or a bin of several objects: a decision a step |
+| ``graspbox/Reach-v0`` | goal task: the hand's grasp centre to a position |
+| ``graspbox/Place-v0`` | goal task: the object to a position on the table or above |
 
-| module | contents |
-|---|---|
-| `graspbox.envs.grasp`, `graspbox.envs.grasp_pose`, `graspbox.envs.clear` | the environments: tables of actions, observations, rewards, infos and reset options |
-| `graspbox.envs.vector` | many environments stepped by one call, for ``gymnasium.make_vec`` |
-| `graspbox.envs._pools.preparation` | objects shared by environments, and their preparation |
-| `graspbox.envs.settings` | keywords of the environments |
-| `graspbox.envs.coding` | reads poses from states, encodes poses as actions |
-| `graspbox.envs.expert` | a scripted expert for ``Grasp-v0`` |
-| `graspbox.envs.scripted` | scripted motions, independent of the object |
-| `graspbox.envs.reward` | weights of the reward terms |
-| `graspbox.envs.spaces` | spaces and tables from the core |
+``GraspPose-v0`` sets ``reward_threshold`` to 0.9: with its default ``reward="sparse"``, nine of ten episodes succeed.
 
-``GraspPose-v0`` and ``Grasp-v0`` set ``reward_threshold`` to 0.9: with ``reward="sparse"``, nine of ten episodes
-succeed.
-
-A worker process started by ``spawn`` or ``forkserver`` (the default of Stable-Baselines3's ``SubprocVecEnv``) knows the
-ids only after it has imported graspbox. If the program imports it under ``if __name__ == "__main__"``, the workers do
-not, and they exit without a message. An id that includes the module works everywhere:
-``gymnasium.make("graspbox:graspbox/Grasp-v0")``.
+Worker processes of Gymnasium's ``AsyncVectorEnv`` and Stable-Baselines3's ``SubprocVecEnv`` know the ids if the program
+imported graspbox before it started them. For others started by ``spawn`` or ``forkserver``, an id that includes the
+module works everywhere: ``gymnasium.make("graspbox:graspbox/Grasp-v0")``.
 
 An environment works only in the process that made it, because a forked process does not inherit its threads; in any
 other process it raises an error. Environments can be pickled and copied.
-"""  # noqa: E501 (a table)
+"""
 
 import gymnasium
+from gymnasium.vector.utils import CloudpickleWrapper
 
-#: All ids that the package registers; the conformance tests cover each of them.
+from graspbox._common.imports import import_in_workers
+
+#: Ids of grasping tasks. The conformance tests cover them and `GOAL_IDS`.
 IDS = ("graspbox/GraspPose-v0", "graspbox/Grasp-v0", "graspbox/Clear-v0")
 #: Those whose episode is an attempt on one object.
 SINGLE_OBJECT_IDS = IDS[:2]
+#: Those of goal tasks, for hindsight experience replay.
+GOAL_IDS = ("graspbox/Reach-v0", "graspbox/Place-v0")
 
-#: Episodes of ``graspbox/Grasp-v0`` are truncated after this number of steps unless ``max_episode_steps`` is given.
-MAX_EPISODE_STEPS = 200
-#: Episodes of ``graspbox/Clear-v0`` are truncated after this number of attempts unless ``max_episode_steps`` is given.
+#: Episodes of ``graspbox/Grasp-v0`` are truncated after this number of steps unless ``max_episode_steps`` is set.
+MAX_EPISODE_STEPS = 40
+#: Episodes of goal tasks are truncated after this number of steps unless ``max_episode_steps`` is set.
+GOAL_STEPS = 50
+#: Episodes of ``graspbox/Clear-v0`` are truncated after this number of attempts unless ``max_episode_steps`` is set.
 MAX_ATTEMPTS = 30
 #: With ``reward="sparse"``: nine of ten episodes succeed.
 REWARD_THRESHOLD = 0.9
@@ -61,7 +56,6 @@ def register() -> None:
         entry_point="graspbox.envs.grasp:GraspEnv",
         vector_entry_point="graspbox.envs.vector:GraspVectorEnv",
         max_episode_steps=MAX_EPISODE_STEPS,
-        reward_threshold=REWARD_THRESHOLD,
     )
     gymnasium.register(
         id=IDS[2],
@@ -69,3 +63,15 @@ def register() -> None:
         vector_entry_point="graspbox.envs.clear:ClearVectorEnv",
         max_episode_steps=MAX_ATTEMPTS,
     )
+    for env_id, name in zip(GOAL_IDS, ("Reach", "Place"), strict=True):
+        module = f"graspbox.envs.goal_tasks.{name.lower()}"
+        gymnasium.register(
+            id=env_id,
+            entry_point=f"{module}:{name}Env",
+            vector_entry_point=f"{module}:{name}VectorEnv",
+            max_episode_steps=GOAL_STEPS,
+        )
+
+
+register()
+import_in_workers(CloudpickleWrapper)

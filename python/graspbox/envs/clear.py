@@ -1,6 +1,6 @@
 """``graspbox/Clear-v0``: clear a table, or a bin, of several objects.
 
-Objects lie packed, in a pile or in a bin (`graspbox.layouts`); with ``layout="single"`` one lies as in
+Objects lie packed, in a pile or in a bin (`graspbox.simulation.layouts`); with ``layout="single"`` one lies as in
 `graspbox.envs.grasp_pose`, and its workspace is that of packed ones. A step is a decision, as the one of
 `graspbox.envs.grasp_pose`: the agent chooses a hand pose and a preshape; the hand closes there, lifts and holds.
 Objects that it holds at the end are taken away, the hand returns to where it waited, the others come to rest, and the
@@ -15,19 +15,7 @@ Those of `graspbox.envs.grasp_pose`, with another default of ``layout``, and ``m
 
 Action
 ------
-``Box(-1, 1, (10,), float32)``, in the world frame (z up, table top at z = 0):
-
-<!-- generated: action of clear -->
-
-| index | name | -1 | 1 | unit | meaning |
-|---|---|---|---|---|---|
-| 0 | x | -0.25 | 0.25 | m | hand position, world |
-| 1 | y | -0.25 | 0.25 | m | hand position, world |
-| 2 | z | 0 | 0.4 | m | hand position, world |
-| 3-8 | rotation | -1 | 1 | 1 | first two columns of world_from_hand, any length; degenerate ones name no pose |
-| 9 | preshape | 0 | pi/2 | rad | preshape |
-
-<!-- end -->
+As in `graspbox.envs.grasp_pose`.
 
 The open hand reaches its pose on a straight approach of 0.10 m along its z, at 0.2 m/s, and pushes aside what it
 touches.
@@ -37,16 +25,6 @@ An attempt is ``infeasible`` if the rotation is degenerate, if the hand collides
 Observation
 -----------
 As in `graspbox.envs.grasp_pose`. ``state`` is **privileged**; it describes the object that reaches highest.
-
-<!-- generated: vectors of Clear-v0 -->
-
-| vector | shape | dtype | privileged |
-|---|---|---|---|
-| proprio | 28 | float32 | no |
-| state | 19 | float32 | yes |
-| tactile | 27 | float32 | no |
-
-<!-- end -->
 
 Images show every object. In ``segmentation`` the first object is 2, the others follow the links of the hand; an object
 keeps its label while it is there, and walls have that of the table. ``amodal`` has one channel for each object, in the
@@ -82,86 +60,26 @@ number of objects after the reset, which is ``remaining`` then.
 Options of a reset
 ------------------
 ``world_from_hand``, ``preshape``, ``friction``, ``mass`` and ``cameras``, as in `graspbox.envs.grasp_pose`. Objects and
-layout follow from the seed alone, except that a single object takes its options too.
+layout follow only from the seed, except that a single object takes its options too.
 
 Version history
 ---------------
 v0: first version.
 """  # noqa: E501 (tables)
 
-from typing import Unpack
-
-from graspbox.envs.core import GraspCore
-from graspbox.envs.settings import (
-    NUM_ENVS,
-    OBJECTS,
-    RENDER_MODES,
-    ClearSettings,
-    ClearVectorSettings,
-    ObjectsArgument,
-    signed,
-)
+from graspbox.envs.settings import ClearConfig, ClearVectorConfig
 from graspbox.envs.single import SingleEnv
 from graspbox.envs.vector import NativeVectorEnv
 
 __all__ = ["ClearEnv", "ClearVectorEnv"]
 
 
-# The sections Parameters are written by scripts/generate_docs.py.
-class ClearEnv(SingleEnv):
-    """Decisions until a scene is cleared: see the module for its tables, and `graspbox.envs.single.SingleEnv`.
-
-    Parameters
-    ----------
-    objects
-        As of `graspbox.envs.grasp_pose.GraspPoseEnv`.
-    layout : {"single", "packed", "pile", "bin"}
-        How the objects lie: see `graspbox.layouts`.
-    max_failures : int
-        Failed attempts in a row after which the episode ends; 2 in the rounds of VGN.
-    **settings
-        Other keywords of `graspbox.envs.grasp_pose.GraspPoseEnv`.
-
-    Raises
-    ------
-    ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first sampled.
-    """
-
-    metadata = {"render_modes": [*RENDER_MODES], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
-
-    @signed(ClearSettings)
-    def __init__(self, objects: ObjectsArgument = OBJECTS.default, **settings: Unpack[ClearSettings]) -> None:
-        super().__init__(GraspCore(ClearSettings, 1, objects, settings))
+class ClearEnv(SingleEnv, config=ClearConfig):
+    """Decisions until a scene is cleared: see the module for its tables, and `graspbox.envs.single.SingleEnv`."""
 
 
-class ClearVectorEnv(NativeVectorEnv):
+class ClearVectorEnv(NativeVectorEnv, config=ClearVectorConfig):
     """Vector environment of ``Clear-v0``: ``gymnasium.make_vec("graspbox/Clear-v0", num_envs=16)``.
 
     Each environment equals the single one bit for bit. The methods are those of `graspbox.envs.vector.NativeVectorEnv`.
-
-    Parameters
-    ----------
-    num_envs, objects
-        As of `graspbox.envs.grasp_pose.GraspPoseVectorEnv`.
-    layout : {"single", "packed", "pile", "bin"}
-        How the objects lie: see `graspbox.layouts`.
-    max_failures : int
-        Failed attempts in a row after which the episode ends; 2 in the rounds of VGN.
-    **settings
-        Other keywords of `graspbox.envs.grasp_pose.GraspPoseVectorEnv`.
-
-    Raises
-    ------
-    ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first sampled.
     """
-
-    @signed(ClearVectorSettings)
-    def __init__(
-        self,
-        num_envs: int = NUM_ENVS.default,
-        objects: ObjectsArgument = OBJECTS.default,
-        **settings: Unpack[ClearVectorSettings],
-    ) -> None:
-        super().__init__(GraspCore(ClearVectorSettings, num_envs, objects, settings), settings.get("copy", True))

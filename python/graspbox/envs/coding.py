@@ -1,12 +1,5 @@
 """Poses in states and actions: read poses from the observation ``state``, encode poses as actions.
 
-| function | result |
-|---|---|
-| `object_pose` | ``world_from_object`` of a state of either environment |
-| `hand_pose` | ``world_from_hand`` of a state of ``Grasp-v0`` |
-| `encode_action` | the action that moves the hand to a pose, in any control mode |
-| `rotation_from_columns` | a rotation from its first two columns, computed as the core decodes an action |
-
 Column indices and the meaning of actions come from the core's tables (`graspbox.envs.spaces.tables`), so the functions
 work for any hand. `Codec` keeps the tables of one hand and control mode.
 
@@ -28,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox._core import Hand
 from graspbox.envs import spaces
-from graspbox.envs.motion import rotation_vector
+from graspbox.envs.motion import pose_matrix, rotation_vector
 from graspbox.errors import ConfigError
 from graspbox.simulation import load_hand
 
@@ -61,12 +54,14 @@ class Codec:
 
     Parameters
     ----------
-    control : {"twist", "delta_pose", "target_pose", "grasp_pose"}
+    control : {"twist", "delta_pose", "target_pose", "top_down", "grasp_pose"}
         The control mode; ``GraspPose-v0`` uses ``grasp_pose``.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     vector : {"state", "proprio"}
         The observation to read.
+    fingers : {"synergy", "each"}
+        As in the environment.
 
     Raises
     ------
@@ -74,10 +69,13 @@ class Codec:
         For an unknown control mode.
     """
 
-    def __init__(self, control: str, hand: HandArgument = "reflex", vector: str = "state") -> None:
-        found = spaces.tables(load_hand(hand))
-        self._control, self._period, self._vector = control, found["control_period"], vector
-        self._actions, observations = spaces.columns_of(control, found)
+    def __init__(
+        self, control: str, hand: HandArgument = "reflex", vector: str = "state", *, fingers: str = "synergy"
+    ) -> None:
+        loaded = load_hand(hand)
+        self._control, self._vector = control, vector
+        self._closing_speeds = np.array(loaded.closing_speeds)
+        self._actions, observations = spaces.columns_of(control, fingers, spaces.tables(loaded))
         self._places: dict[str, slice] = {}
         self.state_size = 0
         for row in observations[vector]:
@@ -101,7 +99,7 @@ class Codec:
         if values.shape != (self.state_size,):
             raise ConfigError(
                 f"the {self._vector} has shape {values.shape}; control mode {self._control!r} with "
-                f"obs={self._vector!r} gives {self.state_size} numbers"
+                f"obs={self._vector!r} has {self.state_size} numbers"
             )
         if name not in self._places:
             known = ", ".join(self._places)
@@ -111,7 +109,7 @@ class Codec:
         return values[self._places[name]]
 
     def pose(self, state: ArrayLike, name: str) -> Pose:
-        """Read the pose (4, 4) given by the columns ``{name}_position`` and ``{name}_rotation``.
+        """Read the pose (4, 4) from the columns ``{name}_position`` and ``{name}_rotation``.
 
         Rounding to float32 leaves the rotation slightly non-orthonormal; it is projected back to SO(3).
 
@@ -124,9 +122,7 @@ class Codec:
         rotation = rotation_from_columns(columns[:3], columns[3:])
         if rotation is None:
             raise ConfigError(f"{name}_rotation of the {self._vector} is {columns}; they are degenerate")
-        pose = np.eye(4)
-        pose[:3, 3], pose[:3, :3] = self.column(state, f"{name}_position"), rotation
-        return pose
+        return pose_matrix(self.column(state, f"{name}_position"), rotation)
 
     def encode_action(
         self,
@@ -135,7 +131,7 @@ class Codec:
         *,
         actuator_speed: ArrayLike = 0.0,
         world_from_start: ArrayLike | None = None,
-        frame_skip: int = 1,
+        control_freq: float = 5.0,
     ) -> NDArray[np.float32]:
         """Encode a pose as an action: see the function `encode_action`."""
         goal = np.asarray(world_from_hand, dtype=np.float64)
@@ -143,13 +139,14 @@ class Codec:
         for name, pose in (("world_from_hand", goal), ("world_from_start", start)):
             if pose is not None and pose.shape != (4, 4):
                 raise ConfigError(f"{name} has shape {pose.shape}; give a pose (4, 4)")
-        count = sum(row["name"] == "actuator" for row in self._actions)
+        count = len(self._closing_speeds)
         speed = np.asarray(actuator_speed, dtype=np.float64)
-        if speed.shape not in ((), (count,)) and count:
+        if speed.shape not in ((), (count,)):
             raise ConfigError(
                 f"actuator_speed has shape {speed.shape}; give a number, or one for each of {count} actuators"
             )
-        speeds = iter(np.broadcast_to(speed, count) if count else np.zeros(0))
+        speed = np.broadcast_to(speed, count)
+        speeds = iter(speed)
         values: list[ArrayLike] = []
         for row in self._actions:
             name, low, high = row["name"], row["low"], row["high"]
@@ -161,8 +158,11 @@ class Codec:
                 values.append([(preshape - low) / (high - low) * 2 - 1])
             elif name == "actuator":
                 values.append([next(speeds) / high])
+            elif name == "close":
+                closing = self._closing_speeds > 0
+                values.append([np.mean(speed[closing] / self._closing_speeds[closing])])
             else:
-                values.append(self._motion(name, start, goal, high, frame_skip))
+                values.append(self._motion(name, start, goal, high / control_freq))
         action: NDArray[np.float32] = np.clip(np.concatenate(values), -1, 1).astype(np.float32)
         return action
 
@@ -194,40 +194,42 @@ class Codec:
                 preshape = float(scaled[0])
         return pose, preshape
 
-    def _motion(self, name: str, start: Pose | None, goal: Pose, limit: float, frame_skip: int) -> NDArray[np.float64]:
-        """Entries of a motion from one pose to another, in the axes of the first, as shares of the limit."""
+    def _motion(self, name: str, start: Pose | None, goal: Pose, longest: float) -> NDArray[np.float64]:
+        """Entries of a motion from one pose to another, as shares of the longest one in a step."""
         if start is None:
             raise ConfigError(f"an action of control mode {self._control!r} is a motion; give world_from_start too")
-        turned_back = start[:3, :3].T
-        # A velocity holds for the whole step; `step` and `turn` are applied once per control period.
-        time = self._period * frame_skip if name in ("linear", "angular") else float(frame_skip)
+        axes = np.eye(3) if self._control == "top_down" else start[:3, :3].T
         if name in ("linear", "step"):
-            return np.asarray(turned_back @ (goal[:3, 3] - start[:3, 3]) / (limit * time))
-        return rotation_vector(turned_back @ goal[:3, :3]) / (limit * time)
+            return np.asarray(axes @ (goal[:3, 3] - start[:3, 3]) / longest)
+        if name == "yaw":
+            return rotation_vector(goal[:3, :3] @ start[:3, :3].T)[2:] / longest
+        return rotation_vector(axes @ goal[:3, :3]) / longest
 
 
 @lru_cache(maxsize=64)
-def _codec(control: str, hand: str | Hand) -> Codec:
-    return Codec(control, hand)
+def _codec(control: str, hand: str | Hand, fingers: str) -> Codec:
+    return Codec(control, hand, fingers=fingers)
 
 
-def codec(control: str, hand: HandArgument) -> Codec:
-    """Return the codec of a control mode and a hand; codecs are cached unless the hand is a pair of paths."""
-    return Codec(control, hand) if isinstance(hand, tuple) else _codec(control, hand)
+def codec(control: str, hand: HandArgument, fingers: str = "synergy") -> Codec:
+    """Return the codec of a control mode, a hand and fingers; cached unless the hand is a pair of paths."""
+    return Codec(control, hand, fingers=fingers) if isinstance(hand, tuple) else _codec(control, hand, fingers)
 
 
 def _codec_for(state: ArrayLike, control: str | None, hand: HandArgument) -> Codec:
-    """Return the codec for a state; without a control mode, the first one whose states have this size."""
-    if control is not None:
-        return codec(control, hand)
+    """Return the first codec whose states have the size of a state, of a control mode if one is named."""
     loaded = load_hand(hand) if isinstance(hand, tuple) else hand
-    modes = (*spaces.tables(load_hand(loaded))["actions"], "grasp_pose")
+    closed_loop = spaces.tables(load_hand(loaded))["actions"]
+    modes = [(mode, fingers) for mode, by_fingers in closed_loop.items() for fingers in by_fingers]
+    modes += [("grasp_pose", "synergy")]
+    found = [codec(mode, loaded, fingers) for mode, fingers in modes if control in (None, mode)]
+    if not found:
+        return codec(str(control), loaded)
     shape = np.shape(state)
-    found = [codec(mode, loaded) for mode in modes]
     for one in found:
         if shape == (one.state_size,):
             return one
-    sizes = ", ".join(f"{one.state_size} ({mode})" for mode, one in zip(modes, found, strict=True))
+    sizes = ", ".join(dict.fromkeys(f"{one.state_size}" for one in found))
     raise ConfigError(f"the state has shape {shape}; obs='state' has length {sizes}")
 
 
@@ -275,10 +277,11 @@ def encode_action(
     preshape: float,
     *,
     control: str = "grasp_pose",
+    fingers: str = "synergy",
     hand: HandArgument = "reflex",
     actuator_speed: ArrayLike = 0.0,
     world_from_start: ArrayLike | None = None,
-    frame_skip: int = 1,
+    control_freq: float = 5.0,
 ) -> NDArray[np.float32]:
     """Encode a pose of the hand as an action.
 
@@ -288,17 +291,20 @@ def encode_action(
         Target pose of the grasp frame. Entries beyond the limits of the action space are clipped.
     preshape : float
         See `graspbox.Hand.preshape_limits`; ignored for a hand without preshapes.
-    control : {"grasp_pose", "twist", "delta_pose", "target_pose"}
-        The control mode; by default that of ``GraspPose-v0``.
+    control : {"grasp_pose", "twist", "delta_pose", "target_pose", "top_down"}
+        The control mode; by default that of ``GraspPose-v0``. ``top_down`` encodes position and yaw only.
+    fingers : {"synergy", "each"}
+        As in the environment.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     actuator_speed : float or (k,) array_like
-        Speed of each actuator except the preshape's, rad/s or m/s; positive closes. ``grasp_pose`` ignores it.
+        Speed of each actuator except the preshape's, rad/s or m/s; positive closes. ``grasp_pose`` ignores it;
+        ``fingers="synergy"`` takes the mean share of `graspbox.Hand.closing_speeds`.
     world_from_start : (4, 4) array_like, optional
-        Start of the motion; required by ``twist`` (the present pose of the hand) and ``delta_pose`` (the goal of the
-        last action).
-    frame_skip : int
-        Control periods per step, as in the environment.
+        Start of the motion; required by ``twist`` and ``top_down`` (the present pose of the hand) and ``delta_pose``
+        (the goal of the last action).
+    control_freq : float
+        Actions per second, as in the environment.
 
     Returns
     -------
@@ -310,10 +316,10 @@ def encode_action(
     ConfigError
         For a pose of another shape, or if `world_from_start` is missing.
     """
-    return codec(control, hand).encode_action(
+    return codec(control, hand, fingers).encode_action(
         world_from_hand,
         preshape,
         actuator_speed=actuator_speed,
         world_from_start=world_from_start,
-        frame_skip=frame_skip,
+        control_freq=control_freq,
     )

@@ -1,11 +1,11 @@
 """Core of all environments, single and vector: a pool, and the conversion of its rows to Gymnasium's values."""
 
-import json
+import inspect
 import os
 import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Literal
+from dataclasses import fields, replace
+from typing import Any, Literal, get_type_hints
 
 import gymnasium
 import numpy as np
@@ -13,46 +13,40 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
-from graspbox._common.arguments import about, natural, plain, shown
+from graspbox._common.arguments import about, config_dict, natural, plain, shown
 from graspbox._common.window import Window
-from graspbox.configs import AgentConfig, CamerasConfig, ClutterConfig, Randomization, TrialConfig
+from graspbox.configs import CamerasConfig, ClutterConfig, EnvConfig, GoalConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
-from graspbox.envs._pools.local import LocalPool, LocalSource, Pool, Source
+from graspbox.envs._pools.local import LocalPool, LocalSource, PoolInterface, Source
 from graspbox.envs._pools.source import RemoteSource
 from graspbox.envs.remote_config import remote_config
-from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, term_weights, total
-from graspbox.envs.settings import RENDER_MODES, ObjectsArgument, Settings, complete, keywords
+from graspbox.envs.reward import DECISION_WEIGHTS, WEIGHTS, goal_weights, term_weights, total
+from graspbox.envs.settings import (
+    RENDER_MODES,
+    ClearConfig,
+    Control,
+    EnvironmentConfig,
+    GoalTaskConfig,
+    GraspConfig,
+    GraspPoseConfig,
+    ObjectsArgument,
+    PlaceConfig,
+    VectorConfig,
+    complete,
+)
 from graspbox.errors import ConfigError
-from graspbox.layouts import SCALES, Arrangement, Layout, layout_named, scene_layout_named
-from graspbox.meshes import to_json
-
-_AUTORESET: dict[AutoresetMode, Literal["next_step", "same_step", "disabled"]] = {
-    AutoresetMode.NEXT_STEP: "next_step",
-    AutoresetMode.SAME_STEP: "same_step",
-    AutoresetMode.DISABLED: "disabled",
-}
+from graspbox.simulation.layouts import SCALES, Arrangement, Layout, layout_named, scene_layout_named
 
 
 def checked_options(options: Any, name: str = "options", hint: str = "") -> dict[str, Any]:
-    """Check the options of a reset; None means no options.
-
-    Raises
-    ------
-    ConfigError
-        If they are not a mapping; the message calls them `name` and ends with `hint`.
-    """
+    """Check that the options of a reset, called `name`, are a mapping or None; the ConfigError ends with `hint`."""
     if options is not None and not isinstance(options, Mapping):
         raise ConfigError(f"{name} is {shown(options)}; give a dictionary of reset options, or None{hint}")
     return dict(options or {})
 
 
-def options_json(options: Mapping[str, Any] | None) -> str:
-    """Serialise the options of a reset for the core."""
-    return json.dumps(plain(checked_options(options), "reset options"))
-
-
 def checked_autoreset(choice: AutoresetMode | str) -> AutoresetMode:
-    """Return an autoreset mode, given as such or by its value."""
+    """Return an autoreset mode from itself or its value."""
     try:
         return AutoresetMode(choice)
     except ValueError:
@@ -65,11 +59,6 @@ def checked_seed(seed: Any) -> int:
     return natural(seed, "seed", bits=64)
 
 
-def frames_per_second(tables: spaces.Tables, frame_skip: int = 1) -> int:
-    """Return the number of steps per second of simulated time: the frame rate of a video at real speed."""
-    return max(1, round(1.0 / (tables["control_period"] * frame_skip)))
-
-
 def fresh_seed() -> int:
     """Sample a seed from the operating system's entropy."""
     return secrets.randbits(63)
@@ -79,113 +68,143 @@ class GraspCore:
     """A pool of environments with its spaces, weights and names.
 
     It can be pickled and copied, and so can an environment that holds it: a pickle contains the settings and the state
-    of every environment that has begun an episode.
-
-    Parameters
-    ----------
-    kind : type
-        One of the classes of `graspbox.envs.settings`.
-    num_envs : int
-        Number of environments.
-    objects : str, Path, ObjectSet or sequence of str
-        Object sets to sample from.
-    arguments : Mapping
-        Keywords of that kind; missing ones take their defaults.
+    of every environment that has begun an episode. `kind` is one of the classes of `graspbox.envs.settings`, and
+    `arguments` has keywords of that kind; missing ones take their defaults.
     """
 
-    def __init__(self, kind: type, num_envs: int, objects: ObjectsArgument, arguments: Mapping[str, Any]) -> None:
+    def __init__(
+        self, kind: type[EnvironmentConfig], num_envs: int, objects: ObjectsArgument, arguments: Mapping[str, Any]
+    ) -> None:
         num_envs = natural(num_envs, "num_envs")
         self._made_of = (kind, num_envs, objects, dict(arguments))
         settings = complete(kind, arguments)
-        self.render_mode = settings["render_mode"]
+        self.render_mode = settings.render_mode
         if self.render_mode not in (None, *RENDER_MODES):
             modes = ", ".join(map(repr, RENDER_MODES))
             with about("render_mode"):
                 raise ConfigError(f"render_mode={self.render_mode!r} is not available; use None or one of {modes}")
         self._window = Window("graspbox") if self.render_mode == "human" else None
-        if settings["info"] not in ("full", "numeric"):
-            raise ConfigError(f"info is {settings['info']!r}; choose from 'full', 'numeric'")
-        self._numeric = settings["info"] == "numeric"
+        if settings.info not in ("full", "numeric"):
+            raise ConfigError(f"info is {settings.info!r}; choose from 'full', 'numeric'")
+        self._numeric = settings.info == "numeric"
+        self._goal = _goal(settings)
         with about("obs"):
-            images = spaces.image_names(settings["obs"])
-        cameras = completed(settings["cameras"], images, settings["image_size"])
+            images = spaces.image_names(settings.obs)
+        cameras = completed(settings.cameras, images, settings.image_size)
+        # A single environment is a vector of one without autoreset.
+        vector = settings if isinstance(settings, VectorConfig) else VectorConfig(autoreset_mode=AutoresetMode.DISABLED)
         # With autoreset, a step that begins the next episode must not wait for a mesh file.
-        prepare_files = natural(settings.get("prepare_files", 0), "prepare_files")
+        prepare_files = natural(vector.prepare_files, "prepare_files")
         with about("autoreset_mode"):
-            self.autoreset_mode = checked_autoreset(settings.get("autoreset_mode", AutoresetMode.DISABLED))
+            self.autoreset_mode = checked_autoreset(vector.autoreset_mode)
         self._prepare_files = 0 if self.autoreset_mode is AutoresetMode.DISABLED else prepare_files
-        self.source = self._source_of(kind, num_envs, objects, settings)
+        self.source = self._source_of(num_envs, objects, settings)
         try:
-            self._complete(num_envs, settings, cameras)
+            self._complete(num_envs, settings, cameras, vector.max_episode_steps)
         except BaseException:
             self.source.close()
             raise
 
-    def _complete(self, num_envs: int, settings: Settings, cameras: CamerasConfig) -> None:
+    def _complete(
+        self, num_envs: int, settings: EnvironmentConfig, cameras: CamerasConfig, max_steps: int | None
+    ) -> None:
         """Make spaces, weights and the pool."""
-        obs = settings["obs"]
         self.hand, self.tables = self.source.hand, self.source.tables
         # An environment whose steps are decisions has a trial instead of a control mode.
-        self._decides = "trial" in settings
-        decision: Literal["grasp_pose", "clear"] = "clear" if "max_failures" in settings else "grasp_pose"
-        clutter, layout = _clutter(settings), settings["layout"]
-        # A single object counts as a packed one: it stands where it was put.
+        self._decides = isinstance(settings, GraspPoseConfig)
+        clutter, layout = _clutter(settings), settings.layout
+        # A single object counts as packed: it stays where it was placed.
         self._layout: Layout = "packed" if layout == "single" else layout_named(layout)
-        control = decision if self._decides else settings["control"]
-        if not self._decides and control not in self.tables["actions"]:
-            known = ", ".join(self.tables["actions"])
-            with about("control"):
-                raise ConfigError(f"there is no control mode {control!r}; choose from {known}")
-        self.control, self.frame_skip = control, settings.get("frame_skip", 1)
-        self.action_space = spaces.action_space(control, self.tables)
-        self.action_size = spaces.size(spaces.columns_of(control, self.tables)[0])
-        seen = self.source.images(cameras, clutter.most_objects)
-        with about("obs"):
-            self.observation_space = spaces.observation_space(obs, control, self.tables, seen)
-        # A Dict space sorts its names.
-        self.obs = obs if isinstance(obs, str) else tuple(sorted(obs))
-        names = (self.obs,) if isinstance(self.obs, str) else self.obs
-        weights = DECISION_WEIGHTS if self._decides else WEIGHTS
-        self.weights = term_weights(settings["reward"], settings["reward_weights"], self.tables, weights)
-        trial = settings.get("trial", TrialConfig())
-        success = settings["success"] or trial.success
-        self.config = AgentConfig(
-            control=control,
-            autoreset=_AUTORESET[self.autoreset_mode],
-            frame_skip=self.frame_skip,
-            max_episode_steps=settings.get("max_episode_steps"),
+        acting = settings if isinstance(settings, GraspConfig) else GraspConfig()
+        vectors = self._act(settings, acting)
+        names = self._observe(settings, vectors, self.source.images(cameras, clutter.most_objects))
+        if self._goal is not None:
+            self.weights = goal_weights(settings.reward, self.tables)
+        else:
+            weights = DECISION_WEIGHTS if self._decides else WEIGHTS
+            self.weights = term_weights(settings.reward, settings.reward_weights, self.tables, weights)
+        trial = settings.trial if isinstance(settings, GraspPoseConfig) else TrialConfig()
+        success = settings.success or trial.success
+        self.config = EnvConfig(
+            control=self.control,
+            autoreset=self.autoreset_mode.name.lower(),  # type: ignore[arg-type]
+            fingers=acting.fingers,
+            control_freq=acting.control_freq,
+            max_episode_steps=max_steps,
             observations=tuple(name for name in names if name not in cameras.images),
-            randomization=_randomization(settings["randomization"]),
+            randomization=_randomization(settings.randomization),
             clutter=clutter,
             cameras=cameras,
+            goal=self._goal,
             success=success,
             # The closed loop has no trial whose lift height would have to reach the criterion's.
             trial=replace(trial, success=success) if self._decides else trial,
         )
-        self.picture = to_json(settings["picture"])
+        self.picture = config_dict(settings.picture)
         rendered = self.render_mode is not None
-        self._pool: Pool | None = self.source.pool(self.config, num_envs, self.picture, rendered)
+        self._pool: PoolInterface | None = self.source.pool(self.config, num_envs, self.picture, rendered)
         self._process = os.getpid()
         self.begun = np.zeros(num_envs, dtype=np.bool_)
-        self._terms = [term["name"] for term in self.tables["terms"]]
-        self._entries = spaces.entries(control, self.tables, layout != "single")
+        with_goal = None if self._goal is None else self.tables["goal"]
+        self._terms = [term["name"] for term in (with_goal or self.tables)["terms"]]
+        self._entries = (
+            with_goal["info"] if with_goal else spaces.entries(self.control, self.tables, layout != "single")
+        )
         # Numeric infos contain no names; do not load those of the objects, which may be many.
         names_of = {} if self._numeric else {"failures": self.tables["failures"], "objects": self.source.names()}
         self._names = {kind: np.array(found, dtype=object) for kind, found in names_of.items()}
 
-    @staticmethod
-    def _source_of(kind: type, num_envs: int, objects: ObjectsArgument, settings: Settings) -> Source:
-        """Make the source of the environments: this process, or servers."""
-        remote = remote_config(settings["remote"])
-        if remote is not None:
-            return RemoteSource(remote, kind, num_envs, objects, settings)
-        found = object_sets.load(objects, scale=settings["scale"], mass=settings["mass"], split=settings["split"])
-        return LocalSource(found, settings["hand"], settings["physics"], settings["num_threads"])
+    def _act(self, settings: EnvironmentConfig, acting: GraspConfig) -> dict[str, list[spaces.ArrayColumn]]:
+        """Make the space of actions, and return the columns of the vectors observed with it."""
+        decision: Control | Literal["grasp_pose", "clear"] = (
+            "clear" if isinstance(settings, ClearConfig) else "grasp_pose"
+        )
+        self.control = decision if self._decides else acting.control
+        for name, known in (("control", self.tables["actions"]), ("fingers", self.tables["actions"]["twist"])):
+            chosen = getattr(acting, name)
+            if chosen not in known:
+                with about(name):
+                    raise ConfigError(f"{name} is {chosen!r}; choose from {', '.join(known)}")
+        self.action_columns, vectors = spaces.columns_of(self.control, acting.fingers, self.tables)
+        self.action_space = spaces.action_space(self.action_columns)
+        self.action_size = spaces.size(self.action_columns)
+        return vectors
 
-    @property
-    def object_set(self) -> object_sets.ObjectSet:
-        """The objects; those of servers are loaded in this process on first use."""
-        return self.source.objects()
+    def _observe(
+        self,
+        settings: EnvironmentConfig,
+        vectors: Mapping[str, list[spaces.ArrayColumn]],
+        images: Sequence[spaces.Image],
+    ) -> tuple[str, ...]:
+        """Make the spaces of observations, and return the core's names of them."""
+        obs, limits = settings.obs, _depth_limits(settings)
+        with about("obs"):
+            #: That of the pool's arrays.
+            self.pool_space = spaces.observation_space(obs, vectors, self.tables, images)
+            if limits is not None:
+                images = [spaces.coarse_depth(row, limits) if row["kind"] == "depth" else row for row in images]
+            self.observation_space = spaces.observation_space(obs, vectors, self.tables, images)
+        # A Dict space sorts its names.
+        self.obs = obs if isinstance(obs, str) else tuple(sorted(obs))
+        names = (self.obs,) if isinstance(self.obs, str) else self.obs
+        self._depth_limits, depth = limits, {name for name in names if name.partition("_")[0] == "depth"}
+        if self._goal is None:
+            self._depth = depth
+            return names
+        self._depth = {"observation"} if depth else set()
+        self.pool_space = spaces.goal_space(self.pool_space, self.tables)
+        self.observation_space = spaces.goal_space(self.observation_space, self.tables)
+        self.obs = tuple(self.observation_space)
+        return *names, *self.tables["goal"]["observations"]
+
+    @staticmethod
+    def _source_of(num_envs: int, objects: ObjectsArgument, settings: EnvironmentConfig) -> Source:
+        """Make the source of the environments: this process, or servers."""
+        remote = remote_config(settings.remote)
+        if remote is not None:
+            return RemoteSource(remote, num_envs, objects, settings)
+        found = object_sets.load(objects, scale=settings.scale, mass=settings.mass, split=settings.split)
+        return LocalSource(found, settings.hand, settings.physics, settings.num_threads)
 
     def __getstate__(self) -> dict[str, Any]:
         states = [self.pool.get_state(env) if begun else None for env, begun in enumerate(self.begun)]
@@ -198,7 +217,7 @@ class GraspCore:
                 self.restore(env, state)
 
     @property
-    def pool(self) -> Pool:
+    def pool(self) -> PoolInterface:
         """The pool; an error after it is closed, and in any process but the one that made it."""
         if self._pool is None:
             raise gymnasium.error.ClosedEnvironmentError("this environment is closed; make another one")
@@ -220,7 +239,7 @@ class GraspCore:
     @property
     def fps(self) -> int:
         """Frames per second of a video with one frame per step; with one decision per episode, 1."""
-        return 1 if self._decides else frames_per_second(self.tables, self.frame_skip)
+        return 1 if self._decides else max(1, round(self.config.control_freq))
 
     @property
     def idle_action(self) -> NDArray[np.float32]:
@@ -231,8 +250,9 @@ class GraspCore:
 
     def action_places(self, name: str) -> NDArray[np.bool_]:
         """Mask (n,) of the entries of an action whose column has this name."""
-        columns, _ = spaces.columns_of(self.control, self.tables)
-        return np.repeat([row["name"] == name for row in columns], [row["size"] for row in columns])
+        return np.repeat(
+            [row["name"] == name for row in self.action_columns], [row["size"] for row in self.action_columns]
+        )
 
     def close(self) -> None:
         """Free the environments and close the window; repeated calls do nothing."""
@@ -260,9 +280,9 @@ class GraspCore:
         out: dict[str, Any] | None = None,
     ) -> "_core.EnvArrays":
         """Begin episodes in the environments of the mask; `options` has one entry for all of them, or one for each."""
-        texts = [options_json(one) or "{}" for one in options]
+        chosen = [plain(checked_options(one), "reset options") for one in options]
         self._prepare_first()
-        arrays = self.pool.reset(seeds, mask, texts, out)
+        arrays = self.pool.reset(seeds, mask, chosen, out)
         self.begun |= True if mask is None else mask
         self.show()
         return arrays
@@ -292,8 +312,14 @@ class GraspCore:
     def observations(self, arrays: "_core.EnvArrays") -> Any:
         """Return the observations of all rows: an array, or a dictionary of arrays."""
         if isinstance(self.obs, str):
-            return arrays[self.obs]  # type: ignore[literal-required]
-        return {name: arrays[name] for name in self.obs}  # type: ignore[literal-required]
+            return self._observed(self.obs, arrays)
+        return {name: self._observed(name, arrays) for name in self.obs}
+
+    def _observed(self, name: str, arrays: "_core.EnvArrays") -> NDArray[Any]:
+        found: NDArray[Any] = arrays[name]  # type: ignore[literal-required]
+        if self._depth_limits is None or name not in self._depth:
+            return found
+        return spaces.depth_as_uint8(found, self._depth_limits)
 
     def first(self, arrays: "_core.EnvArrays") -> tuple[Any, dict[str, Any]]:
         """Return observation and info of the first row."""
@@ -313,13 +339,7 @@ class GraspCore:
         return pool.pictures(envs)
 
     def arrangement(self, env: int) -> Arrangement:
-        """Return the objects of one environment as they lie, and its walls; **privileged**.
-
-        Raises
-        ------
-        ConfigError
-            For environments on a server.
-        """
+        """Return the objects of one local environment as they lie, and its walls; **privileged**."""
         found = self.local_pool.scene(env)
         return Arrangement(
             layout=self._layout,
@@ -336,17 +356,23 @@ class GraspCore:
         if self._window is not None:
             self._window.show(self.pool.pictures([0])[0], self.fps)
 
-    def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Intrinsics (3, 3) and ``world_from_camera`` (num_envs, 4, 4) of every camera at present, by name."""
-        return self.pool.cameras()
-
     def rewards(self, arrays: "_core.EnvArrays") -> NDArray[np.float64]:
         """Return the reward of every row: the weighted sum of its terms."""
         return total(self.weights, arrays["terms"])
 
+    def goal_rewards(self, achieved_goal: Any, desired_goal: Any) -> Any:
+        """Return the rewards of one goal or many, (..., 3) each, in an environment with goals, whatever its state."""
+        assert self._goal is not None
+        achieved, desired = (np.asarray(goal, dtype=np.float32) for goal in (achieved_goal, desired_goal))
+        if achieved.shape[-1:] != (3,) or achieved.shape != desired.shape:
+            raise ConfigError(f"the goals have shapes {achieved.shape} and {desired.shape}; give (3,), or (n, 3)")
+        pairs = np.ascontiguousarray(achieved.reshape(-1, 3)), np.ascontiguousarray(desired.reshape(-1, 3))
+        terms = _core.goal_rewards(*pairs, self._goal.threshold)
+        return total(self.weights[: len(self._terms)], terms).reshape(achieved.shape[:-1])[()]
+
     def columns(self, arrays: "_core.EnvArrays") -> dict[str, Any]:
         """Return the infos of all rows: an array per entry of the core's table, and one per reward term."""
-        terms = np.ascontiguousarray(arrays["terms"].T, dtype=np.float64)
+        terms = np.ascontiguousarray(arrays["terms"].T[: len(self._terms)], dtype=np.float64)
         if arrays["reset"].any():
             # In rows that begin an episode, the terms belong to the end of the one before.
             terms[:, arrays["reset"]] = 0.0
@@ -372,29 +398,108 @@ class GraspCore:
         return np.ascontiguousarray(actions.reshape(rows, size))
 
 
-def _clutter(settings: Settings) -> ClutterConfig:
+class CoreEnvironment:
+    """Base of environments on a `GraspCore`, whose constructor takes the fields of a config as keywords.
+
+    ``class Env(..., config=kind)`` names the config.
+    """
+
+    config_class: type[EnvironmentConfig]
+    _core: GraspCore
+
+    def __init_subclass__(cls, *, config: type[EnvironmentConfig] | None = None) -> None:
+        super().__init_subclass__()
+        if config is None:
+            return
+        cls.config_class = config
+        # For `inspect.signature` and ``help``: every keyword with its default.
+        own, types, keyword = inspect.signature(cls.__init__), get_type_hints(config), inspect.Parameter.KEYWORD_ONLY
+        named = [p for p in own.parameters.values() if p.name != "self" and p.kind is not p.VAR_KEYWORD]
+        rest = [inspect.Parameter(f.name, keyword, default=f.default, annotation=types[f.name]) for f in fields(config)]
+        cls.__signature__ = own.replace(parameters=[*named, *rest])  # type: ignore[attr-defined]
+
+    @property
+    def objects(self) -> object_sets.ObjectSet:
+        """The objects that episodes sample from; those of servers are loaded in this process on first use."""
+        return self._core.source.objects()
+
+    def prepare(self, progress: bool = False) -> None:
+        """Prepare all objects now: convex parts, resting poses and, if images are rendered, levels of detail.
+
+        Otherwise the first reset of a vector environment prepares sets with mesh files (see its keyword
+        ``prepare_files``), and during each episode a background thread prepares the objects of the next three; a step
+        or reset that needs one sooner waits. Results are the same. Environments of this process with the same objects,
+        hand and physics share prepared objects (512 stay in memory). Convex parts and levels of detail are also cached
+        on disk for other processes.
+
+        Parameters
+        ----------
+        progress : bool
+            Whether to show a progress bar on standard error.
+
+        Raises
+        ------
+        MeshError, FileError, SimulationError
+            If an object cannot be read or simulated; others may be ready by then.
+        """
+        self._core.prepare(progress)
+
+
+def _goal(settings: EnvironmentConfig) -> GoalConfig | None:
+    """Make the config of goals; refuse keywords that have no meaning with them."""
+    if not isinstance(settings, GoalTaskConfig):
+        return None
+    reasons = {
+        "reward_weights": "the reward is a function of the goals alone",
+        "success": "success is a distance, the threshold",
+        "layout": "one object lies on the table",
+    }
+    for name, reason in reasons.items():
+        if (value := getattr(settings, name)) != getattr(EnvironmentConfig, name):
+            with about(name):
+                raise ConfigError(f"{name} is {shown(value)}, but in a goal task {reason}; leave it out")
+    if not isinstance(settings.obs, str):
+        with about("obs"):
+            raise ConfigError(f"obs is {shown(settings.obs)}; name one observation, the entry 'observation'")
+    task: Literal["reach", "place"] = "place" if isinstance(settings, PlaceConfig) else "reach"
+    return GoalConfig(task, settings.threshold, settings.terminate_on_success)
+
+
+def _depth_limits(settings: EnvironmentConfig) -> tuple[float, float] | None:
+    """Return the limits of depth as uint8."""
+    if settings.depth_limits is None:
+        return None
+    near, far = map(float, settings.depth_limits)
+    if not 0.0 <= near < far < float("inf"):
+        with about("depth_limits"):
+            raise ConfigError(
+                f"depth_limits is {shown(settings.depth_limits)}; give the near and the far limit, metres: (0.1, 1.0)"
+            )
+    return near, far
+
+
+def _clutter(settings: EnvironmentConfig) -> ClutterConfig:
     """Make the config of scenes from their keywords."""
     with about("layout"):
-        layout = scene_layout_named(settings["layout"])
-    failures = natural(settings.get("max_failures", ClutterConfig.max_failures), "max_failures")
+        layout = scene_layout_named(settings.layout)
+    most = settings.max_failures if isinstance(settings, ClearConfig) else ClutterConfig.max_failures
+    failures = natural(most, "max_failures")
     if layout == "single":
         for name in ("objects_per_scene", "object_scale", "spread"):
-            if settings[name] != keywords(Settings)[name].default:
+            if (value := getattr(settings, name)) != getattr(EnvironmentConfig, name):
                 with about(name):
-                    raise ConfigError(
-                        f"{name} is {settings[name]!r}, but layout='single' has one object; choose another"
-                    )
+                    raise ConfigError(f"{name} is {value!r}, but layout='single' has one object; choose another")
         return ClutterConfig(max_failures=failures)
-    count = settings["objects_per_scene"]
+    count = settings.objects_per_scene
     low, high = (count, count) if isinstance(count, int | np.integer) else count
     with about("objects_per_scene"):
         low, high = natural(low, "objects_per_scene"), natural(high, "objects_per_scene")
-    scale = SCALES[layout] if settings["object_scale"] is None else settings["object_scale"]
+    scale = SCALES[layout] if settings.object_scale is None else settings.object_scale
     return ClutterConfig(
-        layout={"bin": {"inside": tuple(map(float, settings["bin_size"]))}} if layout == "bin" else layout,
+        layout={"bin": {"inside": tuple(map(float, settings.bin_size))}} if layout == "bin" else layout,
         objects_per_scene=(low, high),
         scale=(float(scale[0]), float(scale[1])),
-        spread=settings["spread"],
+        spread=settings.spread,
         max_failures=failures,
     )
 

@@ -8,11 +8,11 @@ times and lift height of `graspbox.TrialConfig`), with a simulated approach. The
 ``graspbox.policies.load("expert")`` returns this expert as a policy for many environments.
 
 >>> import gymnasium, graspbox
->>> from graspbox.envs.expert import Expert, planned
+>>> from graspbox.envs.expert import ExpertGrasp, planned
 >>> env = gymnasium.make("graspbox/Grasp-v0", objects="procedural:can:0").unwrapped
 >>> state, info = env.reset(seed=0)
 >>> plan = planned(env.objects[0].load(), state)
->>> expert = Expert(state, plan.poses[0], plan.preshape[0])
+>>> expert = ExpertGrasp(state, plan.poses[0], plan.preshape[0])
 >>> done = False
 >>> while not done and not expert.finished:
 ...     state, reward, done, _, info = env.step(expert.act(state))
@@ -29,11 +29,11 @@ from graspbox import planning
 from graspbox._core import Hand, Mesh
 from graspbox.configs import TrialConfig
 from graspbox.envs.coding import Codec, object_pose
-from graspbox.envs.scripted import ScriptedGrasp
+from graspbox.envs.scripted import MotionOptions, ScriptedGrasp
 from graspbox.errors import ConfigError
 from graspbox.simulation import load_hand
 
-__all__ = ["Expert", "planned"]
+__all__ = ["ExpertGrasp", "planned"]
 
 
 def planned(
@@ -63,7 +63,7 @@ def planned(
     return planning.plan(mesh, hand=load_hand(hand), world_from_object=pose, **settings).best()
 
 
-class Expert(ScriptedGrasp):
+class ExpertGrasp(ScriptedGrasp):
     """Controls one episode: moves the hand to a planned pose, closes it, lifts and holds.
 
     Parameters
@@ -72,7 +72,7 @@ class Expert(ScriptedGrasp):
         First observation ``state`` of the episode.
     object_from_hand : (4, 4) array_like
         Grasp pose.
-    preshape, control, hand, frame_skip
+    preshape, control, fingers, hand, control_freq
         As for `graspbox.envs.scripted.ScriptedMotion`.
     trial : TrialConfig
         Standoff, lift height, and the times to close, lift and hold; without a shake, which no action can command.
@@ -92,18 +92,20 @@ class Expert(ScriptedGrasp):
         preshape: float,
         *,
         control: str = "twist",
+        fingers: str = "synergy",
         hand: str | Hand | tuple[str, str] = "reflex",
-        frame_skip: int = 1,
+        control_freq: float = 5.0,
         trial: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
         clears: float = 0.0,
     ) -> None:
         if trial.shake is not None:
             raise ConfigError("trial.shake is given, but an expert does not shake; give a TrialConfig without it")
         loaded = load_hand(hand)
-        self._codec = Codec(control, loaded)
+        self._codec = Codec(control, loaded, fingers=fingers)
         goal = self._codec.pose(state, "object") @ np.asarray(object_from_hand, dtype=np.float64)
         start, top = self._codec.pose(state, "hand"), max(self._top(state), clears)
-        super().__init__(start, goal, preshape, top, control=control, hand=loaded, frame_skip=frame_skip, trial=trial)
+        options = MotionOptions(control=control, fingers=fingers, hand=loaded, control_freq=control_freq)
+        super().__init__(start, goal, preshape, top, trial=trial, **options)
 
     def _top(self, state: ArrayLike) -> float:
         """Height of the top of the object's bounds above the table, metres."""

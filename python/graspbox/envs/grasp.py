@@ -1,4 +1,4 @@
-"""``graspbox/Grasp-v0``: a hand, a table, an object, alone or among others; closed loop at 20 Hz.
+"""``graspbox/Grasp-v0``: a hand, a table and one object or several; closed loop.
 
 An object lies near the middle of a table in one of its resting poses. The hand starts open above it; the agent moves
 the hand, closes it and lifts. An episode ends with success as defined in `graspbox.simulation` (``success`` sets the
@@ -9,62 +9,25 @@ The object lies within 5 cm of the table's middle, at any angle about the vertic
 the middle and 0.15 to 0.30 m above the table, the palm facing down with a tilt of up to 0.2 rad, at any angle about the
 vertical; if the hand would intersect the object, it starts higher, in steps of 5 cm.
 
-With ``layout="packed"``, ``"pile"`` or ``"bin"`` several objects lie on the table (`graspbox.layouts`), and "the object"
+With ``layout="packed"``, ``"pile"`` or ``"bin"`` several objects lie on the table (`graspbox.simulation.layouts`), and "the object"
 of this page is one of them, the target: drawn from the seed's stream, uniformly among all that lie there, hidden ones
-included. Success, reward, infos and ``state`` are about the target alone; the hand may push the others. Factors of
+included. Success, reward, infos and ``state`` are only about the target; the hand may push the others. Factors of
 friction and mass apply to all objects, ``object_position`` of the randomization to none of them.
 
 Keywords
 --------
-The last column names the environments that take a keyword: the single one, the native vector environment
-(`gymnasium.make_vec`), or both. `GraspEnv` and `graspbox.envs.vector.GraspVectorEnv` document the keywords.
-``gymnasium.make`` and ``make_vec`` also take ``max_episode_steps``, 200 by default.
-
-<!-- generated: keywords of Grasp-v0 -->
-
-| keyword | default | environment |
-|---|---|---|
-| num_envs | 1 | vector |
-| objects | 'procedural' | both |
-| split | None | both |
-| scale | 1.0 | both |
-| mass | None | both |
-| obs | 'state' | both |
-| reward | 'sparse' | both |
-| reward_weights | None | both |
-| success | None | both |
-| info | 'full' | both |
-| image_size | None | both |
-| randomization | None | both |
-| render_mode | None | both |
-| num_threads | None | both |
-| remote | None | both |
-| physics | PhysicsConfig() | both |
-| hand | 'reflex' | both |
-| cameras | CamerasConfig() | both |
-| picture | PictureConfig() | both |
-| control | 'twist' | both |
-| frame_skip | 1 | both |
-| layout | 'single' | both |
-| objects_per_scene | 5 | both |
-| object_scale | None | both |
-| bin_size | (0.3, 0.25, 0.12) | both |
-| spread | 1.0 | both |
-| autoreset_mode | AutoresetMode.NEXT_STEP | vector |
-| max_episode_steps | None | vector |
-| prepare_files | 128 | vector |
-| copy | True | vector |
-
-<!-- end -->
+`graspbox.envs.settings` documents them: `GraspConfig` for the single environment, and also `VectorConfig` for the vector
+environment (``gymnasium.make_vec``). ``gymnasium.make`` and ``make_vec`` also take ``max_episode_steps``, 40 by default.
 
 Action
 ------
-``Box(-1, 1, float32)``; values outside are clipped. Accelerations are limited to 5 m/s2 and 20 rad/s2, speeds to the
-limits of ``twist``; the goal of ``delta_pose`` is at most 5 cm and 0.2 rad ahead of the hand. The palm cannot be driven
-into the table or out of the workspace, and a protective stop ends motion against more than 60 N. A closed hand keeps
-its preshape, because changing it under load releases the object.
+``Box(-1, 1, float32)``; values outside are clipped. An action holds for ``1 / control_freq`` seconds, by default 0.2 s;
+where that is longer than 0.05 s, the costs among the reward terms are added up over its parts. Accelerations are limited to 5 m/s2 and
+20 rad/s2, speeds to the limits of ``twist``; the goal of ``delta_pose`` is at most 5 cm and 0.2 rad ahead of the hand.
+The palm cannot be driven into the table or out of the workspace, and a protective stop ends motion against more than
+60 N. A closed hand keeps its preshape, because changing it under load releases the object.
 
-``control="twist"``, a velocity in the hand's axes:
+The first n entries move the hand. ``control="twist"``, a velocity in the hand's axes:
 
 <!-- generated: action of twist -->
 
@@ -72,25 +35,17 @@ its preshape, because changing it under load releases the object.
 |---|---|---|---|---|---|
 | 0-2 | linear | -0.5 | 0.5 | m/s | velocity in the hand's axes; its length is cut to the upper limit |
 | 3-5 | angular | -2 | 2 | rad/s | angular velocity in the hand's axes; its length is cut to the upper limit |
-| 6 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_1`; positive closes |
-| 7 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_2`; positive closes |
-| 8 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_3`; positive closes |
-| 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no other actuator has closed by more than 14 % of its travel |
 
 <!-- end -->
 
-``control="delta_pose"``, a step in the hand's axes:
+``control="delta_pose"``, a motion of the goal in the hand's axes:
 
 <!-- generated: action of delta_pose -->
 
 | index | name | -1 | 1 | unit | meaning |
 |---|---|---|---|---|---|
-| 0-2 | step | -0.025 | 0.025 | m | change of position in the hand's axes |
-| 3-5 | turn | -0.1 | 0.1 | rad | rotation vector in the hand's axes |
-| 6 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_1`; positive closes |
-| 7 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_2`; positive closes |
-| 8 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_3`; positive closes |
-| 9 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no other actuator has closed by more than 14 % of its travel |
+| 0-2 | step | -0.5 | 0.5 | m/s | velocity at which the goal moves, in the hand's axes; its length is cut to the upper limit |
+| 3-5 | turn | -2 | 2 | rad/s | angular velocity at which the goal moves, in the hand's axes; its length is cut to the upper limit |
 
 <!-- end -->
 
@@ -104,18 +59,50 @@ its preshape, because changing it under load releases the object.
 | 1 | y | -0.35 | 0.35 | m | hand position, world |
 | 2 | z | 0 | 0.75 | m | hand position, world |
 | 3-8 | rotation | -1 | 1 | 1 | first two columns of world_from_hand, any length; degenerate ones hold the last one |
-| 9 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_1`; positive closes |
-| 10 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_2`; positive closes |
-| 11 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_3`; positive closes |
-| 12 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no other actuator has closed by more than 14 % of its travel |
+
+<!-- end -->
+
+``control="top_down"``, a velocity in the world's axes; the hand starts without tilt, and its palm keeps facing down:
+
+<!-- generated: action of top_down -->
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0-2 | linear | -0.5 | 0.5 | m/s | velocity in the world's axes; its length is cut to the upper limit |
+| 3 | yaw | -2 | 2 | rad/s | angular velocity about the vertical |
+
+<!-- end -->
+
+The entries from n on move the fingers. ``fingers="synergy"``, along the closing motion of the hand's description, in
+which all closing actuators move together; other actuators stay where the preshape puts them:
+
+<!-- generated: fingers of synergy -->
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| n | close | -1 | 1 | 1 | speed along the closing motion of a trial, as a share; positive closes, negative opens |
+| n + 1 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no other actuator has closed by more than 14 % of its travel |
+
+<!-- end -->
+
+``fingers="each"``, every actuator by itself:
+
+<!-- generated: fingers of each -->
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| n | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_1`; positive closes |
+| n + 1 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_2`; positive closes |
+| n + 2 | actuator | -3.5 | 3.5 | rad/s | speed of actuator `finger_3`; positive closes |
+| n + 3 | preshape | 0 | pi/2 | rad | target of the preshape, followed while no other actuator has closed by more than 14 % of its travel |
 
 <!-- end -->
 
 Observation
 -----------
 ``obs="state"``, or another name, gives a ``Box(float32)``; ``obs=("proprio", "tactile")`` gives a ``Dict``. The second
-table lists the indices of each column in each vector, for the control mode ``twist``; ``last_action`` is as long as an
-action. Values outside their range are clipped. ``state`` is **privileged**: no sensor of a real robot measures it.
+table lists the indices of each column in each vector, for ``control="twist"`` and ``fingers="synergy"``; ``last_action``
+is as long as an action. Values outside their range are clipped. ``state`` is **privileged**: no sensor of a real robot measures it.
 ``proprio``, ``tactile`` and the images do not contain the object's pose. A hand without tactile sensors has no
 ``tactile``: requesting it is an error (``graspbox.envs.spaces.tables(hand)["absent"]`` lists such observations).
 
@@ -124,7 +111,7 @@ action. Values outside their range are clipped. ``state`` is **privileged**: no 
 | vector | shape | dtype | privileged |
 |---|---|---|---|
 | proprio | 28 | float32 | no |
-| state | 88 | float32 | yes |
+| state | 86 | float32 | yes |
 | tactile | 27 | float32 | no |
 
 <!-- end -->
@@ -160,7 +147,7 @@ action. Values outside their range are clipped. ``state`` is **privileged**: no 
 | shift |  | 75 |  | 0 | 1 | m | shift in the hand since the object left the table |
 | turn |  | 76 |  | 0 | pi | rad | turn in the hand since the object left the table |
 | closure |  | 77 |  | 0 | 1 | 1 | epsilon quality of the present contacts |
-| last_action |  | 78-87 |  | -1 | 1 | 1 | the last action; zeros after a reset |
+| last_action |  | 78-85 |  | -1 | 1 | 1 | the last action; zeros after a reset |
 | tactile |  |  | 0-26 | 0 | 20 | N | force on each sensor |
 
 <!-- end -->
@@ -208,10 +195,10 @@ The weighted sum of the terms. ``reward="sparse"`` is 1 for a success, else 0; `
 | hold | -1 | 1 | change of the share of the hold time |
 | success | 0 | 1 | 1 at success |
 | failure | -1 | 0 | -1 when the object is lost for good |
-| effort | -1 | 0 | minus the mean square of the speeds of hand and actuators as shares of their limits |
+| effort | -1 | 0 | minus the mean square of the speeds of hand and actuators as shares of their limits, each 0.05 s |
 | push | -1 | 1 | minus the change of how far the object was moved sideways, up to 0.2 m, as a share |
-| table | -1 | 0 | -1 while the hand touches the table |
-| stop | -1 | 0 | -1 while the protective stop holds the hand |
+| table | -1 | 0 | -1 for each 0.05 s in which the hand touches the table |
+| stop | -1 | 0 | -1 for each 0.05 s in which the protective stop holds the hand |
 | secure | 0 | 1 | 1 at a secure success |
 | slip | -1 | 1 | minus the change of how far the object moved in the hand since it left the table, as a share of what a secure grasp allows |
 
@@ -256,7 +243,7 @@ entry such as ``reward_reach``.
 Options of a reset
 ------------------
 Options replace parts of the initial state; all other parts are sampled as without options. A scene of several objects
-follows from the seed alone: the first four options are refused there.
+follows only from the seed: the first four options are refused there.
 
 | option | value |
 |---|---|
@@ -269,6 +256,7 @@ follows from the seed alone: the first four options are refused there.
 | friction | factor on the object's friction, 0.01 to 100 |
 | mass | factor on the object's mass, 0.01 to 100 |
 | cameras | ``{name: pose}``: poses (4, 4) of cameras in the world, or in the grasp frame if the hand carries them |
+| goal | x, y, z (m) of the goal, in `graspbox.envs.goal_tasks` alone |
 
 Pictures
 --------
@@ -281,25 +269,24 @@ shows its first environment; ``send`` and ``recv`` do not update the window. `gy
 
 Version history
 ---------------
-v0: first version.
+v0: first version. Since November 2026 an action moves the fingers by one number (``fingers="synergy"``) and holds for 0.2 s
+(``control_freq=5``), and an episode is truncated after 40 steps: the task is the same, but agents learn it from nothing. Before, it
+was ``fingers="each"``, ``control_freq=20`` and ``max_episode_steps=200``, which still give that task; ``frame_skip=n`` was
+``control_freq=20/n``, and the entries of ``delta_pose`` were the steps of 0.05 s instead of their speeds, with the same motion.
 """  # noqa: E501 (tables)
 
 import itertools
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.envs import spaces
-from graspbox.envs.core import GraspCore, frames_per_second
-from graspbox.envs.settings import OBJECTS, RENDER_MODES, GraspSettings, ObjectsArgument, signed
+from graspbox.envs.settings import RENDER_MODES, GraspConfig
 from graspbox.envs.single import SingleEnv
 from graspbox.errors import ConfigError
-from graspbox.hands import load_hand
 
 __all__ = ["GraspEnv"]
 
-#: Motion keys of `GraspEnv.get_keys_to_action`: the index of the action entry in the hand's axes, and its sign.
+#: Motion keys of `GraspEnv.get_keys_to_action`: the index of the action entry, and its sign.
 _MOTION_KEYS = {
     "d": (0, 1.0), "a": (0, -1.0), "w": (1, 1.0), "s": (1, -1.0), "e": (2, 1.0), "q": (2, -1.0),
     "i": (3, 1.0), "k": (3, -1.0), "u": (4, 1.0), "o": (4, -1.0), "j": (5, 1.0), "l": (5, -1.0),
@@ -308,97 +295,30 @@ _MOTION_KEYS = {
 _FINGER_KEYS = {" ": 1.0, "x": -1.0}
 
 
-# The section Parameters is written by scripts/generate_docs.py.
-class GraspEnv(SingleEnv):
-    """One environment: see the module for its tables, and `graspbox.envs.single.SingleEnv` for its methods.
-
-    Parameters
-    ----------
-    objects : str, Path, ObjectSet or sequence of str
-        Object sets to sample from: see `graspbox.object_sets`.
-    split : {"train", "validation", "test"}, optional
-        Sample from this split only.
-    scale : float
-        Metres per unit of the mesh files: see `graspbox.object_sets.load`.
-    mass : float, optional
-        Kilograms of every object, instead of the masses of the set.
-    obs : str or sequence of str
-        Observation: a name, or several names, which give a ``Dict``.
-    reward : {"sparse", "dense", "firm"}
-        Weights of the reward terms.
-    reward_weights : mapping of str to float, optional
-        Weights that replace those of the same name in `reward`.
-    success : SuccessCriterion, optional
-        Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.
-    info : {"full", "numeric"}
-        Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn infos into
-        tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index
-        into ``env.objects``, and reward terms are entries such as ``reward_reach``.
-    image_size : int or pair of int, optional
-        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
-    randomization : "standard" or Randomization, optional
-        Properties that vary from episode to episode besides the object and the start; by default none.
-    render_mode : {"human", "rgb_array"}, optional
-        ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
-        ``human``); a vector environment shows its first environment.
-    num_threads : int, optional
-        Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
-    remote : str, sequence of str or RemoteConfig, optional
-        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several
-        addresses to distribute them over. Results do not depend on it.
-    physics : PhysicsConfig
-        Settings of the engine; the time step must divide 0.05 s.
-    hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
-    cameras : CamerasConfig
-        Cameras, shadows, voxels; `obs` names the images.
-    picture : PictureConfig
-        Size, samples per pixel and camera of the pictures of `render`.
-    control : {"twist", "delta_pose", "target_pose"}
-        Control mode: the meaning of actions.
-    frame_skip : int
-        Control periods of 0.05 s per step: the action is held for all of them, and their reward terms are added. Slower
-        control eases exploration.
-    layout : {"single", "packed", "pile", "bin"}
-        How objects lie: a single one, or a target among others (see `graspbox.layouts`).
-    objects_per_scene : int or pair of int
-        Number of objects, or the least and the greatest; 1 to 40.
-    object_scale : pair of float, optional
-        Least and greatest scale of an object; by default those of the layout in `graspbox.layouts.SCALES`.
-    bin_size : three float
-        Sides of the floor of a bin along x and y, and height of its walls, metres.
-    spread : float
-        Distance of the objects from the middle, times that of VGN, 0.25 to 2: below 1 they lie closer together.
-
-    Raises
-    ------
-    ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first sampled.
-    """
+class GraspEnv(SingleEnv, config=GraspConfig):
+    """One environment: see the module for its tables, and `graspbox.envs.single.SingleEnv` for its methods."""
 
     metadata = {  # noqa: RUF012 (as Gymnasium declares it)
         "render_modes": [*RENDER_MODES],
-        "render_fps": frames_per_second(spaces.tables(load_hand())),
+        "render_fps": round(GraspConfig.control_freq),
     }
-
-    @signed(GraspSettings)
-    def __init__(self, objects: ObjectsArgument = OBJECTS.default, **settings: Unpack[GraspSettings]) -> None:
-        super().__init__(GraspCore(GraspSettings, 1, objects, settings))
 
     @property
     def idle_action(self) -> NDArray[np.float32]:
-        """The ``twist`` or ``delta_pose`` action without motion, the ``noop`` of `gymnasium.utils.play.play`."""
+        """The action without motion, the ``noop`` of `gymnasium.utils.play.play`; an error for ``target_pose``."""
         if self._core.control == "target_pose":
-            raise ConfigError("every action of control='target_pose' names a pose; use 'twist' or 'delta_pose'")
+            raise ConfigError("every action of control='target_pose' names a pose; use another control mode")
         return self._core.idle_action
 
     def get_keys_to_action(self) -> dict[str, NDArray[np.float32]]:
-        """Map keys to actions for `gymnasium.utils.play.play`, in the hand's axes (its z points out of the palm).
+        """Map keys to actions for `gymnasium.utils.play.play`, in the axes of the control mode.
+
+        The hand's z points out of the palm; those of ``top_down`` are the world's.
 
         | keys | motion |
         |---|---|
         | d, a; w, s; e, q | along +x, -x; +y, -y; +z, -z |
-        | i, k; u, o; j, l | about +x, -x; +y, -y; +z, -z |
+        | i, k; u, o; j, l | about +x, -x; +y, -y; +z, -z; only i, k of ``top_down``: about +z, -z |
         | space; x | close all fingers; open them |
 
         A motion key and a finger key can be pressed together.
@@ -408,9 +328,12 @@ class GraspEnv(SingleEnv):
         ConfigError
             In the control mode ``target_pose``, whose actions are poses.
         """
-        idle, fingers = self.idle_action, self._core.action_places("actuator")
+        idle = self.idle_action
+        fingers = self._core.action_places("actuator") | self._core.action_places("close")
+        moving = np.flatnonzero(~(fingers | self._core.action_places("preshape")))
+        motions = [key for key, (index, _) in _MOTION_KEYS.items() if index in moving]
         actions = {}
-        for motion, finger in itertools.product(["", *_MOTION_KEYS], ["", *_FINGER_KEYS]):
+        for motion, finger in itertools.product(["", *motions], ["", *_FINGER_KEYS]):
             action = idle.copy()
             if motion:
                 index, direction = _MOTION_KEYS[motion]

@@ -1,12 +1,12 @@
 """``graspbox/GraspPose-v0``: one decision per episode.
 
-An object rests near the middle of a table, alone or among others. The agent chooses a hand pose and a preshape; the
+An object rests near the middle of a table, with or without others around it. The agent chooses a hand pose and a preshape; the
 hand closes there, lifts and holds, and the episode ends.
 
 Keywords
 --------
 Those of `graspbox.envs.grasp`, with ``trial`` (by default ``TrialConfig()``), which sets how the hand closes, lifts and
-holds, instead of ``control`` and ``frame_skip``. An episode ends after one step, and ``max_episode_steps`` is 1: under
+holds, instead of ``control``, ``fingers`` and ``control_freq``. An episode ends after one step, and ``max_episode_steps`` is 1: under
 ``gymnasium.make`` and ``make_vec`` that step sets both ``terminated`` and ``truncated``.
 
 Action
@@ -33,12 +33,12 @@ approach of 0.10 m along its z, the attempt is ``infeasible``: there is no trial
 Among others (``layout="packed"``, ``"pile"`` or ``"bin"``: see `graspbox.envs.grasp`) a hand that touches something on
 its approach pushes it aside, as in `graspbox.envs.clear`: an attempt is ``infeasible`` only if the rotation is
 degenerate, if the hand collides where the approach begins, or if the protective stop of 60 N ends the approach. The
-trial is about the target: one that lifts a neighbour alone fails.
+trial is about the target: one that lifts only a neighbour fails.
 
 Observation
 -----------
 ``obs="state"``, or another name, gives a ``Box(float32)``; several names give a ``Dict``. Columns and clipping are as
-in `graspbox.envs.grasp`. ``state`` is **privileged** and describes the object alone.
+in `graspbox.envs.grasp`. ``state`` is **privileged** and describes only the object.
 
 <!-- generated: vectors of GraspPose-v0 -->
 
@@ -134,77 +134,21 @@ Version history
 v0: first version.
 """  # noqa: E501 (tables)
 
-from typing import Unpack
-
-from graspbox.envs.core import GraspCore
-from graspbox.envs.settings import (
-    NUM_ENVS,
-    OBJECTS,
-    RENDER_MODES,
-    GraspPoseSettings,
-    GraspPoseVectorSettings,
-    ObjectsArgument,
-    signed,
-)
+from graspbox.envs.settings import GraspPoseConfig, GraspPoseVectorConfig
 from graspbox.envs.single import SingleEnv
 from graspbox.envs.vector import NativeVectorEnv
 
 __all__ = ["GraspPoseEnv", "GraspPoseVectorEnv"]
 
 
-# The sections Parameters are written by scripts/generate_docs.py.
-class GraspPoseEnv(SingleEnv):
-    """One decision per episode: see the module for its tables, and `graspbox.envs.single.SingleEnv` for its methods.
-
-    Parameters
-    ----------
-    objects
-        As of `graspbox.envs.grasp.GraspEnv`.
-    trial : TrialConfig
-        How the hand closes, lifts and holds.
-    **settings
-        Other keywords of `graspbox.envs.grasp.GraspEnv`, except ``control`` and ``frame_skip``.
-
-    Raises
-    ------
-    ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first sampled.
-    """
-
-    metadata = {"render_modes": [*RENDER_MODES], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
-
-    @signed(GraspPoseSettings)
-    def __init__(self, objects: ObjectsArgument = OBJECTS.default, **settings: Unpack[GraspPoseSettings]) -> None:
-        super().__init__(GraspCore(GraspPoseSettings, 1, objects, settings))
+class GraspPoseEnv(SingleEnv, config=GraspPoseConfig):
+    """One decision per episode: see the module for its tables, and `graspbox.envs.single.SingleEnv` for its methods."""
 
 
-class GraspPoseVectorEnv(NativeVectorEnv):
+class GraspPoseVectorEnv(NativeVectorEnv, config=GraspPoseVectorConfig):
     """Vector environment of ``GraspPose-v0``: ``gymnasium.make_vec("graspbox/GraspPose-v0", num_envs=64)``.
 
     Each environment equals the single one bit for bit. The methods are those of `graspbox.envs.vector.NativeVectorEnv`.
     With ``max_episode_steps=1``, as registered, the step that ends an episode also truncates it, as under
     ``gymnasium.make``.
-
-    Parameters
-    ----------
-    num_envs, objects
-        As of `graspbox.envs.vector.GraspVectorEnv`.
-    trial : TrialConfig
-        How the hand closes, lifts and holds.
-    **settings
-        Other keywords of `graspbox.envs.vector.GraspVectorEnv`, except ``control`` and ``frame_skip``.
-
-    Raises
-    ------
-    ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first sampled.
     """
-
-    @signed(GraspPoseVectorSettings)
-    def __init__(
-        self,
-        num_envs: int = NUM_ENVS.default,
-        objects: ObjectsArgument = OBJECTS.default,
-        **settings: Unpack[GraspPoseVectorSettings],
-    ) -> None:
-        super().__init__(GraspCore(GraspPoseVectorSettings, num_envs, objects, settings), settings.get("copy", True))

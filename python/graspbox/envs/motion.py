@@ -1,16 +1,9 @@
-"""Minimum-jerk motions between poses, for the scripted expert and for replays of trials.
-
-| name | meaning |
-|---|---|
-| `minimum_jerk` | fraction of the path covered after a fraction of the time |
-| `Motion` | a timed motion between two poses: translation along a line, rotation about one axis |
-| `rotation_vector`, `rotation_matrix` | rotation matrix to rotation vector, and back |
-"""
+"""Minimum-jerk motions between poses, for the scripted expert and for replays of trials."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["PEAK_SPEED", "Motion", "minimum_jerk", "pose_matrix", "rotation_matrix", "rotation_vector"]
+__all__ = ["PEAK_SPEED", "TimedMotion", "minimum_jerk", "pose_matrix", "rotation_matrix", "rotation_vector"]
 
 Array = NDArray[np.float64]
 
@@ -58,10 +51,11 @@ def rotation_matrix(vector: Array) -> Array:
         return np.eye(3)
     x, y, z = vector / angle
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    # Another order of products than in `rotation_about`: the last bits of motions decide published trials.
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
-class Motion:
+class TimedMotion:
     """A minimum-jerk motion between two poses: translation along a line, rotation about one axis.
 
     Parameters
@@ -77,7 +71,7 @@ class Motion:
         self._turn = rotation_vector(end[:3, :3] @ start[:3, :3].T)
 
     @classmethod
-    def within(cls, start: Array, end: Array, linear: float, angular: float) -> "Motion":
+    def within(cls, start: Array, end: Array, linear: float, angular: float) -> "TimedMotion":
         """Make the fastest motion within limits on the linear and angular speed, m/s and rad/s."""
         way = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
         turn = float(np.linalg.norm(rotation_vector(end[:3, :3] @ start[:3, :3].T)))

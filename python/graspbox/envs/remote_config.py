@@ -1,4 +1,4 @@
-"""Servers that step the environments, and the reaction to a lost connection."""
+"""Servers that step the environments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from os import environ
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from graspbox._common.arguments import natural, shown
+from graspbox._common.arguments import shown
 from graspbox.errors import ConfigError, FileError
 
 __all__ = ["RemoteConfig", "check_token", "client_token", "remote_config", "token_in"]
@@ -15,7 +15,6 @@ __all__ = ["RemoteConfig", "check_token", "client_token", "remote_config", "toke
 _VARIABLE = "GRASPBOX_TOKEN"
 
 Depth = Literal["float32", "uint16"]
-Reconnect = Literal["resume", "restore"]
 
 
 @dataclass(frozen=True)
@@ -32,11 +31,6 @@ class RemoteConfig:
         Certificates to trust besides those of the public authorities, in PEM.
     grace : float
         Seconds for which a server keeps a session whose connection was lost, and the client tries to resume it.
-    reconnect : {"resume", "restore"}
-        Behaviour if that fails. ``resume``: an error. ``restore``: the environments continue on another of the servers,
-        from states saved every `checkpoint` steps; the steps since then are repeated. Results are the same.
-    checkpoint : int
-        Steps between two saved states, with ``reconnect="restore"``.
     depth : {"float32", "uint16"}
         Encoding of depth images on the wire. ``uint16`` halves their size and rounds to millimetres.
     shm : bool
@@ -50,20 +44,12 @@ class RemoteConfig:
     token_file: str | None = None
     ca_file: str | None = None
     grace: float = 60.0
-    reconnect: Reconnect = "resume"
-    checkpoint: int = 50
     depth: Depth = "float32"
     shm: bool = False
     token_text: str | None = field(default=None, repr=False)
 
     def token(self) -> str | None:
-        """Read the token.
-
-        Raises
-        ------
-        FileError, ConfigError
-            If the file cannot be read, or there is no token in it.
-        """
+        """Read the token: FileError or ConfigError if the file cannot be read, or has no valid token."""
         if self.token_text is not None:
             check_token(self.token_text, "remote.token_text")
             return self.token_text
@@ -71,13 +57,7 @@ class RemoteConfig:
 
 
 def client_token(file: str | Path | None) -> str | None:
-    """Find the token of a server: in a file, else in the environment variable ``GRASPBOX_TOKEN``, else None.
-
-    Raises
-    ------
-    FileError, ConfigError
-        As `token_in`.
-    """
+    """Find the token of a server: in a file, else in the environment variable ``GRASPBOX_TOKEN``, else None."""
     if file is not None:
         return token_in(file)
     found = environ.get(_VARIABLE) or None
@@ -87,13 +67,7 @@ def client_token(file: str | Path | None) -> str | None:
 
 
 def token_in(file: str | Path) -> str:
-    """Read a token from a file, without the white space around it.
-
-    Raises
-    ------
-    FileError, ConfigError
-        If the file cannot be read, or there is no token in it.
-    """
+    """Read a token from a file, without the white space around it: FileError or ConfigError if there is none."""
     try:
         found = Path(file).read_bytes().strip().decode("latin-1")
     except OSError as error:
@@ -103,13 +77,7 @@ def token_in(file: str | Path) -> str:
 
 
 def check_token(token: str, name: str) -> None:
-    """Refuse a token that does not fit an HTTP header; errors call it `name`.
-
-    Raises
-    ------
-    ConfigError
-        For anything but printable ASCII; the message does not repeat the token.
-    """
+    """Refuse a token that is not printable ASCII; the ConfigError calls it `name`, and does not repeat it."""
     if not token:
         raise ConfigError(f"{name} is empty; give a token, such as 'openssl rand -base64 24' prints")
     if not (token.isascii() and token.isprintable() and token == token.strip()):
@@ -120,8 +88,6 @@ def _check_types(config: RemoteConfig) -> None:
     """Refuse values of the wrong type early."""
     if isinstance(config.grace, bool) or not isinstance(config.grace, int | float) or not 0 <= config.grace < 1e6:
         raise ConfigError(f"remote.grace is {shown(config.grace)}; give a number of seconds from 0 to 1,000,000")
-    if natural(config.checkpoint, "remote.checkpoint") < 1:
-        raise ConfigError("remote.checkpoint is 0; give 1 or more")
     if not isinstance(config.shm, bool):
         raise ConfigError(f"remote.shm is {shown(config.shm)}; give True or False")
     for name in ("token_file", "ca_file"):
@@ -135,13 +101,7 @@ def _check_types(config: RemoteConfig) -> None:
 
 
 def remote_config(remote: Any) -> RemoteConfig | None:
-    """Convert the argument of the keyword ``remote``.
-
-    Raises
-    ------
-    ConfigError
-        For anything but None, an address, a sequence of addresses, or a `RemoteConfig` with valid fields.
-    """
+    """Convert the argument of the keyword ``remote``; ConfigError for invalid addresses or fields."""
     if remote is None:
         return None
     if isinstance(remote, str):
@@ -153,8 +113,7 @@ def remote_config(remote: Any) -> RemoteConfig | None:
     if isinstance(remote.urls, str) or not remote.urls or not all(isinstance(url, str) for url in remote.urls):
         raise ConfigError(f"remote.urls is {shown(remote.urls)}; give addresses such as 'ws://127.0.0.1:5055'")
     _check_types(remote)
-    for name, kind in (("depth", Depth), ("reconnect", Reconnect)):
-        if getattr(remote, name) not in get_args(kind):
-            choices = ", ".join(map(repr, get_args(kind)))
-            raise ConfigError(f"remote.{name} is {shown(getattr(remote, name))}; choose from {choices}")
+    if remote.depth not in get_args(Depth):
+        choices = ", ".join(map(repr, get_args(Depth)))
+        raise ConfigError(f"remote.depth is {shown(remote.depth)}; choose from {choices}")
     return remote

@@ -22,21 +22,24 @@ __all__ = [
     "DENSE",
     "FIRM",
     "FIRM_DECISION",
+    "GOAL_WEIGHTS",
     "SPARSE",
     "WEIGHTS",
+    "goal_weights",
     "term_weights",
     "total",
 ]
 
-#: Greatest size of a weight.
-_HEAVIEST = sys.float_info.max
+#: Greatest absolute value of a weight.
+_MAX_WEIGHT = sys.float_info.max
 
 #: 1 for a success, else 0.
 SPARSE: Mapping[str, float] = MappingProxyType({"success": 1.0})
 
 #: Shaped reward. The shaping terms are differences of bounded potentials, so their sum over an episode depends only on
 #: its first and last state, not on the path. Weights rise towards the goal: lifting pays more than all progress before
-#: it, and success pays more than everything before it. Penalties are smaller than the reward of any progress.
+#: it, and success pays more than everything before it. There are no costs: chance pushes objects, touches the table and
+#: loses the object long before it grasps anything, and learners then settled on not moving (docs/results/training.md).
 DENSE: Mapping[str, float] = MappingProxyType(
     {
         "reach": 1.0,
@@ -45,11 +48,6 @@ DENSE: Mapping[str, float] = MappingProxyType(
         "lift": 3.0,
         "hold": 3.0,
         "success": 10.0,
-        "failure": 1.0,
-        "effort": 0.01,
-        "push": 0.2,
-        "table": 0.02,
-        "stop": 0.02,
     }
 )
 
@@ -81,6 +79,17 @@ WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType({"sparse": SPARSE,
 DECISION_WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {"sparse": SPARSE, "dense": DECISION, "firm": FIRM_DECISION}
 )
+#: The same with goals, whose rewards are single terms.
+GOAL_WEIGHTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {"sparse": MappingProxyType({"goal": 1.0}), "dense": MappingProxyType({"distance": 1.0})}
+)
+
+
+def goal_weights(reward: str, found: Tables) -> NDArray[np.float64]:
+    """Return the weights of an environment with goals, as `term_weights`: its terms are the first ones."""
+    terms = found["goal"]["terms"]
+    weights = term_weights(reward, None, {**found, "terms": terms}, GOAL_WEIGHTS)
+    return np.pad(weights, (0, len(found["terms"]) - len(terms)))
 
 
 def term_weights(
@@ -131,7 +140,7 @@ def _weights(
     for name, weight in chosen.items():
         if name not in names:
             raise ConfigError(f"there is no reward term {name!r}; choose from {', '.join(names)}")
-        if not isinstance(weight, Real) or not -_HEAVIEST <= weight <= _HEAVIEST:
+        if not isinstance(weight, Real) or not -_MAX_WEIGHT <= weight <= _MAX_WEIGHT:
             raise ConfigError(f"the weight of {name!r} is {shown(weight)}; give a finite number")
     return np.array([float(chosen.get(name, 0.0)) for name in names])
 

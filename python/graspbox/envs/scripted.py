@@ -1,11 +1,5 @@
 """Scripted motions of the hand in ``Grasp-v0``, executed with ordinary actions and independent of the object.
 
-| class | motion |
-|---|---|
-| `ScriptedMotion`  | follows timed motions one after the other, with the fingers at rest |
-| `ScriptedGrasp`   | moves to a grasp pose, closes, lifts, holds |
-| `ScriptedRelease` | undoes a grasp: lowers the hand, opens it, retreats |
-
 Every motion is a minimum-jerk curve within the hand's limits.
 """
 
@@ -20,7 +14,7 @@ from graspbox._core import Hand
 from graspbox.configs import TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.coding import codec
-from graspbox.envs.motion import Motion
+from graspbox.envs.motion import TimedMotion
 from graspbox.simulation import load_hand
 
 __all__ = ["ScriptedGrasp", "ScriptedMotion", "ScriptedRelease"]
@@ -37,8 +31,9 @@ class MotionOptions(TypedDict, total=False):
     """Keywords of `ScriptedMotion`, which its subclasses take too."""
 
     control: str
+    fingers: str
     hand: str | Hand | tuple[str, str]
-    frame_skip: int
+    control_freq: float
 
 
 class ScriptedMotion:
@@ -50,12 +45,14 @@ class ScriptedMotion:
         Waypoints ``world_from_hand``, the present pose first.
     preshape : float
         See `graspbox.Hand.preshape_limits`.
-    control : {"twist", "delta_pose", "target_pose"}
-        The control mode of the environment.
+    control : {"twist", "delta_pose", "target_pose", "top_down"}
+        The control mode of the environment; ``top_down`` leaves out tilts.
+    fingers : {"synergy", "each"}
+        As in the environment.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
-    frame_skip : int
-        Control periods per step, as in the environment.
+    control_freq : float
+        Actions per second, as in the environment.
     """
 
     def __init__(
@@ -64,18 +61,19 @@ class ScriptedMotion:
         preshape: float,
         *,
         control: str = "twist",
+        fingers: str = "synergy",
         hand: str | Hand | tuple[str, str] = "reflex",
-        frame_skip: int = 1,
+        control_freq: float = 5.0,
     ) -> None:
         loaded = load_hand(hand)
         found = spaces.tables(loaded)
-        self._control, self._frame_skip = control, frame_skip
-        self._period = found["control_period"] * frame_skip
+        self._control, self._control_freq = control, control_freq
+        self._period = 1.0 / control_freq
         self._ceiling = found["workspace"][1][2]
-        # A step is limited to the motion of a twist in one control period.
-        twist = {row["name"]: row["high"] for row in found["actions"]["twist"]}
+        # Every mode is limited to the speeds of a twist.
+        twist = {row["name"]: row["high"] for row in found["actions"]["twist"][fingers]}
         self._limits = twist["linear"], twist["angular"]
-        self._encode = codec(control, loaded).encode_action
+        self._encode = codec(control, loaded, fingers).encode_action
         self._preshape = float(preshape)
         self._close_speeds = np.array(loaded.closing_speeds)
         self._steps = 0
@@ -94,10 +92,10 @@ class ScriptedMotion:
         """Whether the motion has ended."""
         return self.time >= self._length
 
-    def _between(self, stops: Sequence[Pose]) -> list[Motion]:
+    def _between(self, stops: Sequence[Pose]) -> list[TimedMotion]:
         """Make the motions from each waypoint to the next."""
         speeds = [_SPEED_SHARE * limit for limit in self._limits]
-        return [Motion.within(a, b, *speeds) for a, b in pairwise(stops)]
+        return [TimedMotion.within(a, b, *speeds) for a, b in pairwise(stops)]
 
     def _wanted(self, time: float) -> Pose:
         """Desired ``world_from_hand``, `time` seconds after the start."""
@@ -113,39 +111,27 @@ class ScriptedMotion:
         return 0.0
 
     def follow(self, world_from_hand: Pose) -> NDArray[np.float32]:
-        """Return the next action (k,), given the present pose of the hand ``world_from_hand`` (4, 4)."""
+        """Return the next action (k,) from the present pose of the hand ``world_from_hand`` (4, 4)."""
         now = self.time
         self._steps += 1
         wanted = self._wanted(now + self._period)
         # A twist starts at the present pose, a step at the goal of the last step.
-        start = world_from_hand if self._control == "twist" else self._reference
+        start = world_from_hand if self._control in ("twist", "top_down") else self._reference
         self._reference = wanted
         return self._encode(
             wanted,
             self._preshape,
             actuator_speed=self._actuator_speed(now),
             world_from_start=start,
-            frame_skip=self._frame_skip,
+            control_freq=self._control_freq,
         )
 
 
 class ScriptedGrasp(ScriptedMotion):
-    """Moves the hand to a pose, closes it, lifts and holds; of the object it uses only the height.
+    """Moves the hand from ``world_from_hand`` (4, 4) to the pose `goal` (4, 4), closes it, lifts and holds.
 
-    Parameters
-    ----------
-    world_from_hand : (4, 4) array_like
-        Present pose of the hand, metres.
-    goal : (4, 4) array_like
-        Grasp pose, ``world_from_hand``.
-    preshape : float
-        See `graspbox.Hand.preshape_limits`.
-    top : float
-        Height of the highest point that the hand must clear, metres.
-    control, hand, frame_skip
-        As for `ScriptedMotion`.
-    trial : TrialConfig
-        Standoff, lift height, and the times to close, lift and hold.
+    The hand clears the height `top`, metres. `trial` has the standoff, the lift height, and the times to close, lift
+    and hold; the other arguments are those of `ScriptedMotion`.
     """
 
     def __init__(
@@ -168,7 +154,7 @@ class ScriptedGrasp(ScriptedMotion):
         self.lifts_at = self.closes_at + trial.close_time
         self._length = self.lifts_at + trial.lift_time + trial.hold_time
 
-    def _path(self, start: Pose, goal: Pose, top: float, trial: TrialConfig) -> list[Motion]:
+    def _path(self, start: Pose, goal: Pose, top: float, trial: TrialConfig) -> list[TimedMotion]:
         """Make the motions from the start pose to the end of the lift; the hand closes during the last but one."""
         behind = goal.copy()
         behind[:3, 3] -= trial.standoff * goal[:3, 2]
@@ -179,7 +165,7 @@ class ScriptedGrasp(ScriptedMotion):
         motions = self._between([start, raised, above, behind, goal])
         lifted = goal.copy()
         lifted[2, 3] += trial.lift_height
-        return [*motions, Motion(goal, goal, trial.close_time), Motion(goal, lifted, trial.lift_time)]
+        return [*motions, TimedMotion(goal, goal, trial.close_time), TimedMotion(goal, lifted, trial.lift_time)]
 
     def _actuator_speed(self, now: float) -> ArrayLike:
         return self._close_speeds if now >= self.closes_at - 1e-9 else 0.0
@@ -188,20 +174,9 @@ class ScriptedGrasp(ScriptedMotion):
 class ScriptedRelease(ScriptedMotion):
     """Undoes a grasp: lowers the hand to the grasp pose, opens it as fast as it closed, retreats along its -z.
 
-    Parameters
-    ----------
-    world_from_hand : (4, 4) array_like
-        Present pose of the hand, metres.
-    goal : (4, 4) array_like
-        Pose at which it closed, ``world_from_hand``.
-    preshape : float
-        See `graspbox.Hand.preshape_limits`.
-    then : sequence of (4, 4) array_like
-        Waypoints after the retreat, ``world_from_hand``.
-    control, hand, frame_skip
-        As for `ScriptedMotion`.
-    trial : TrialConfig
-        Standoff, and the time to close; opening takes as long.
+    It starts at ``world_from_hand`` (4, 4); `goal` (4, 4) is the pose at which the hand closed, and `then` has
+    waypoints (4, 4) after the retreat. `trial` has the standoff, and the time to close; opening takes as long. The
+    other arguments are those of `ScriptedMotion`.
     """
 
     def __init__(
@@ -220,7 +195,7 @@ class ScriptedRelease(ScriptedMotion):
         behind[:3, 3] -= trial.standoff * low[:3, 2]
         lowering = self._between([start, low])
         leaving = self._between([low, behind, *(np.asarray(pose, dtype=np.float64) for pose in then)])
-        self._motions = [*lowering, Motion(low, low, trial.close_time), *leaving]
+        self._motions = [*lowering, TimedMotion(low, low, trial.close_time), *leaving]
         self._opens_at = lowering[0].duration
         self._opened_at = self._opens_at + trial.close_time
         self._length = sum(motion.duration for motion in self._motions)

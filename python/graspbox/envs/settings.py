@@ -1,43 +1,23 @@
-"""Keywords of the environments: one row each, with type, default and meaning.
-
-Constructors take them as ``**settings: Unpack[...]``, so type checkers check every keyword. `signed` adds the same list
-with its defaults to their signatures, for `inspect.signature` and ``help``, and ``scripts/generate_docs.py`` writes
-their docstrings from it.
+"""Keywords of the environments: one frozen config per environment, with type, default and meaning of each.
 
 | class | environment |
 |---|---|
-| `GraspSettings` | `graspbox.envs.grasp.GraspEnv` |
-| `GraspPoseSettings` | `graspbox.envs.grasp_pose.GraspPoseEnv` |
-| `GraspVectorSettings` | `graspbox.envs.vector.GraspVectorEnv` |
-| `GraspPoseVectorSettings` | `graspbox.envs.grasp_pose.GraspPoseVectorEnv` |
-| `ClearSettings` | `graspbox.envs.clear.ClearEnv` |
-| `ClearVectorSettings` | `graspbox.envs.clear.ClearVectorEnv` |
+| `GraspConfig`, `GraspVectorConfig` | `graspbox.envs.grasp.GraspEnv`, `graspbox.envs.vector.GraspVectorEnv` |
+| `GraspPoseConfig`, `GraspPoseVectorConfig` | `GraspPoseEnv`, `GraspPoseVectorEnv` of `graspbox.envs.grasp_pose` |
+| `ClearConfig`, `ClearVectorConfig` | `ClearEnv`, `ClearVectorEnv` of `graspbox.envs.clear` |
+| `ReachConfig`, `ReachVectorConfig` | `ReachEnv`, `ReachVectorEnv` of `graspbox.envs.goal_tasks.reach` |
+| `PlaceConfig`, `PlaceVectorConfig` | `PlaceEnv`, `PlaceVectorEnv` of `graspbox.envs.goal_tasks.place` |
 
-Every keyword that takes a config also takes a dictionary of its fields, so that ``EnvSpec.to_json`` and ``from_json``
-work for environments whose hand is given by name or by paths.
-
-`OBJECTS` and `NUM_ENVS` are the rows of ``objects`` and ``num_envs``, which can also be given by position.
+Constructors take the fields as keywords, and every keyword that takes a config also takes a dictionary of its fields,
+so that ``EnvSpec.to_json`` and ``from_json`` work for environments whose hand is named or has paths.
 """
 
 import difflib
-import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    SupportsFloat,
-    SupportsIndex,
-    TypedDict,
-    TypeVar,
-    cast,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Any, Literal, SupportsFloat, SupportsIndex, TypeVar, get_args, get_origin, get_type_hints
 
 from gymnasium.vector import AutoresetMode
 
@@ -46,27 +26,31 @@ from graspbox._common.arguments import about, config_in, config_of, shown
 from graspbox._core import Hand
 from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, SuccessCriterion, TrialConfig
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.errors import ConfigError
-from graspbox.layouts import SceneLayout
+from graspbox.errors import ConfigError, UnknownKeywordError
+from graspbox.simulation.layouts import SceneLayout
 
 __all__ = [
-    "NUM_ENVS",
-    "OBJECTS",
-    "ClearSettings",
-    "ClearVectorSettings",
-    "GraspPoseSettings",
-    "GraspPoseVectorSettings",
-    "GraspSettings",
-    "GraspVectorSettings",
-    "Keyword",
+    "ClearConfig",
+    "ClearVectorConfig",
+    "EnvironmentConfig",
+    "GoalTaskConfig",
+    "GraspConfig",
+    "GraspPoseConfig",
+    "GraspPoseVectorConfig",
+    "GraspVectorConfig",
+    "PlaceConfig",
+    "PlaceVectorConfig",
+    "ReachConfig",
+    "ReachVectorConfig",
+    "VectorConfig",
     "complete",
-    "keywords",
-    "signed",
+    "documented_type",
 ]
 
 ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
 HandArgument = str | Hand | tuple[str, str]
-Control = Literal["twist", "delta_pose", "target_pose"]
+Control = Literal["twist", "delta_pose", "target_pose", "top_down"]
+Fingers = Literal["synergy", "each"]
 Reward = Literal["sparse", "dense", "firm"]
 Info = Literal["full", "numeric"]
 Rendering = Literal["human", "rgb_array"]
@@ -75,294 +59,281 @@ RenderMode = Rendering | None
 RENDER_MODES: tuple[str, ...] = get_args(Rendering)
 
 
-@dataclass(frozen=True)
-class Keyword:
-    """A keyword: its default, and its type and meaning in the form of numpy docstrings."""
+@dataclass(frozen=True, kw_only=True)
+class EnvironmentConfig:
+    """Keywords of all environments.
 
-    default: Any
-    type: str
-    meaning: str
+    Attributes
+    ----------
+    split : {"train", "validation", "test"}, optional
+        Sample from this split only.
+    scale : float
+        Metres per unit of the mesh files: see `graspbox.object_sets.load`.
+    mass : float, optional
+        Kilograms of every object, instead of the masses of the set.
+    obs : str or sequence of str
+        Observation: a name, or several names for a ``Dict``.
+    reward : {"sparse", "dense", "firm"}
+        Weights of the reward terms.
+    reward_weights : mapping of str to float, optional
+        Weights that replace those of the same name in `reward`.
+    success : SuccessCriterion, optional
+        Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.
+    info : {"full", "numeric"}
+        Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn infos into
+        tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index
+        into ``env.objects``, and reward terms are entries such as ``reward_reach``.
+    image_size : int or pair of int, optional
+        Rows and columns of the images, 16 to 1024; by default those of `cameras`.
+    depth_limits : pair of float, optional
+        Near and far limit, metres, of depth images as uint8, which networks for pictures expect, such as ``CnnPolicy``
+        of Stable-Baselines3: 1 is the near limit or less, 255 the far limit or more, and 0 still means missing
+        (`graspbox.envs.spaces.depth_in_metres` is the inverse). By default depth is float32, in metres.
+    randomization : "standard" or Randomization, optional
+        Properties that vary from episode to episode besides the object and the start; by default none.
+    render_mode : {"human", "rgb_array"}, optional
+        ``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra
+        ``human``); a vector environment shows its first environment.
+    num_threads : int, optional
+        Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.
+    remote : str, sequence of str or RemoteConfig, optional
+        Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several
+        addresses to distribute them over. Results do not depend on it.
+    physics : PhysicsConfig
+        Settings of the engine; the time step must divide the control period.
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    cameras : CamerasConfig
+        Cameras, shadows, voxels; `obs` names the images.
+    picture : PictureConfig
+        Size, samples per pixel and camera of the pictures of `render`.
+    layout : {"single", "packed", "pile", "bin"}
+        How objects lie: a single one, or a target among others (see `graspbox.simulation.layouts`).
+    objects_per_scene : int or pair of int
+        Number of objects, or the least and the greatest; 1 to 40.
+    object_scale : pair of float, optional
+        Least and greatest scale of an object; by default `graspbox.simulation.layouts.SCALES`.
+    bin_size : three float
+        Sides of the floor of a bin along x and y, and height of its walls, metres.
+    spread : float
+        Distance of the objects from the middle, times that of VGN, 0.25 to 2: below 1 they lie closer together.
+    """
 
-
-#: Keywords that can be given by position.
-OBJECTS = Keyword(
-    "procedural", "str, Path, ObjectSet or sequence of str", "Object sets to sample from: see `graspbox.object_sets`."
-)
-NUM_ENVS = Keyword(1, "int", "Number of environments.")
-
-
-class _Common(TypedDict, total=False):
-    """Keywords of all environments."""
-
-    split: Annotated[
-        object_sets.Split | None,
-        Keyword(None, '{"train", "validation", "test"}, optional', "Sample from this split only."),
-    ]
-    scale: Annotated[
-        float, Keyword(1.0, "float", "Metres per unit of the mesh files: see `graspbox.object_sets.load`.")
-    ]
-    mass: Annotated[
-        float | None, Keyword(None, "float, optional", "Kilograms of every object, instead of the masses of the set.")
-    ]
-    obs: Annotated[
-        str | Sequence[str],
-        Keyword("state", "str or sequence of str", "Observation: a name, or several names, which give a ``Dict``."),
-    ]
-    reward: Annotated[Reward, Keyword("sparse", '{"sparse", "dense", "firm"}', "Weights of the reward terms.")]
-    reward_weights: Annotated[
-        Mapping[str, float] | None,
-        Keyword(None, "mapping of str to float, optional", "Weights that replace those of the same name in `reward`."),
-    ]
-    success: Annotated[
-        SuccessCriterion | None,
-        Keyword(
-            None,
-            "SuccessCriterion, optional",
-            "Criterion of success; by default ``SuccessCriterion()``, or that of `trial`.",
-        ),
-    ]
-    info: Annotated[
-        Info,
-        Keyword(
-            "full",
-            '{"full", "numeric"}',
-            "Contents of the info dictionary. ``numeric`` is flat and contains only numbers, for clients that turn "
-            'infos into tensors: ``failure`` is an index into ``graspbox.envs.spaces.tables(hand)["failures"]``, '
-            "``object`` an index into ``env.objects``, and reward terms are entries such as ``reward_reach``.",
-        ),
-    ]
-    image_size: Annotated[
-        int | tuple[int, int] | None,
-        Keyword(
-            None,
-            "int or pair of int, optional",
-            "Rows and columns of the images, 16 to 1024; by default those of `cameras`.",
-        ),
-    ]
-    randomization: Annotated[
-        Literal["standard"] | Randomization | None,
-        Keyword(
-            None,
-            '"standard" or Randomization, optional',
-            "Properties that vary from episode to episode besides the object and the start; by default none.",
-        ),
-    ]
-    render_mode: Annotated[
-        RenderMode,
-        Keyword(
-            None,
-            '{"human", "rgb_array"}, optional',
-            "``rgb_array``: `render` returns pictures. ``human``: a window shows every reset and step (needs the extra "
-            "``human``); a vector environment shows its first environment.",
-        ),
-    ]
-    num_threads: Annotated[
-        int | None,
-        Keyword(
-            None,
-            "int, optional",
-            "Number of threads; by default ``GRASPBOX_THREADS``, else all cores. Results do not depend on it.",
-        ),
-    ]
-    remote: Annotated[
-        RemoteConfig | str | Sequence[str] | None,
-        Keyword(
-            None,
-            "str, sequence of str or RemoteConfig, optional",
-            "Address of a server that steps the environments (``ws://HOST:PORT``: see ``graspbox serve``), or several "
-            "addresses to distribute them over. Results do not depend on it.",
-        ),
-    ]
-    physics: Annotated[
-        PhysicsConfig,
-        Keyword(PhysicsConfig(), "PhysicsConfig", "Settings of the engine; the time step must divide 0.05 s."),
-    ]
-    hand: Annotated[HandArgument, Keyword("reflex", "str, Hand or pair of paths", "See `graspbox.load_hand`.")]
-    cameras: Annotated[
-        CamerasConfig, Keyword(CamerasConfig(), "CamerasConfig", "Cameras, shadows, voxels; `obs` names the images.")
-    ]
-    picture: Annotated[
-        PictureConfig,
-        Keyword(PictureConfig(), "PictureConfig", "Size, samples per pixel and camera of the pictures of `render`."),
-    ]
+    split: object_sets.Split | None = None
+    scale: float = 1.0
+    mass: float | None = None
+    obs: str | Sequence[str] = "state"
+    reward: Reward = "sparse"
+    reward_weights: Mapping[str, float] | None = None
+    success: SuccessCriterion | None = None
+    info: Info = "full"
+    image_size: int | tuple[int, int] | None = None
+    depth_limits: tuple[float, float] | None = None
+    randomization: Literal["standard"] | Randomization | None = None
+    render_mode: RenderMode = None
+    num_threads: int | None = None
+    remote: RemoteConfig | str | Sequence[str] | None = None
+    physics: PhysicsConfig = PhysicsConfig()  # noqa: RUF009 (frozen)
+    hand: HandArgument = "reflex"
+    cameras: CamerasConfig = CamerasConfig()  # noqa: RUF009 (frozen)
+    picture: PictureConfig = PictureConfig()  # noqa: RUF009 (frozen)
+    layout: SceneLayout = "single"
+    objects_per_scene: int | tuple[int, int] = 5
+    object_scale: tuple[float, float] | None = None
+    bin_size: tuple[float, float, float] = (0.3, 0.25, 0.12)
+    spread: float = 1.0
 
 
-class _ClosedLoop(TypedDict, total=False):
-    """Keywords of ``Grasp-v0`` alone."""
+@dataclass(frozen=True, kw_only=True)
+class GraspConfig(EnvironmentConfig):
+    """Keywords of ``Grasp-v0``, besides those of `EnvironmentConfig`.
 
-    control: Annotated[
-        Control, Keyword("twist", '{"twist", "delta_pose", "target_pose"}', "Control mode: the meaning of actions.")
-    ]
-    frame_skip: Annotated[
-        int,
-        Keyword(
-            1,
-            "int",
-            "Control periods of 0.05 s per step: the action is held for all of them, and their reward terms are added. "
-            "Slower control eases exploration.",
-        ),
-    ]
+    Attributes
+    ----------
+    control : {"twist", "delta_pose", "target_pose", "top_down"}
+        Control mode: how an action moves the hand.
+    fingers : {"synergy", "each"}
+        How an action moves the fingers: one number along the hand's closing motion, and the preshape if the hand has
+        one; or one number for each actuator, with which agents learn more slowly.
+    control_freq : float
+        Actions per second of simulated time, Hz, 5 to 100: an action is held for ``1 / control_freq`` seconds. Slower
+        control eases exploration. `physics.dt` must divide this time (below 20 Hz, each of its equal parts of at most
+        0.05 s).
+    reward : {"dense", "sparse", "firm"}
+        Weights of the reward terms.
+    """
 
-
-class _Decision(TypedDict, total=False):
-    """Keywords of ``GraspPose-v0`` and ``Clear-v0``."""
-
-    trial: Annotated[TrialConfig, Keyword(TrialConfig(), "TrialConfig", "How the hand closes, lifts and holds.")]
-
-
-class _Target(TypedDict, total=False):
-    """Keyword of ``Grasp-v0`` and ``GraspPose-v0``."""
-
-    layout: Annotated[
-        SceneLayout,
-        Keyword(
-            "single",
-            '{"single", "packed", "pile", "bin"}',
-            "How objects lie: a single one, or a target among others (see `graspbox.layouts`).",
-        ),
-    ]
+    control: Control = "twist"
+    fingers: Fingers = "synergy"
+    control_freq: float = 5.0
+    reward: Reward = "dense"
 
 
-class _Scene(TypedDict, total=False):
-    """Keywords of scenes of several objects."""
+@dataclass(frozen=True, kw_only=True)
+class GraspPoseConfig(EnvironmentConfig):
+    """Keywords of ``GraspPose-v0``, besides those of `EnvironmentConfig`.
 
-    objects_per_scene: Annotated[
-        int | tuple[int, int],
-        Keyword(5, "int or pair of int", "Number of objects, or the least and the greatest; 1 to 40."),
-    ]
-    object_scale: Annotated[
-        tuple[float, float] | None,
-        Keyword(
-            None,
-            "pair of float, optional",
-            "Least and greatest scale of an object; by default those of the layout in `graspbox.layouts.SCALES`.",
-        ),
-    ]
-    bin_size: Annotated[
-        tuple[float, float, float],
-        Keyword(
-            (0.3, 0.25, 0.12),
-            "three float",
-            "Sides of the floor of a bin along x and y, and height of its walls, metres.",
-        ),
-    ]
-    spread: Annotated[
-        float,
-        Keyword(
-            1.0,
-            "float",
-            "Distance of the objects from the middle, times that of VGN, 0.25 to 2: below 1 they lie closer together.",
-        ),
-    ]
+    Attributes
+    ----------
+    trial : TrialConfig
+        How the hand closes, lifts and holds.
+    """
+
+    trial: TrialConfig = TrialConfig()  # noqa: RUF009 (frozen)
 
 
-class _Clear(TypedDict, total=False):
-    """Keywords of ``Clear-v0`` alone."""
+@dataclass(frozen=True, kw_only=True)
+class ClearConfig(GraspPoseConfig):
+    """Keywords of ``Clear-v0``, besides those of `GraspPoseConfig`.
 
-    layout: Annotated[
-        SceneLayout,
-        Keyword("pile", '{"single", "packed", "pile", "bin"}', "How the objects lie: see `graspbox.layouts`."),
-    ]
-    max_failures: Annotated[
-        int, Keyword(2, "int", "Failed attempts in a row after which the episode ends; 2 in the rounds of VGN.")
-    ]
+    Attributes
+    ----------
+    layout : {"single", "packed", "pile", "bin"}
+        How the objects lie: see `graspbox.simulation.layouts`.
+    max_failures : int
+        Failed attempts in a row after which the episode ends; 2 in the rounds of VGN.
+    """
 
-
-class _Vector(TypedDict, total=False):
-    """Keywords of vector environments alone."""
-
-    autoreset_mode: Annotated[
-        AutoresetMode | str,
-        Keyword(AutoresetMode.NEXT_STEP, "AutoresetMode or its value", "When the next episode begins after an end."),
-    ]
-    max_episode_steps: Annotated[
-        int | None, Keyword(None, "int, optional", "Episodes are truncated after this number of steps.")
-    ]
-    prepare_files: Annotated[
-        int,
-        Keyword(
-            128,
-            "int",
-            "The first reset prepares all objects if some of them are mesh files and there are at most this many; "
-            "otherwise it prepares only those of the first episodes. Preparation takes about a second per file the "
-            "first time; later the results come from the cache. Episodes do not depend on it.",
-        ),
-    ]
-    copy: Annotated[
-        bool,
-        Keyword(
-            True,
-            "bool",
-            "Whether observations are new arrays; otherwise they are views of buffers that the next call overwrites.",
-        ),
-    ]
+    layout: SceneLayout = "pile"
+    max_failures: int = 2
 
 
-class GraspSettings(_Common, _ClosedLoop, _Target, _Scene, total=False):
-    """Keywords of the single ``Grasp-v0``."""
+@dataclass(frozen=True, kw_only=True)
+class GoalTaskConfig(GraspConfig):
+    """Keywords of ``Reach-v0`` and ``Place-v0``, besides those of `GraspConfig`.
+
+    A reward follows from the achieved and the desired goal alone, and the scene is one object on a table: with values
+    other than their defaults `reward_weights`, `success` and `layout` are refused.
+
+    Attributes
+    ----------
+    control : {"top_down", "twist", "delta_pose", "target_pose"}
+        Control mode: how an action moves the hand.
+    obs : str
+        The vector or image under the key ``observation``.
+    reward : {"sparse", "dense"}
+        ``sparse``: 0 within the threshold of the goal, else -1. ``dense``: minus the distance from the goal, metres.
+    threshold : float
+        Greatest distance from the goal at success, metres, 0.001 to 0.5.
+    terminate_on_success : bool
+        Whether an episode ends at success. Hindsight relabels rewards, not ends: leave it out with HER.
+    """
+
+    control: Control = "top_down"
+    reward: Reward = "sparse"
+    threshold: float = 0.05
+    terminate_on_success: bool = False
 
 
-class GraspPoseSettings(_Common, _Decision, _Target, _Scene, total=False):
-    """Keywords of the single ``GraspPose-v0``."""
+@dataclass(frozen=True, kw_only=True)
+class ReachConfig(GoalTaskConfig):
+    """Keywords of ``Reach-v0``: those of `GoalTaskConfig`."""
+
+    obs: str | Sequence[str] = "proprio"
 
 
-class GraspVectorSettings(_Common, _ClosedLoop, _Target, _Scene, _Vector, total=False):
-    """Keywords of the native vector environment of ``Grasp-v0``."""
+@dataclass(frozen=True, kw_only=True)
+class PlaceConfig(GoalTaskConfig):
+    """Keywords of ``Place-v0``: those of `GoalTaskConfig`."""
+
+    threshold: float = 0.04
 
 
-class GraspPoseVectorSettings(_Common, _Decision, _Target, _Scene, _Vector, total=False):
-    """Keywords of the native vector environment of ``GraspPose-v0``."""
+@dataclass(frozen=True, kw_only=True)
+class VectorConfig:
+    """Keywords only of vector environments.
+
+    Attributes
+    ----------
+    autoreset_mode : AutoresetMode or its value
+        When the next episode begins after an end.
+    max_episode_steps : int, optional
+        Episodes are truncated after this number of steps.
+    prepare_files : int
+        The first reset prepares all objects if some of them are mesh files and there are at most this many; otherwise
+        it prepares only those of the first episodes. Preparation takes about a second per file the first time; later
+        the results come from the cache. Episodes do not depend on it.
+    copy : bool
+        Whether observations are new arrays; otherwise they are views of buffers that the next call overwrites.
+    """
+
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP
+    max_episode_steps: int | None = None
+    prepare_files: int = 128
+    copy: bool = True
 
 
-class ClearSettings(_Common, _Decision, _Clear, _Scene, total=False):
-    """Keywords of the single ``Clear-v0``."""
+@dataclass(frozen=True, kw_only=True)
+class GraspVectorConfig(VectorConfig, GraspConfig):
+    """Keywords of the vector environment of ``Grasp-v0``."""
 
 
-class ClearVectorSettings(_Common, _Decision, _Clear, _Scene, _Vector, total=False):
-    """Keywords of the native vector environment of ``Clear-v0``."""
+@dataclass(frozen=True, kw_only=True)
+class GraspPoseVectorConfig(VectorConfig, GraspPoseConfig):
+    """Keywords of the vector environment of ``GraspPose-v0``."""
 
 
-class Settings(_Common, _ClosedLoop, _Decision, _Clear, _Scene, _Vector, total=False):
-    """Keywords of any environment; `layout` has the default of ``Clear-v0``."""
+@dataclass(frozen=True, kw_only=True)
+class ClearVectorConfig(VectorConfig, ClearConfig):
+    """Keywords of the vector environment of ``Clear-v0``."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReachVectorConfig(VectorConfig, ReachConfig):
+    """Keywords of the vector environment of ``Reach-v0``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceVectorConfig(VectorConfig, PlaceConfig):
+    """Keywords of the vector environment of ``Place-v0``."""
+
+
+#: What to pass instead of former keywords.
+_REPLACED = {"frame_skip": "pass control_freq=20 / frame_skip"}
 #: Keywords whose types are checked where they are used.
 _CHECKED_LATER = ("remote", "hand", "num_threads")
 
 
-@cache
-def keywords(kind: type) -> Mapping[str, Keyword]:
-    """Return the rows of the keywords of one of the classes above, by name."""
-    hints = get_type_hints(kind, include_extras=True)
-    return {name: get_args(hint)[-1] for name, hint in hints.items()}
+Config = TypeVar("Config", bound=EnvironmentConfig)
 
 
-def complete(kind: type, arguments: Mapping[str, Any], hidden: Collection[str] = ()) -> Settings:
-    """Add missing keywords with their defaults, and convert dictionaries to configs.
+def complete(kind: type[Config], arguments: Mapping[str, Any], hidden: Collection[str] = ()) -> Config:
+    """Make the config of an environment from keywords; dictionaries become configs.
 
     Raises
     ------
+    UnknownKeywordError
+        For an unknown keyword; the message suggests the nearest one, or all but those `hidden`.
     ConfigError
-        For an unknown keyword (the message suggests the nearest one, or all but those `hidden`), or a value of the
-        wrong type for a keyword that takes a config. Its `field` is the keyword.
+        For a value of the wrong type for a keyword that takes a config. Its `field` is the keyword.
     """
-    rows = keywords(kind)
+    hints, chosen = get_type_hints(kind), {}
     for name in arguments:
-        if name not in rows:
-            offered = [row for row in rows if row not in hidden]
+        if name not in hints:
+            offered = ["objects", *(field.name for field in fields(kind) if field.name not in hidden)]
             near = difflib.get_close_matches(name, offered, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(offered)}"
             with about(name):
-                raise ConfigError(f"this environment has no keyword {name!r}; {hint}")
-    hints, chosen = get_type_hints(kind), {}
+                # The first words are Python's, which TorchRL looks for before it tries without a keyword.
+                raise UnknownKeywordError(
+                    f"unexpected keyword argument {name!r}: this environment has no keyword {name!r}; "
+                    f"{_REPLACED.get(name, hint)}"
+                )
     for name, value in arguments.items():
         with about(name):
             chosen[name] = _configured(name, value, hints[name])
     for name, value in chosen.items():
         if name not in _CHECKED_LATER and not _fits(value, hints[name]):
             with about(name):
-                raise ConfigError(f"{name} is {shown(value)}; its type is {rows[name].type}")
-    return cast(Settings, {**{name: row.default for name, row in rows.items()}, **chosen})
+                raise ConfigError(f"{name} is {shown(value)}; its type is {documented_type(kind, name)}")
+    return kind(**chosen)
+
+
+def documented_type(kind: type, name: str) -> str:
+    """Return the type of a keyword as the docstring of its class words it."""
+    docs = "\n".join(one.__doc__ or "" for one in kind.__mro__)
+    found = re.search(rf"^ +{name} : (.+)$", docs, flags=re.MULTILINE)
+    return found[1] if found else str(get_type_hints(kind)[name])
 
 
 def _configured(name: str, value: Any, hint: Any) -> Any:
@@ -395,23 +366,3 @@ def _fits(value: Any, hint: Any) -> bool:
     if origin is Sequence:
         return isinstance(value, Sequence) and not isinstance(value, str) and all(_fits(x, parts[0]) for x in value)
     return any(_fits(value, part) for part in parts)
-
-
-_Init = TypeVar("_Init", bound=Callable[..., None])
-
-
-def signed(kind: type) -> Callable[[_Init], _Init]:
-    """Give a constructor that takes ``**settings`` a signature with every keyword and its default."""
-
-    def mark(init: _Init) -> _Init:
-        own = inspect.signature(init)
-        named = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
-        types = get_type_hints(kind)
-        rest = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=row.default, annotation=types[name])
-            for name, row in keywords(kind).items()
-        ]
-        init.__signature__ = own.replace(parameters=[*named, *rest])  # type: ignore[attr-defined]
-        return init
-
-    return mark

@@ -6,15 +6,14 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.envs._pools.preparation import PreparesObjects
-from graspbox.envs.core import GraspCore, checked_seed, fresh_seed
-from graspbox.layouts import Arrangement
-from graspbox.object_sets import ObjectSet
+from graspbox.envs.core import CoreEnvironment, GraspCore, checked_seed, fresh_seed
+from graspbox.envs.settings import RENDER_MODES, ObjectsArgument
+from graspbox.simulation.layouts import Arrangement
 
 __all__ = ["SingleEnv"]
 
 
-class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
+class SingleEnv(CoreEnvironment, gymnasium.Env[Any, NDArray[np.float32]]):
     """A pool of one environment with Gymnasium's interface.
 
     It can be pickled and copied (by `pickle`, `cloudpickle`, `copy.deepcopy`): the copy is at the same step of the same
@@ -22,21 +21,25 @@ class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
 
     Parameters
     ----------
-    core : GraspCore
-        The pool.
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to sample from: see `graspbox.object_sets`.
+    **keywords
+        Fields of the config of the environment in `graspbox.envs.settings`.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError, MissingExtraError, HandError
+        For a wrong argument; objects are read when they are first sampled.
     """
 
-    def __init__(self, core: GraspCore) -> None:
-        self._core = core
+    metadata = {"render_modes": [*RENDER_MODES], "render_fps": 1}  # noqa: RUF012 (as Gymnasium declares it)
+
+    def __init__(self, objects: ObjectsArgument = "procedural", **keywords: Any) -> None:
+        self._core = core = GraspCore(self.config_class, 1, objects, keywords)
         self.render_mode = core.render_mode
         self.observation_space = core.observation_space
         self.action_space = core.action_space
         self.metadata = {**self.metadata, "render_fps": core.fps}
-
-    @property
-    def objects(self) -> ObjectSet:
-        """The objects that episodes sample from."""
-        return self._core.object_set
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode.
@@ -64,7 +67,7 @@ class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
         return self._core.first(arrays)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Simulate one step: ``frame_skip`` control periods of 0.05 s, or one decision.
+        """Simulate one step: ``1 / control_freq`` seconds, or one decision.
 
         Parameters
         ----------
@@ -94,7 +97,7 @@ class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """Intrinsics (3, 3) and ``world_from_camera`` (4, 4) of every camera at present, by name."""
-        return {name: (intrinsics, poses[0]) for name, (intrinsics, poses) in self._core.cameras().items()}
+        return {name: (intrinsics, poses[0]) for name, (intrinsics, poses) in self._core.pool.cameras().items()}
 
     def arrangement(self) -> Arrangement:
         """Return the objects as they lie, and walls; **privileged**, for environments in this process."""
@@ -112,8 +115,8 @@ class SingleEnv(PreparesObjects, gymnasium.Env[Any, NDArray[np.float32]]):
         Raises
         ------
         ConfigError
-            If the state is damaged, or from another version, object set, hand, control mode, frame_skip or set of
-            cameras.
+            If the state is damaged, or from another version, object set, hand, control mode, control frequency, set of
+            cameras, or other fingers.
         SimulationError
             If the object of that name has another shape here, or the physics differ.
         """

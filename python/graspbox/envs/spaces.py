@@ -5,8 +5,7 @@ image is one row: kind, camera, shape, dtype, bounds. One name selects one obser
 ``Dict``.
 """
 
-import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, Literal, TypedDict
 
@@ -15,21 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox._common.arguments import config_dict
 from graspbox._core import Hand
 from graspbox.configs import CamerasConfig
 from graspbox.errors import ConfigError
-from graspbox.meshes import to_json
 
 __all__ = [
     "IMAGES",
-    "Column",
+    "ArrayColumn",
     "Entry",
     "Image",
     "Tables",
     "Term",
     "action_space",
     "columns_of",
+    "depth_as_uint8",
+    "depth_in_metres",
     "entries",
+    "goal_space",
     "image_names",
     "images",
     "observation_space",
@@ -42,7 +44,7 @@ __all__ = [
 IMAGES = tuple(_core.image_kinds())
 
 
-class Column(TypedDict):
+class ArrayColumn(TypedDict):
     """Consecutive entries of an observation or an action."""
 
     name: str
@@ -96,43 +98,49 @@ class Entry(TypedDict):
 class Decision(TypedDict):
     """Actions, observations, reward terms and infos of environments with one decision per episode."""
 
-    actions: list[Column]
-    observations: dict[str, list[Column]]
+    actions: list[ArrayColumn]
+    observations: dict[str, list[ArrayColumn]]
+    terms: list[Term]
+    info: list[Entry]
+
+
+class GoalTables(TypedDict):
+    """Observations of the goal, reward terms and infos of environments with goals."""
+
+    observations: dict[str, list[ArrayColumn]]
     terms: list[Term]
     info: list[Entry]
 
 
 class Tables(TypedDict):
-    """Tables of a hand's environments; ``observations`` are keyed by control mode, then by name.
+    """Tables of a hand's environments.
+
+    ``actions`` and ``observations`` are keyed by the names of control mode and fingers.
 
     ``absent`` names the observations of sensors that the hand lacks; no space contains them.
     """
 
-    actions: dict[str, list[Column]]
-    observations: dict[str, dict[str, list[Column]]]
+    actions: dict[str, dict[str, list[ArrayColumn]]]
+    observations: dict[str, dict[str, dict[str, list[ArrayColumn]]]]
     decision: Decision
     clear: Decision
+    goal: GoalTables
     privileged: list[str]
     absent: list[str]
     terms: list[Term]
     info: list[Entry]
     target_info: list[Entry]
     failures: list[str]
-    control_period: float
     workspace: list[list[float]]
     stop_force: float
     randomization: dict[str, Any]
 
 
 @cache
-def _parse(text: str) -> Tables:
-    found: Tables = json.loads(text)
-    return found
-
-
 def tables(hand: Hand) -> Tables:
     """Return the tables of a hand's environments; do not modify them."""
-    return _parse(_core.agent_tables(hand))
+    found: Tables = _core.env_tables(hand)
+    return found
 
 
 def image_names(obs: str | Iterable[str]) -> tuple[str, ...]:
@@ -142,15 +150,39 @@ def image_names(obs: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def images(hand: Hand, cameras: CamerasConfig, objects: int = 1) -> list[Image]:
-    """Return a row for each image in a config; `objects` is the greatest number of objects in a scene.
-
-    Raises
-    ------
-    ConfigError
-        For an invalid image or camera.
-    """
-    rows: list[Image] = json.loads(_core.image_tables(hand, to_json(cameras), objects))
+    """Return a row for each image in a config; `objects` is the greatest number of objects in a scene."""
+    rows: list[Image] = _core.image_tables(hand, config_dict(cameras), objects)
     return rows
+
+
+def coarse_depth(row: Image, limits: tuple[float, float]) -> Image:
+    """Return the row of a depth image as uint8 between two limits."""
+    near, far = limits
+    unit = f"{(far - near) / 254:g} m from {near:g} m at 1"
+    return {**row, "dtype": "uint8", "low": [0], "high": [255], "unit": unit}
+
+
+def depth_as_uint8(depth: NDArray[np.float32], limits: tuple[float, float]) -> NDArray[np.uint8]:
+    """Convert depth in metres, 0 where it is missing, to uint8, as the keyword ``depth_limits`` does.
+
+    Parameters
+    ----------
+    depth : array of float32
+        Metres.
+    limits : pair of float
+        Near and far limit, metres: 1 is the near one or less, 255 the far one or more. 0 still means missing.
+    """
+    near, far = limits
+    shares = np.clip((depth - np.float32(near)) * np.float32(1.0 / (far - near)), 0.0, 1.0)
+    codes: NDArray[np.uint8] = np.where(depth > 0, np.rint(1.0 + 254.0 * shares), 0.0).astype(np.uint8)
+    return codes
+
+
+def depth_in_metres(codes: NDArray[np.uint8], limits: tuple[float, float]) -> NDArray[np.float32]:
+    """Convert what `depth_as_uint8` returned to metres: off by at most 1/508 of the range, 0 where it is missing."""
+    near, far = limits
+    metres = np.float32(near) + (codes.astype(np.float32) - 1.0) * np.float32((far - near) / 254)
+    return np.where(codes > 0, metres, np.float32(0.0)).astype(np.float32)
 
 
 def image_space(row: Image) -> gymnasium.Space[Any]:
@@ -159,7 +191,7 @@ def image_space(row: Image) -> gymnasium.Space[Any]:
     return gymnasium.spaces.Box(low, high, dtype=dtype.type)
 
 
-def _bounds(columns: Sequence[Column]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _bounds(columns: Sequence[ArrayColumn]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Lower and upper bound of every entry of a vector."""
     sizes = [column["size"] for column in columns]
     low = np.repeat(np.array([column["low"] for column in columns], dtype=np.float32), sizes)
@@ -168,13 +200,7 @@ def _bounds(columns: Sequence[Column]) -> tuple[NDArray[np.float32], NDArray[np.
 
 
 def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
-    """Return the names in `obs`.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown name, a repeated name, or no name at all.
-    """
+    """Return the names in `obs`; ConfigError for an unknown name, a repeated name, or none."""
     names = (obs,) if isinstance(obs, str) else tuple(obs)
     choices = tuple(known)
     for name in names:
@@ -185,36 +211,34 @@ def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[s
     return names
 
 
-def columns_of(control: str, found: Tables) -> tuple[list[Column], dict[str, list[Column]]]:
-    """Return the columns of the actions and observations of a control mode, of ``"grasp_pose"``, or of ``"clear"``.
+def columns_of(control: str, fingers: str, found: Tables) -> tuple[list[ArrayColumn], dict[str, list[ArrayColumn]]]:
+    """Return the columns of the actions and observations of a control mode and fingers.
+
+    The modes ``"grasp_pose"`` and ``"clear"`` have the same ones for all fingers.
 
     Raises
     ------
     ConfigError
-        For an unknown control mode.
+        For an unknown control mode or fingers.
     """
     if (decision := _decision(control, found)) is not None:
         return decision["actions"], decision["observations"]
     if control not in found["actions"]:
         raise ConfigError(f"there is no control mode {control!r}; choose from {', '.join(found['actions'])}")
-    return found["actions"][control], found["observations"][control]
+    if fingers not in found["actions"][control]:
+        raise ConfigError(f"there is no fingers {fingers!r}; choose from {', '.join(found['actions'][control])}")
+    return found["actions"][control][fingers], found["observations"][control][fingers]
 
 
 def observation_space(
-    obs: str | Iterable[str], control: str, found: Tables, image_rows: Iterable[Image] = ()
+    obs: str | Iterable[str],
+    vectors: Mapping[str, Sequence[ArrayColumn]],
+    found: Tables,
+    image_rows: Iterable[Image] = (),
 ) -> gymnasium.Space[Any]:
     """Return the space of one observation, or a ``Dict`` of several.
 
-    Parameters
-    ----------
-    obs : str or iterable of str
-        Names from the table of observations.
-    control : str
-        The control mode: the state contains the last action.
-    found : Tables
-        The result of `tables`.
-    image_rows : iterable of Image
-        The result of `images`.
+    `vectors` are columns from `columns_of`, `image_rows` is the result of `images`.
 
     Raises
     ------
@@ -224,7 +248,6 @@ def observation_space(
     for name in (obs,) if isinstance(obs, str) else (obs := tuple(obs)):
         if name in found["absent"]:
             raise ConfigError(f"this hand has no {name} sensors, so there is no observation {name!r}; leave it out")
-    _, vectors = columns_of(control, found)
     pictures = {row["name"]: row for row in image_rows}
     names = observation_names(obs, dict.fromkeys([*vectors, *IMAGES, *pictures]))
     boxes: dict[str, gymnasium.Space[Any]] = {
@@ -236,20 +259,22 @@ def observation_space(
     return boxes[obs] if isinstance(obs, str) else gymnasium.spaces.Dict(boxes)
 
 
-def size(columns: Sequence[Column]) -> int:
+def goal_space(observation: gymnasium.Space[Any], found: Tables) -> gymnasium.spaces.Dict:
+    """Return the space of an environment with goals: ``observation``, ``achieved_goal`` and ``desired_goal``."""
+    goals = {
+        name: gymnasium.spaces.Box(*_bounds(columns), dtype=np.float32)
+        for name, columns in found["goal"]["observations"].items()
+    }
+    return gymnasium.spaces.Dict({"observation": observation, **goals})
+
+
+def size(columns: Sequence[ArrayColumn]) -> int:
     """Count the entries of a vector."""
     return sum(column["size"] for column in columns)
 
 
-def action_space(control: str, found: Tables) -> gymnasium.Space[Any]:
-    """Return the action space of a control mode: every entry in [-1, 1].
-
-    Raises
-    ------
-    ConfigError
-        For an unknown control mode.
-    """
-    actions, _ = columns_of(control, found)
+def action_space(actions: Sequence[ArrayColumn]) -> gymnasium.Space[Any]:
+    """Return the space of actions with these columns: every entry is in [-1, 1]."""
     return gymnasium.spaces.Box(-1.0, 1.0, (size(actions),), dtype=np.float32)
 
 

@@ -15,7 +15,7 @@ A reset takes the single environment's options for all environments, and ``each`
 """
 
 from collections.abc import Sequence
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import VectorEnv
@@ -24,9 +24,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox._common.arguments import natural
-from graspbox.envs._pools.preparation import PreparesObjects
 from graspbox.envs._vector_parts import (
-    EnvView,
     full,
     mask_of,
     options_of_each,
@@ -35,18 +33,71 @@ from graspbox.envs._vector_parts import (
     seeds_of,
     taken,
 )
-from graspbox.envs.core import GraspCore, checked_options
-from graspbox.envs.settings import NUM_ENVS, OBJECTS, RENDER_MODES, GraspVectorSettings, ObjectsArgument, signed
+from graspbox.envs.core import CoreEnvironment, GraspCore, checked_options
+from graspbox.envs.settings import (
+    RENDER_MODES,
+    GraspVectorConfig,
+    ObjectsArgument,
+)
 from graspbox.errors import ConfigError
-from graspbox.layouts import Arrangement
-from graspbox.object_sets import ObjectSet
+from graspbox.simulation.layouts import Arrangement
 
-__all__ = ["GraspVectorEnv", "NativeVectorEnv"]
+__all__ = ["EnvView", "GraspVectorEnv", "NativeVectorEnv"]
 
 Step = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
+#: Attributes shared by all environments, and their names in the vector environment.
+_SHARED = {
+    "objects": "objects",
+    "render_mode": "render_mode",
+    "spec": "spec",
+    "observation_space": "single_observation_space",
+    "action_space": "single_action_space",
+}
+
+
+class EnvView:
+    """The environment that `NativeVectorEnv.call`, ``get_attr`` and ``set_attr`` access; new attributes can be set."""
+
+    def __init__(self, vector: "NativeVectorEnv", index: int) -> None:
+        self._vector, self._index = vector, index
+
+    def __getattr__(self, name: str) -> Any:
+        # Called for missing attributes only; a copy under construction has no vector environment yet.
+        if name in _SHARED and "_vector" in self.__dict__:
+            return getattr(self._vector, _SHARED[name])
+        raise AttributeError(f"an environment has no attribute {name!r} here")
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _SHARED:
+            raise AttributeError(f"{name!r} is shared by all environments")
+        super().__setattr__(name, value)
+
+    @property
+    def np_random_seed(self) -> int | None:
+        """The initial seed of its random stream; None before its first reset, -1 if unknown."""
+        return self._vector.np_random_seed[self._index]
+
+    def get_state(self) -> bytes:
+        """Return the complete state of the environment."""
+        return self._vector.get_state(self._index)
+
+    def set_state(self, state: bytes) -> tuple[Any, dict[str, Any]]:
+        """Restore a state; returns observation and info."""
+        return self._vector.set_state(self._index, state)
+
+    def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Intrinsics (3, 3) and ``world_from_camera`` (4, 4) of every camera at present, by name."""
+        found = self._vector.cameras().items()
+        return {name: (intrinsics, poses[self._index]) for name, (intrinsics, poses) in found}
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Render a picture, (H, W, 3); None without a render mode."""
+        return self._vector.picture(self._index)
+
+
+class NativeVectorEnv(CoreEnvironment, VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     """A pool of environments with Gymnasium's interface of vector environments.
 
     Like the single one, it can be pickled and copied (by `pickle`, `cloudpickle`, `copy.deepcopy`), except while steps
@@ -54,15 +105,24 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
 
     Parameters
     ----------
-    core : GraspCore
-        The pool.
-    copy : bool
-        Whether observations are new arrays.
+    num_envs : int
+        Number of environments.
+    objects : str, Path, ObjectSet or sequence of str
+        Object sets to sample from: see `graspbox.object_sets`.
+    **keywords
+        Fields of the config of the environment in `graspbox.envs.settings`.
+
+    Raises
+    ------
+    ConfigError, ObjectSetError, MissingExtraError, HandError
+        For a wrong argument; objects are read when they are first sampled.
     """
 
-    def __init__(self, core: GraspCore, copy: bool) -> None:
+    _view_class = EnvView
+
+    def __init__(self, num_envs: int = 1, objects: ObjectsArgument = "procedural", **keywords: Any) -> None:
         super().__init__()
-        self._core = core
+        self._core = core = GraspCore(self.config_class, num_envs, objects, keywords)
         self.autoreset_mode = core.autoreset_mode
         self.num_envs = core.pool.num_envs
         self.render_mode = core.render_mode
@@ -75,19 +135,14 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         self.single_action_space = core.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.copy = copy
+        self.copy: bool = keywords.get("copy", True)
         self._seeds: list[int | None] = [None] * self.num_envs
         self._views: tuple[EnvView, ...] = ()
-        self._out = None if copy else self._buffers()
+        self._out = None if self.copy else self._buffers()
 
     def _buffers(self) -> dict[str, Any]:
-        buffers: Any = create_empty_array(self.single_observation_space, self.num_envs)
+        buffers: Any = create_empty_array(self._core.pool_space, self.num_envs)
         return {self._core.obs: buffers} if isinstance(self._core.obs, str) else buffers
-
-    @property
-    def objects(self) -> ObjectSet:
-        """The objects that episodes sample from."""
-        return self._core.object_set
 
     @property
     def object_names(self) -> list[str]:
@@ -180,31 +235,15 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
             self._core.close()
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of every environment, or read an attribute, as `get_attr` does.
+        """Call a method of every environment: ``get_state``, ``set_state``, ``cameras`` or ``render``.
 
-        Parameters
-        ----------
-        name : str
-            A method of the single environment (``get_state``, ``set_state``, ``cameras``, ``render``) or an attribute.
-        *args, **kwargs
-            Arguments of the method, the same for all environments.
-
-        Raises
-        ------
-        AttributeError
-            If an environment has no attribute of this name.
+        The arguments are the same for all. An attribute is read, as by `get_attr`.
         """
         found = [getattr(env, name) for env in self.envs]
         return tuple(one(*args, **kwargs) if callable(one) else one for one in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Read an attribute of every environment: one of the single environment, or one added by `set_attr`.
-
-        Raises
-        ------
-        AttributeError
-            If an environment has no attribute of this name.
-        """
+        """Read an attribute of every environment: one of the single environment, or one added by `set_attr`."""
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -233,15 +272,15 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
                 raise ConfigError(f"{name!r} is shared by all environments; give it to the constructor") from None
 
     @property
-    def envs(self) -> tuple["EnvView", ...]:
+    def envs(self) -> tuple[EnvView, ...]:
         """A view of each environment, with attributes and methods of the single one."""
         if not self._views:
-            self._views = tuple(EnvView(self, env) for env in range(self.num_envs))
+            self._views = tuple(self._view_class(self, env) for env in range(self.num_envs))
         return self._views
 
     def cameras(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """Intrinsics (3, 3) and ``world_from_camera`` (num_envs, 4, 4) of every camera at present, by name."""
-        return self._core.cameras()
+        return self._core.pool.cameras()
 
     def send(self, actions: NDArray[np.float32], envs: Sequence[int] | NDArray[np.integer[Any]] | None = None) -> None:
         """Step environments in the background.
@@ -288,7 +327,7 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         return results
 
     def arrangement(self, env: int) -> Arrangement:
-        """Return the objects of an environment as they lie, and walls; **privileged**, in this process alone."""
+        """Return the objects of an environment as they lie, and walls; **privileged**, only in this process."""
         return self._core.arrangement(env)
 
     def get_state(self, env: int) -> bytes:
@@ -346,40 +385,5 @@ class NativeVectorEnv(PreparesObjects, VectorEnv[Any, NDArray[np.float32], NDArr
         }
 
 
-# The section Parameters is written by scripts/generate_docs.py.
-class GraspVectorEnv(NativeVectorEnv):
-    """Vector environment of ``Grasp-v0``: see the module, and `NativeVectorEnv` for its methods.
-
-    Parameters
-    ----------
-    num_envs : int
-        Number of environments.
-    objects
-        As of `graspbox.envs.grasp.GraspEnv`.
-    autoreset_mode : AutoresetMode or its value
-        When the next episode begins after an end.
-    max_episode_steps : int, optional
-        Episodes are truncated after this number of steps.
-    prepare_files : int
-        The first reset prepares all objects if some of them are mesh files and there are at most this many; otherwise
-        it prepares only those of the first episodes. Preparation takes about a second per file the first time; later
-        the results come from the cache. Episodes do not depend on it.
-    copy : bool
-        Whether observations are new arrays; otherwise they are views of buffers that the next call overwrites.
-    **settings
-        Other keywords of `graspbox.envs.grasp.GraspEnv`.
-
-    Raises
-    ------
-    ConfigError, ObjectSetError, MissingExtraError, HandError
-        For a wrong argument; objects are read when they are first sampled.
-    """
-
-    @signed(GraspVectorSettings)
-    def __init__(
-        self,
-        num_envs: int = NUM_ENVS.default,
-        objects: ObjectsArgument = OBJECTS.default,
-        **settings: Unpack[GraspVectorSettings],
-    ) -> None:
-        super().__init__(GraspCore(GraspVectorSettings, num_envs, objects, settings), settings.get("copy", True))
+class GraspVectorEnv(NativeVectorEnv, config=GraspVectorConfig):
+    """Vector environment of ``Grasp-v0``: see the module, and `NativeVectorEnv` for its methods."""

@@ -5,14 +5,6 @@
 >>> result.succeeded, result.rate, [round(bound, 2) for bound in result.ci95]
 (8, 1.0, [0.68, 1.0])
 
-| name | purpose |
-|---|---|
-| `evaluate`    | makes the environments, runs the trials, counts outcomes |
-| `Evaluation`  | the result: trials, counts, intervals |
-| `run_trials`  | runs seeded trials in existing environments |
-| `trial_seeds` | the seeds of the trials |
-| `wilson`      | interval of a rate |
-
 A trial is one episode with its own seed, which determines object, pose, and the policy's random numbers. All trials
 run to completion, in any free environment: neither the number of environments nor the length of an episode
 changes the result.
@@ -57,7 +49,7 @@ MAX_ENVS = 4096
 def evaluate(
     policy: Policy | str,
     env_id: str | None = None,
-    objects: ObjectsArgument = "procedural",
+    objects: ObjectsArgument | None = None,
     trials: SupportsIndex = 200,
     seed: SupportsIndex = 0,
     *,
@@ -83,9 +75,9 @@ def evaluate(
         A policy, or a name for `graspbox.policies.load`.
     env_id : str, optional
         One of `graspbox.envs.SINGLE_OBJECT_IDS`; by default the policy's own, else ``graspbox/GraspPose-v0``.
-    objects : str, Path, ObjectSet or sequence of str
+    objects : str, Path, ObjectSet or sequence of str, optional
         Object sets, from which each trial samples one object: see `graspbox.object_sets`. With ``remote`` those that
-        the server offers.
+        the server offers. By default those of `Policy.held_out`, else ``procedural``.
     trials : int
         Number of trials, 1 to `MAX_TRIALS`.
     seed : int
@@ -112,7 +104,7 @@ def evaluate(
     """
     chosen = policies.load(policy) if isinstance(policy, str) else policy
     if not isinstance(chosen, policies.Policy):
-        raise ConfigError(f"policy is a {type(policy).__name__}; give a graspbox.policies.Policy, or the name of one")
+        raise ConfigError(f"policy is a {type(policy).__name__}; pass a graspbox.policies.Policy, or the name of one")
     count = _within("trials", trials, MAX_TRIALS)
     first = natural(seed, "seed", bits=64)
     width = min(_within("num_envs", num_envs, MAX_ENVS), count)
@@ -121,29 +113,31 @@ def evaluate(
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(SINGLE_OBJECT_IDS)}")
     changed = settings_of(condition, env_id.removeprefix("graspbox:"))
     if twice := [name for name in changed if name in settings]:
-        raise ConfigError(f"{twice[0]} is given, and the condition {condition!r} gives it too; leave one of them out")
+        raise ConfigError(f"{twice[0]} is set, and the condition {condition!r} sets it too; leave one of them out")
+    if objects is None:
+        objects, split = chosen.default_objects(split)
     obs = chosen.needed_obs(target=settings.get("layout", "single") != "single")
     if obs is not None:
         settings.setdefault("obs", obs)
-    settings = {"scale": scale, "mass": mass, "split": split, **chosen.settings, **changed, **settings}
+    settings = {"scale": scale, "mass": mass, "split": split, **chosen.settings_in(env_id), **changed, **settings}
     learned_from = () if include_learned else chosen.learned_from
     left_out = 0
     if settings.get("remote") is None or learned_from:
-        found = _looked_up(objects, settings)
-        objects = learned_sets.without(found, learned_from)
-        left_out = len(found) - len(objects)
+        every = _load_objects(objects, settings)
+        objects = learned_sets.without(every, learned_from)
+        left_out = len(every) - len(objects)
         if not objects:
             raise ConfigError(
-                f"the policy {chosen.name!r} learned from all {len(found)} objects of {found.name!r}; name others, "
-                "such as 'procedural:unseen' or split='test', or give include_learned=True (--include-learned)"
+                f"the policy {chosen.name!r} learned from all {len(every)} objects of {every.name!r}; name others, "
+                "such as 'procedural:unseen' or split='test', or pass include_learned=True (--include-learned)"
             )
     envs = gymnasium.make_vec(env_id, width, objects=objects, autoreset_mode=AutoresetMode.DISABLED, **settings)
     try:
         chosen.bind(Task.of(envs))
         result = run_usable(chosen, envs, count, first, progress=progress)
         total = len(envs.unwrapped.object_names) + left_out  # type: ignore[attr-defined]
-        result = replace(result, condition=condition, objects_given=total, objects_left_out=left_out)
-        return replace(result, settings=_described(settings))
+        result = replace(result, condition=condition, settings=_described(settings))
+        return replace(result, objects_given=total, objects_left_out=left_out)
     finally:
         envs.close()
 
@@ -160,13 +154,10 @@ def _described(settings: dict[str, Any]) -> dict[str, Any] | None:
         return None
 
 
-def _looked_up(objects: ObjectsArgument, settings: dict[str, Any]) -> object_sets.ObjectSet:
-    """Find the objects on this machine, to leave out those from which the policy learned.
-
-    The settings that chose them are taken out: the environments get the others.
-    """
+def _load_objects(objects: ObjectsArgument, settings: dict[str, Any]) -> object_sets.ObjectSet:
+    """Load the objects on this machine, and remove the settings that chose them from those of the environments."""
     remote = settings.get("remote") is not None
-    # A server applies the others.
+    # A server applies scale and mass.
     chosen = {name: settings.pop(name) for name in (("split",) if remote else ("scale", "mass", "split"))}
     try:
         return object_sets.load(objects, **chosen)
@@ -175,13 +166,12 @@ def _looked_up(objects: ObjectsArgument, settings: dict[str, Any]) -> object_set
             raise
         raise ConfigError(
             f"objects from which the policy learned cannot be left out of a set that only the server has ({error}); "
-            "give include_learned=True (--include-learned)"
+            "pass include_learned=True (--include-learned)"
         ) from None
 
 
 def _within(name: str, value: Any, high: int) -> int:
-    """Check a count of at least 1."""
-    found = natural(value, name)
-    if not 1 <= found <= high:
-        raise ConfigError(f"{name} is {found}; it must be between 1 and {high}")
-    return found
+    count = natural(value, name)
+    if not 1 <= count <= high:
+        raise ConfigError(f"{name} is {count}; it must be between 1 and {high}")
+    return count

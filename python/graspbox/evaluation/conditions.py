@@ -18,17 +18,7 @@ __all__ = ["CONDITIONS", "Condition", "settings_of"]
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition.
-
-    Attributes
-    ----------
-    meaning : str
-        Difference from the first condition.
-    settings : mapping
-        Keywords of the environments.
-    env_ids : tuple of str
-        Environments that support it.
-    """
+    """Its difference from the first condition, the keywords of the environments, and those that support it."""
 
     meaning: str
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -71,16 +61,10 @@ CONDITIONS: Mapping[str, Condition] = {
 
 
 def settings_of(name: str, env_id: str) -> Mapping[str, Any]:
-    """Return the keywords of an environment for a condition.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such condition, or the environment does not support it.
-    """
+    """Return the keywords of an environment for a condition that it supports."""
     if name not in CONDITIONS:
         raise ConfigError(f"there is no condition {name!r}; choose from {', '.join(CONDITIONS)}")
     known = CONDITIONS[name].env_ids
     if env_id not in known:
-        raise ConfigError(f"the condition {name!r} is of {', '.join(known)} alone; {env_id} cannot have it")
+        raise ConfigError(f"the condition {name!r} applies only to {', '.join(known)}, not to {env_id}")
     return CONDITIONS[name].settings

@@ -20,13 +20,7 @@ _ALONG, _BOX_SHARE = np.cos(np.radians(15.0)), 0.6
 
 
 def object_classes(mesh: Mesh) -> tuple[str, ...]:
-    """Name the classes of an object, in the order of `CLASSES`.
-
-    Raises
-    ------
-    PlanError
-        If the object is flat or degenerate and has no box.
-    """
+    """Name the classes of an object, in the order of `CLASSES`; a flat or degenerate mesh has no box (`PlanError`)."""
     box = decompose(mesh, max_boxes=1)[0]
     least, middle, _ = np.sort(2.0 * box.half_extents)
     corners = mesh.vertices[mesh.faces]

@@ -26,20 +26,14 @@ class ObjectResult:
 
     Attributes
     ----------
-    name : str
-        Name of the object.
     plan : Plan or None
         The poses tried, in ranking order; None if the object could not be prepared.
-    outcomes : Outcomes or None
-        Outcome of each trial.
     seconds : float
         Wall time of the trials, without preparation and planning.
     shaken : bool
         Whether the trials included a shake.
     error : str
         Why the object could not be prepared, planned for or simulated; empty if it could.
-    spec : ObjectSpec or None
-        The object.
     """
 
     name: str
@@ -53,17 +47,20 @@ class ObjectResult:
     def row(self) -> dict[str, Any]:
         """Return the counts of trials that ``graspbox grasp --json`` prints."""
         out = self.outcomes
+
+        def count(name: str) -> int:
+            return 0 if out is None else int(getattr(out, name).sum())
+
         # Early stops may have prevented the study's measures; infeasible poses have none and count as failed.
         cut_off = out is not None and bool((np.isnan(out.kindness) & (out.failure != "infeasible")).any())
-        legacy = 0 if out is None else int(out.legacy_success.sum())
         return {
             "name": self.name,
             "tried": 0 if out is None else len(out),
-            "succeeded": 0 if out is None else int(out.success.sum()),
-            "secure": 0 if out is None else int(out.secure.sum()),
-            "survived_shake": (0 if out is None else int(out.survives_shake.sum())) if self.shaken else None,
-            "legacy_succeeded": None if cut_off else legacy,
-            "first_succeeded": out is not None and len(out) > 0 and bool(out.success[0]),
+            "succeeded": count("success"),
+            "secure": count("secure"),
+            "survived_shake": count("survives_shake") if self.shaken else None,
+            "legacy_succeeded": None if cut_off else count("legacy_success"),
+            "first_succeeded": bool(out and out.success[0]),
         }
 
     def details(self) -> dict[str, Any]:
@@ -76,8 +73,7 @@ class ObjectResult:
         seconds.
         """
         spec = self.spec or ObjectSpec(self.name)
-        found = {"source": spec.source, "scale": spec.scale, "mass": spec.mass}
-        row = {**self.row(), **found, "error": self.error}
+        row = {**self.row(), "source": spec.source, "scale": spec.scale, "mass": spec.mass, "error": self.error}
         if self.plan is None or self.outcomes is None:
             return {**row, "hand": None, "world_from_object": None, "grasps": []}
         grasps = [
@@ -129,14 +125,8 @@ def try_object(
 ) -> ObjectResult:
     """Let an object settle, plan for its resting pose, and try the best `poses` feasible poses.
 
-    Errors of the object (a broken mesh, an object that rolls away) are reported in `ObjectResult.error`.
-
-    Raises
-    ------
-    ConfigError
-        If a setting is wrong, which concerns every object.
-    InternalError
-        If graspbox has a bug.
+    Errors of the object (a broken mesh, an object that rolls away) are reported in `ObjectResult.error`; others, such
+    as a wrong setting, are raised.
     """
     try:
         scene = Scene(spec.load(), hand=hand, physics=physics)
@@ -160,19 +150,9 @@ def try_object(
 
 
 def try_set(objects: ObjectSet, *, done: Callable[[ObjectResult], None] = lambda _: None, **settings: Any) -> SetResult:
-    """Evaluate every object of a set; see `try_object` for the settings.
+    """Evaluate every object of a set in order, with the settings of `try_object`; `done` is called with each result.
 
-    Parameters
-    ----------
-    objects : ObjectSet
-        The objects, evaluated in order.
-    done : callable
-        Called with each result as soon as it is available.
-
-    Raises
-    ------
-    ConfigError
-        If a setting is wrong; an invalid ``GRASPBOX_THREADS`` is reported before any object is prepared.
+    An invalid ``GRASPBOX_THREADS`` is reported before any object is prepared.
     """
     if settings.get("num_threads") is None:
         _core.num_threads()

@@ -1,19 +1,13 @@
 """Episodes that can be run again: their seeds, objects and actions, and the settings of their environment.
 
-| name | purpose |
-|---|---|
-| `ActionLog` | a policy that keeps the actions of another one |
-| `Replay`    | one episode, with all that is needed to step it again, as plain JSON |
-| `failed`    | the first failures of each kind of an evaluation, as replays |
-| `shown`     | the first episodes of an evaluation, as replays |
-
-The same seed and the same actions give the same bits, so a replay needs neither the policy nor the other objects.
+The same seed and actions determine every bit, so a replay needs neither the policy nor the other objects.
 """
 
 import base64
 import binascii
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import gymnasium
@@ -38,18 +32,14 @@ _MAX_STEPS = 100_000
 
 
 class ActionLog(Policy):
-    """Acts as another policy, and keeps the actions of the first 2,000 episodes by their seeds.
-
-    Parameters
-    ----------
-    policy : Policy
-        The policy that acts.
-    """
+    """Acts as another policy, and keeps the actions of the first 2,000 episodes by their seeds."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self.name, self.obs, self.settings = policy.name, policy.obs, policy.settings
+        self.closed_loop_settings = policy.closed_loop_settings
         self.env_id, self.learned_from, self.base = policy.env_id, policy.learned_from, None
+        self.held_out = policy.held_out
         self._kept: dict[int, list[NDArray[np.float32]]] = {}
         self._open: list[list[NDArray[np.float32]] | None] = []
 
@@ -81,18 +71,18 @@ class ActionLog(Policy):
         return actions
 
     def confidence(self, env: int) -> float | None:
-        """Give the policy's probability."""
+        """Return the policy's probability."""
         return self._policy.confidence(env)
 
     def found_nothing(self, env: int) -> bool:
-        """Whether the policy's last look found no grasp."""
+        """Whether the policy's last look showed no grasp."""
         return self._policy.found_nothing(env)
 
     def actions(self, seed: int, steps: int) -> NDArray[np.float32] | None:
         """Return the actions (steps, k) of an episode; None if they were not kept."""
-        found = self._kept.get(seed, [])
-        # An environment whose trial has ended is still acted for, until its next one begins.
-        return np.stack(found[:steps]) if len(found) >= steps > 0 else None
+        kept = self._kept.get(seed, [])
+        # The policy acts on in an environment whose trial has ended, until its next one begins.
+        return np.stack(kept[:steps]) if len(kept) >= steps > 0 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,18 +91,12 @@ class Replay:
 
     Attributes
     ----------
-    env_id : str
-        One of `graspbox.envs.SINGLE_OBJECT_IDS`.
     settings : mapping
         Keywords of the environment as JSON holds them, without the objects and the observations.
-    seed : int
-        Seed of the reset.
-    object, source : str
-        Name of the object, and the set that holds it alone.
-    scale : float
-        Metres per unit of its mesh file; a factor on the size of a procedural object.
-    mass : float or None
-        Kilograms, where they are not those of the mesh.
+    source : str
+        The set that holds only the object.
+    scale, mass : float, float or None
+        Metres per unit of the mesh file, or a factor on the size of a procedural object; kilograms, if not of the mesh.
     failure : str
         Kind of the failure, ``failure`` where it is unknown; empty for a success.
     actions : (t, k) float32
@@ -148,13 +132,7 @@ class Replay:
 
     @classmethod
     def from_json(cls, row: Mapping[str, Any], env_id: str, settings: Mapping[str, Any]) -> Self:
-        """Read the output of `to_json`.
-
-        Raises
-        ------
-        ConfigError
-            If a field is missing or has another type.
-        """
+        """Read the output of `to_json`; a `ConfigError` names a wrong field."""
         try:
             steps = int(row["steps"])
             if env_id not in SINGLE_OBJECT_IDS or not 0 < steps <= _MAX_STEPS:
@@ -171,34 +149,16 @@ class Replay:
             raise ConfigError(f"a replay cannot be read ({error}); evaluate the policy again") from None
 
     def spec(self) -> ObjectSpec:
-        """Find the object.
-
-        Raises
-        ------
-        ObjectSetError, MissingExtraError
-            If it is not on this machine.
-        """
+        """Find the object on this machine; errors as of `graspbox.object_sets.load`."""
         return object_sets.load(self.source, scale=self.scale, mass=self.mass)[0]
 
     def make(self, **keywords: Any) -> Any:
-        """Make a single environment for this episode; `keywords` replace its settings.
-
-        Raises
-        ------
-        ConfigError, ObjectSetError, MissingExtraError
-            As for ``gymnasium.make``.
-        """
+        """Make a single environment for this episode; `keywords` replace its settings."""
         arguments = {**self.settings, "scale": self.scale, "mass": self.mass, **keywords}
         return gymnasium.make(self.env_id, objects=self.source, **arguments).unwrapped
 
     def run(self, env: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
-        """Step an environment of `make`; yields observation and info of the reset and of every step.
-
-        Raises
-        ------
-        MeshError, FileError, SimulationError
-            If the object cannot be read or simulated.
-        """
+        """Step an environment of `make`; yields observation and info of the reset and of every step."""
         yield env.reset(seed=self.seed)
         for action in self.actions:
             observation, _, terminated, truncated, info = env.step(action)
@@ -207,27 +167,19 @@ class Replay:
                 return
 
 
-@dataclass(frozen=True)
-class _Chosen:
-    """Trials of an evaluation with their objects and actions; those of a single object can be replayed."""
-
-    result: Evaluation
-    log: ActionLog
-    specs: Mapping[str, ObjectSpec] = field(default_factory=dict)
-
-    def replay(self, trial: TrialResult) -> Replay | None:
-        actions = self.log.actions(trial.seed, trial.steps)
-        spec = self.specs.get(trial.object)
-        settings = self.result.settings
-        if actions is None or spec is None or settings is None or settings.get("layout", "single") != "single":
-            return None
-        return Replay.of(self.result.env_id, settings, spec, trial, actions)
+def _replay(result: Evaluation, log: ActionLog, objects: ObjectSet, trial: TrialResult) -> Replay | None:
+    """Describe a trial of an evaluation; None if it cannot be repeated."""
+    actions, settings = log.actions(trial.seed, trial.steps), result.settings
+    if actions is None or settings is None or settings.get("layout", "single") != "single":
+        return None
+    spec = next((spec for spec in objects if spec.name == trial.object), None)
+    return None if spec is None else Replay.of(result.env_id, settings, spec, trial, actions)
 
 
 def shown(result: Evaluation, log: ActionLog, objects: ObjectSet, count: int) -> list[Replay]:
     """Return the first `count` trials of an evaluation as replays, in their order."""
-    chosen = _Chosen(result, log, {spec.name: spec for spec in objects})
-    return [one for trial in result.trials[:count] if (one := chosen.replay(trial)) is not None]
+    replays = (_replay(result, log, objects, trial) for trial in result.trials[:count])
+    return [replay for replay in replays if replay is not None]
 
 
 def failed(result: Evaluation, log: ActionLog, objects: ObjectSet, per_kind: int = PER_KIND) -> list[Replay]:
@@ -235,22 +187,15 @@ def failed(result: Evaluation, log: ActionLog, objects: ObjectSet, per_kind: int
 
     Objects are tried in turn: a second failure of an object comes after the first failures of the others.
     """
-    chosen = _Chosen(result, log, {spec.name: spec for spec in objects})
-    found: dict[str, list[Replay]] = {}
-    for trial in _spread([trial for trial in result.trials if not trial.success]):
-        kept = found.setdefault(trial.failure, [])
-        if len(kept) < per_kind and (one := chosen.replay(trial)) is not None:
-            kept.append(one)
-    return [one for kept in found.values() for one in kept]
-
-
-def _spread(trials: Sequence[TrialResult]) -> list[TrialResult]:
-    """Order failures so that each kind shows different objects first."""
-    times: dict[tuple[str, str], int] = {}
+    times: Counter[tuple[str, str]] = Counter()
     turns = []
-    for trial in trials:
-        key = (trial.failure, trial.object)
-        turns.append(times.setdefault(key, 0))
-        times[key] += 1
-    order = sorted(range(len(trials)), key=lambda i: (turns[i], i))
-    return [trials[i] for i in order]
+    for trial in result.trials:
+        if not trial.success:
+            turns.append((times[trial.failure, trial.object], trial))
+            times[trial.failure, trial.object] += 1
+    kept: dict[str, list[Replay]] = {}
+    for _, trial in sorted(turns, key=lambda each: each[0]):
+        replays = kept.setdefault(trial.failure, [])
+        if len(replays) < per_kind and (replay := _replay(result, log, objects, trial)) is not None:
+            replays.append(replay)
+    return [replay for replays in kept.values() for replay in replays]

@@ -1,7 +1,7 @@
 """Tables of several evaluations: policies and conditions side by side, rates by class of object."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,7 +11,7 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.object_classes import CLASSES
 from graspbox.evaluation.results import wilson
-from graspbox.models.calibration import calibration_error
+from graspbox.policies.published.calibration import calibration_error
 
 __all__ = ["COLUMNS", "Measured", "class_table", "condition_table", "labels", "named", "policy_table", "pooled"]
 
@@ -31,14 +31,8 @@ class Measured:
         The condition, a name in `CONDITIONS`; the policy (see `labels`); the object set.
     seed : int
         Seed of the trials.
-    names : tuple of str
-        The object of each trial.
-    success, secure, survives_shake : tuple of bool
-        Outcome of each trial.
-    confidence : tuple of float or None
-        The policy's predicted probability of success, for each trial.
-    fits : tuple of bool
-        Whether the object of each trial is narrow enough for the hand.
+    names, success, secure, survives_shake, confidence, fits : tuple
+        For each trial its object and, as in `TrialResult`, its outcome, predicted probability, and whether it fits.
     milliseconds : float
         Wall time per decision.
     """
@@ -87,16 +81,10 @@ class Measured:
 
 
 def named(trial: Sequence[Any]) -> dict[str, Any]:
-    """Name the values of a trial in the log, `COLUMNS`; former versions had hands that everything fits.
-
-    Raises
-    ------
-    ConfigError
-        For another number of values.
-    """
-    if len(trial) not in (len(COLUMNS) - 1, len(COLUMNS)):
-        raise ConfigError(f"a trial has {len(trial)} values; measure again, it has {len(COLUMNS)} now")
-    return dict(zip(COLUMNS, [*trial, True], strict=False))
+    """Name the values of a trial in the log, `COLUMNS`; refuses another number of them."""
+    if len(trial) != len(COLUMNS):
+        raise ConfigError(f"a trial has {len(trial)} values instead of {len(COLUMNS)}; measure again")
+    return dict(zip(COLUMNS, trial, strict=True))
 
 
 def labels(policies: Sequence[str]) -> dict[str, str]:
@@ -104,22 +92,19 @@ def labels(policies: Sequence[str]) -> dict[str, str]:
 
     The label is KIND of ``KIND=FOLDER``, and the last part of a folder, or more of both if policies would share it.
     """
-    found = dict.fromkeys(policies, "")
-    for shorten in (_shortest, _short, str):
-        texts = [shorten(policy) for policy in found]
-        for policy, text in zip(found, texts, strict=True):
-            found[policy] = found[policy] or (text if texts.count(text) == 1 else "")
-    return found
+    labelled = dict.fromkeys(policies, "")
+    for parts in (1, 2, None):
+        texts = [policy if parts is None else _label(policy, parts) for policy in labelled]
+        for policy, text in zip(labelled, texts, strict=True):
+            labelled[policy] = labelled[policy] or (text if texts.count(text) == 1 else "")
+    return labelled
 
 
-def _shortest(policy: str) -> str:
-    kind, equals, _ = policy.partition("=")
-    return kind if equals else Path(kind).name
-
-
-def _short(policy: str) -> str:
+def _label(policy: str, parts: int) -> str:
     kind, equals, path = policy.partition("=")
-    return f"{kind} {Path(path).name}" if equals else "/".join(Path(kind).parts[-2:])
+    if equals:
+        return kind if parts == 1 else f"{kind} {Path(path).name}"
+    return "/".join(Path(kind).parts[-parts:])
 
 
 def pooled(rows: Sequence[Measured], *, by: Callable[[Measured], Any]) -> list[Measured]:
@@ -127,14 +112,12 @@ def pooled(rows: Sequence[Measured], *, by: Callable[[Measured], Any]) -> list[M
     groups: dict[Any, list[Measured]] = {}
     for row in rows:
         groups.setdefault(by(row), []).append(row)
-    found = []
+    columns = ("names", *COLUMNS[1:])
+    merged = []
     for group in groups.values():
-        first = group[0]
-        columns = ("names", "success", "secure", "survives_shake", "confidence", "fits")
-        joined = {name: sum((getattr(row, name) for row in group), ()) for name in columns}
-        time = float(np.mean([row.milliseconds for row in group]))
-        found.append(Measured(first.condition, first.policy, first.objects, first.seed, **joined, milliseconds=time))
-    return found
+        joined: dict[str, Any] = {name: sum((getattr(row, name) for row in group), ()) for name in columns}
+        merged.append(replace(group[0], milliseconds=float(np.mean([row.milliseconds for row in group])), **joined))
+    return merged
 
 
 def _share(count: int, trials: int) -> str:
@@ -185,7 +168,8 @@ def class_table(rows: Sequence[Measured], classes: Mapping[str, Sequence[str]]) 
     """
     everything = {row.policy: row for row in pooled(rows, by=lambda r: r.policy)}
     oracle = everything.get(_ORACLE)
-    titles = [f"{name} ({_count(rows, classes, name)})" for name in CLASSES]
+    tried = {obj for row in rows for obj in row.names}
+    titles = [f"{name} ({sum(name in classes[obj] for obj in tried)})" for name in CLASSES]
     lines = [
         f"| policy | {' | '.join(titles)} | of the oracle's on flat and heavy |",
         "|---|" + "--:|" * (len(titles) + 1),
@@ -198,11 +182,6 @@ def class_table(rows: Sequence[Measured], classes: Mapping[str, Sequence[str]]) 
         cells.append("" if oracle is None else _oracle_share(row, oracle, classes))
         lines.append(f"| {policy} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
-
-
-def _count(rows: Sequence[Measured], classes: Mapping[str, Sequence[str]], name: str) -> int:
-    """Count the objects of a class that were tried."""
-    return len({obj for row in rows for obj in row.names if name in classes[obj]})
 
 
 def _oracle_share(row: Measured, oracle: Measured, classes: Mapping[str, Sequence[str]]) -> str:

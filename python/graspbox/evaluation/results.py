@@ -1,6 +1,7 @@
 """Results of an evaluation: trials, counts, Wilson intervals."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
-from graspbox.models.calibration import calibration_error
+from graspbox.policies.published.calibration import calibration_error
 
 __all__ = ["Evaluation", "ObjectCount", "ReliabilityBin", "TrialResult", "reliability", "wilson"]
 
@@ -37,7 +38,9 @@ def wilson(succeeded: int, trials: int, z: float = _Z95) -> tuple[float, float]:
     Source: Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22, 1927.
     """
     if trials < 1 or not 0 <= succeeded <= trials:
-        raise ConfigError(f"{succeeded} of {trials} trials succeeded; give at least one trial and no more successes")
+        raise ConfigError(
+            f"{succeeded} of {trials} trials succeeded; there must be at least one trial and no more successes"
+        )
     rate, weight = succeeded / trials, z * z / trials
     center = (rate + weight / 2) / (1 + weight)
     half = z / (1 + weight) * np.sqrt(rate * (1 - rate) / trials + weight / (4 * trials))
@@ -49,17 +52,7 @@ def wilson(succeeded: int, trials: int, z: float = _Z95) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class ReliabilityBin:
-    """Trials whose predicted probabilities are alike.
-
-    Attributes
-    ----------
-    stated : float
-        Mean predicted probability.
-    rate, low, high : float
-        Share that succeeded, and its Wilson 95 % interval.
-    trials : int
-        Number of trials.
-    """
+    """Trials with similar predicted probabilities: the mean, the success rate, its 95 % interval, their number."""
 
     stated: float
     rate: float
@@ -74,14 +67,12 @@ def reliability(
     """Compare predicted probabilities with success rates, over bins of equal width with at least `fewest` trials."""
     stated = np.asarray(probabilities, dtype=np.float64)
     bin_of = np.minimum((stated * bins).astype(np.int64), bins - 1)
-    groups = [np.flatnonzero(bin_of == b) for b in range(bins)]
-    return [
-        ReliabilityBin(
-            float(stated[rows].mean()), float(held[rows].mean()), *wilson(int(held[rows].sum()), len(rows)), len(rows)
-        )
-        for rows in groups
-        if len(rows) >= max(fewest, 1)
-    ]
+    groups = []
+    for rows in (np.flatnonzero(bin_of == b) for b in range(bins)):
+        if len(rows) >= max(fewest, 1):
+            means, count = (float(stated[rows].mean()), float(held[rows].mean())), len(rows)
+            groups.append(ReliabilityBin(*means, *wilson(int(held[rows].sum()), count), count))
+    return groups
 
 
 @dataclass(frozen=True)
@@ -90,19 +81,13 @@ class TrialResult:
 
     Attributes
     ----------
-    seed : int
-        Seed of its episode.
-    object : str
-        Name of its object.
+    seed, object, steps, reward
+        Seed of its episode, name of its object, number of actions, and sum of rewards.
     success, secure, survives_shake : bool
         As `graspbox.simulation` defines them; a secure grasp is a success too. `survives_shake` is False unless the
         environments apply a shake.
     failure : str
         Kind of the failure; empty for a success.
-    steps : int
-        Actions taken.
-    reward : float
-        Sum of the rewards.
     fits : bool
         Whether the object's least width in plan view, as it rested, is within the width that the hand states
         (`graspbox.Hand.widest`); True for a hand that states none.
@@ -139,10 +124,6 @@ class Evaluation:
 
     Attributes
     ----------
-    policy : str
-        Name of the policy.
-    env_id : str
-        Id of the environment.
     trials : tuple of TrialResult
         In the order of `trial_seeds`; empty if no object can be used.
     ms_per_decision : float
@@ -151,8 +132,6 @@ class Evaluation:
         Number of available objects, and number of those left out as training objects of the policy.
     refused : mapping
         Reasons why objects cannot be used, by name; no trial has such an object.
-    condition : str
-        The condition of the trials.
     settings : mapping or None
         Keywords of the environment that determine the trials, as JSON holds them, without objects and observations;
         None for environments on a server, and where a keyword has no such form.
@@ -225,22 +204,19 @@ class Evaluation:
     @property
     def failures(self) -> dict[str, int]:
         """Number of failures by kind, in alphabetical order."""
-        kinds = sorted(trial.failure for trial in self.trials if not trial.success)
-        return {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
+        return dict(sorted(Counter(trial.failure for trial in self.trials if not trial.success).items()))
 
     @property
     def objects(self) -> tuple[ObjectCount, ...]:
         """Counts of every object that was sampled, in alphabetical order."""
-        rows: dict[str, list[TrialResult]] = {}
+        counts = {name: Counter[str]() for name in sorted({trial.object for trial in self.trials})}
         for trial in self.trials:
-            rows.setdefault(trial.object, []).append(trial)
-        return tuple(
-            ObjectCount(name, len(found), sum(t.success for t in found), sum(t.secure for t in found))
-            for name, found in sorted(rows.items())
-        )
+            counts[trial.object].update(trials=1, succeeded=int(trial.success), secure=int(trial.secure))
+        return tuple(ObjectCount(name, **count) for name, count in counts.items())
 
     def to_json(self) -> dict[str, Any]:
         """Values for JSON, as ``graspbox evaluate --json`` prints them; ``rate`` is null without trials."""
+        fitting = self.fitting
         return {
             "policy": self.policy,
             "condition": self.condition,
@@ -249,11 +225,7 @@ class Evaluation:
             "secure": self.secure,
             "rate": self.rate if self.trials else None,
             "ci95": list(self.ci95),
-            "fitting": {
-                "trials": len(self.fitting.trials),
-                "succeeded": self.fitting.succeeded,
-                "secure": self.fitting.secure,
-            },
+            "fitting": {"trials": len(fitting.trials), "succeeded": fitting.succeeded, "secure": fitting.secure},
             "objects": [{"name": o.name, "trials": o.trials, "succeeded": o.succeeded} for o in self.objects],
             "failures": self.failures,
             "objects_left_out": self.objects_left_out,

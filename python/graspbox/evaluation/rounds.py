@@ -7,6 +7,7 @@ one of them, and the policy looks again. VGN (Breyer et al., "Volumetric Graspin
 rate, successful attempts over attempts, and the share of the objects that were cleared.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -19,25 +20,26 @@ from graspbox import object_sets
 from graspbox._common.arguments import natural
 from graspbox.configs import CameraConfig, PictureConfig
 from graspbox.envs import IDS, MAX_ATTEMPTS
-from graspbox.envs.settings import ClearSettings, HandArgument, ObjectsArgument
-from graspbox.envs.settings import keywords as environment_keywords
+from graspbox.envs.settings import ClearConfig, HandArgument, ObjectsArgument
 from graspbox.errors import ConfigError
 from graspbox.evaluation.results import wilson
-from graspbox.layouts import Arrangement, Layout, objects_that_fit
 from graspbox.object_sets import ObjectSet, Split, learned_sets
 from graspbox.policies import load as load_policy
 from graspbox.policies.base import Policy, Task
 from graspbox.simulation import load_hand
+from graspbox.simulation.layouts import Arrangement, Layout, objects_that_fit
 
 __all__ = ["Film", "Rounds", "Witness", "clear_rounds"]
 
-#: Is told of an attempt: the scene before it, the action, and the info after it.
+#: Called after an attempt with the scene before it, the action, and the info after it.
 Witness = Callable[[Arrangement, NDArray[np.float32], Mapping[str, Any]], None]
 #: Called with a picture (H, W, 3) uint8 and what it shows, such as ``attempt 2: slipped``.
 Film = Callable[[NDArray[np.uint8], str], None]
 #: Looks at the middle of the table from the side on which the hand does not wait, steeply enough to see into a bin.
 _CAMERA = CameraConfig("viewer", "world", eye=(0.55, -0.35, 0.85), target=(0.0, 0.0, 0.06), fov=0.5)
 _PICTURE = PictureConfig(image_size=(270, 360), camera=_CAMERA)
+#: Columns of `Rounds`.
+_COUNTS = ("begun", "attempts", "successes", "cleared", "lost", "no_grasp")
 #: Failures in a row that end a round of VGN; there a look that finds no grasp ends it at once.
 _FAILURES = 2
 
@@ -48,22 +50,17 @@ class Rounds:
 
     Attributes
     ----------
-    policy, hand : str
-        Their names.
-    layout : str
-        Layout of the scenes.
     seeds : (n,) int64
         Seed of each round.
     begun, attempts, successes, cleared, lost : (n,) int64
         Objects at the beginning, attempts, successful ones, objects taken away, and objects that left the workspace.
     no_grasp : (n,) int64
-        1 for a round that ended since the policy found no grasp, else 0.
+        1 for a round that ended because the policy proposed no grasp, else 0.
     failures : dict of str to int
         Number of attempts by kind of failure.
-    left_out : int
-        Objects of the set that did not appear, since the policy learned from them.
-    too_wide : int
-        Objects of the set that did not appear, since they do not fit the hand.
+    left_out, too_wide : int
+        Objects of the set that were left out, because the policy learned from them, or because they do not fit the
+        hand.
     """
 
     policy: str
@@ -82,19 +79,14 @@ class Rounds:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Put rounds with other seeds together.
-
-        Raises
-        ------
-        ConfigError
-            If there are none.
-        """
+        """Concatenate rounds with other seeds."""
         if not parts:
-            raise ConfigError("there are no rounds to put together; give some")
-        arrays = ("seeds", "begun", "attempts", "successes", "cleared", "lost", "no_grasp")
-        failures = {kind: sum(part.failures.get(kind, 0) for part in parts) for part in parts for kind in part.failures}
-        columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays}
-        return replace(parts[0], failures=failures, **columns)
+            raise ConfigError("there are no rounds to concatenate")
+        failures = sum((Counter(part.failures) for part in parts), Counter[str]())
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in ("seeds", *_COUNTS)
+        }
+        return replace(parts[0], failures=dict(failures), **columns)
 
     def __len__(self) -> int:
         """Count the rounds."""
@@ -133,13 +125,13 @@ class Rounds:
 
     def __str__(self) -> str:
         """Summarise in a sentence."""
-        found = self.to_json()
-        low, high = (100 * x for x in found["success_interval"])
-        first, last = (100 * x for x in found["cleared_interval"])
+        values = self.to_json()
+        low, high = (100 * x for x in values["success_interval"])
+        first, last = (100 * x for x in values["cleared_interval"])
         return (
-            f"{self.policy} with {self.hand}, {self.layout}: {100 * self.success_rate:.1f} % of {found['attempts']} "
-            f"attempts succeed ({low:.1f} to {high:.1f}); {100 * self.cleared_share:.1f} % of {found['objects']} "
-            f"objects are cleared ({first:.1f} to {last:.1f}); {found['no_grasp']} of {len(self)} rounds end as no "
+            f"{self.policy} with {self.hand}, {self.layout}: {100 * self.success_rate:.1f} % of {values['attempts']} "
+            f"attempts succeed ({low:.1f} to {high:.1f}); {100 * self.cleared_share:.1f} % of {values['objects']} "
+            f"objects are cleared ({first:.1f} to {last:.1f}); {values['no_grasp']} of {len(self)} rounds end as no "
             "grasp is found"
         )
 
@@ -179,7 +171,8 @@ def clear_rounds(
     max_attempts : int
         Attempts after which a round ends.
     fitting : bool
-        Leave out objects that do not fit the hand (`graspbox.layouts.objects_that_fit`), as in the sets of VGN.
+        Leave out objects that do not fit the hand (`graspbox.simulation.layouts.objects_that_fit`), as in the sets of
+        VGN.
     witness : callable, optional
         Called after each attempt with the scene before it, the action and the info.
     progress : callable
@@ -206,7 +199,7 @@ def clear_rounds(
         keywords["obs"] = chosen.obs
     if film is not None:
         keywords = {"picture": _PICTURE, **keywords, "render_mode": "rgb_array"}
-    found, kept, fits = _choose_objects(chosen, objects, split, keywords, layout if fitting else None)
+    every, kept, fits = _choose_objects(chosen, objects, split, keywords, layout if fitting else None)
     env: Any = gymnasium.make(
         IDS[2],
         objects=fits,
@@ -215,42 +208,42 @@ def clear_rounds(
         max_episode_steps=max_attempts,
         **keywords,
     )
-    most = keywords.get("max_failures", environment_keywords(ClearSettings)["max_failures"].default)
+    most = keywords.get("max_failures", ClearConfig.max_failures)
     with env:
         chosen.bind(Task.of(env))
-        rows, failures = [], dict[str, int]()
+        rows, failures = [], Counter[str]()
         for number in range(count):
             if stop():
                 break
             rows.append(_round(env, chosen, first + number, most, failures, witness, None if number else film))
             progress(number + 1)
         if not rows:
-            raise ConfigError("no round was finished; give more time")
-        begun, attempts, successes, cleared, lost, no_grasp = np.array(rows, dtype=np.int64).T
+            raise ConfigError("no round was finished; allow more time")
         name = load_hand(chosen.task.hand).name
-    seeds = first + np.arange(len(rows))
-    counts = (begun, attempts, successes, cleared, lost, no_grasp)
-    return Rounds(chosen.name, name, layout, seeds, *counts, failures, found - len(kept), len(kept) - len(fits))
+    begun, attempts, successes, cleared, lost, no_grasp = np.array(rows, dtype=np.int64).T
+    counts, seeds = (begun, attempts, successes, cleared, lost, no_grasp), first + np.arange(len(rows))
+    left_out = every - len(kept), len(kept) - len(fits)
+    return Rounds(chosen.name, name, layout, seeds, *counts, dict(failures), *left_out)
 
 
 def _choose_objects(
     policy: Policy, objects: ObjectsArgument, split: Split | None, keywords: dict[str, Any], layout: Layout | None
 ) -> tuple[int, ObjectSet, ObjectSet]:
-    """Count the objects of a set; name those that are new to the policy, and of these the ones that fit its hand.
+    """Count the objects of a set; return those that are new to the policy, and of these the ones that fit its hand.
 
-    Takes the keywords of the objects out of those of the environment. Without a layout all objects fit.
+    Removes the keywords of the objects from those of the environment. Without a layout all objects fit.
     """
     chosen_from = {name: keywords.pop(name) for name in ("scale", "mass") if name in keywords}
-    found = object_sets.load(objects, split=split, **chosen_from)
-    kept = learned_sets.without(found, policy.learned_from)
+    every = object_sets.load(objects, split=split, **chosen_from)
+    kept = learned_sets.without(every, policy.learned_from)
     if not len(kept):
-        raise ConfigError(f"the policy {policy.name!r} learned from all objects of {found.name!r}; name others")
+        raise ConfigError(f"the policy {policy.name!r} learned from all objects of {every.name!r}; name others")
     fits = kept if layout is None else objects_that_fit(kept, layout, keywords.get("hand", "reflex"))
     if not len(fits):
         raise ConfigError(
-            f"none of {len(kept)} objects of {found.name!r} fits the hand; name smaller ones, or take all"
+            f"none of {len(kept)} objects of {every.name!r} fits the hand; name smaller ones, or take all"
         )
-    return len(found), kept, fits
+    return len(every), kept, fits
 
 
 def _round(
@@ -258,11 +251,11 @@ def _round(
     policy: Policy,
     seed: int,
     most: int,
-    failures: dict[str, int],
+    failures: Counter[str],
     witness: Witness | None,
     film: Film | None,
 ) -> tuple[int, int, int, int, int, bool]:
-    """Do one round, which ends after `most` failures in a row; counts in the order of `Rounds`."""
+    """Run one round, which ends after `most` failures in a row; return the counts in the order of `_COUNTS`."""
     observation, info = env.reset(seed=seed)
     begun, successes, in_a_row = info["remaining"], 0, 0
     over = nothing = False
@@ -287,7 +280,7 @@ def _round(
         successes, in_a_row = successes + info["is_success"], 0 if info["is_success"] else in_a_row + 1
         over = ended or cut or in_a_row >= most
         if info["failure"]:
-            failures[info["failure"]] = failures.get(info["failure"], 0) + 1
+            failures[info["failure"]] += 1
         if film is not None:
             outcome = "lifted an object" if info["is_success"] else f"failed: {info['failure'].replace('_', ' ')}"
             film(env.render(), f"attempt {info['attempts']}: {outcome}")

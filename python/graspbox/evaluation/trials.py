@@ -69,19 +69,10 @@ def run_trials(
 
 
 class Refusals:
-    """Objects that trials could not use.
+    """Objects that trials could not use, with the reason for each by name.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names of all objects that the environments sample from.
-    objects : ObjectSet, optional
-        The objects, where they are on this machine: reasons name their files then.
-
-    Attributes
-    ----------
-    reasons : dict
-        The reason for each, by name.
+    `names` are those of all objects that the environments sample from; reasons name the files of `objects`, which are
+    absent for a server's.
     """
 
     def __init__(self, names: Sequence[str], objects: ObjectSet | None = None) -> None:
@@ -111,20 +102,9 @@ def run_usable(
 ) -> Evaluation:
     """Run trials of usable objects: a further seed replaces a trial whose object cannot be used.
 
-    Parameters
-    ----------
-    policy, envs, progress
-        As for `run_trials`.
-    trials : int
-        Number of trials. If almost no object can be used there are fewer: ``100 + 20 * trials`` seeds are tried; and
-        none if no object can be used.
-    seed : int
-        Determines the seeds: those of `trial_seeds`, in order.
-
-    Raises
-    ------
-    ConfigError
-        As `run_trials`.
+    The seeds are those of `trial_seeds`, in order. If almost no object can be used there are fewer trials:
+    ``100 + 20 * trials`` seeds are tried; and none if no object can be used. Other parameters and errors are those of
+    `run_trials`.
     """
     results: dict[int, TrialResult] = {}
     native: Any = envs.unwrapped
@@ -155,12 +135,6 @@ class Steps:
         Index of the trial in the list of seeds, and of its environment.
     observation, following : (rows, ...) array, or mapping of them
         The policy's observation before the action, and the one after it.
-    action : (rows, k) float32
-        The policy's action.
-    reward : (rows,) float64
-        The reward.
-    terminated, truncated : (rows,) bool
-        Whether the trial ended, and how.
     """
 
     trial: NDArray[np.int64]
@@ -176,20 +150,13 @@ class Steps:
 class TrialRun:
     """Trials in progress: each free environment takes the next trial.
 
-    Parameters
-    ----------
-    policy, envs, seeds
-        As for `run_trials`.
+    Parameters and errors are those of `run_trials`, and:
+
     watch : callable, optional
         Called with every step of every trial (`Steps`), before the results of the trials that it ends.
     refused : callable, optional
         Called with the index of each trial whose object cannot be used, and the error, which names the object; by
         default, and with several objects in a scene, the error is raised.
-
-    Raises
-    ------
-    ConfigError
-        As `run_trials`.
     """
 
     def __init__(
@@ -201,12 +168,12 @@ class TrialRun:
         refused: Callable[[int, GraspboxError], None] | None = None,
     ) -> None:
         if not seeds:
-            raise ConfigError("there are no seeds; give one for each trial")
+            raise ConfigError("there are no seeds; pass one for each trial")
         if envs.metadata.get("autoreset_mode") != AutoresetMode.DISABLED:
             raise ConfigError("trials begin by an explicit reset; make the environments with autoreset_mode='Disabled'")
         if policy.task.num_envs != envs.num_envs:
             raise ConfigError(f"the policy is bound to {policy.task.num_envs} environments, these are {envs.num_envs}")
-        # A seed alone does not tell the objects of a scene of several: an unusable one is an error there.
+        # A seed does not determine the objects of a scene of several: an unusable one is an error there.
         refused = refused if policy.task.layout == "single" else None
         self._policy, self._seeds, self._watch, self._refused = policy, seeds, watch, refused
         # Gymnasium's class declares neither seeds per environment nor send and recv.
@@ -214,7 +181,8 @@ class TrialRun:
         self.seconds, self.decisions = 0.0, 0
         self._next = 0
         #: Object of each trial, if it can be left out; errors of unusable objects, by name.
-        self._sampled = [] if refused is None else _sampled(seeds, envs.unwrapped.object_names)  # type: ignore[attr-defined]
+        names = envs.unwrapped.object_names  # type: ignore[attr-defined]
+        self._sampled = [] if refused is None else [names[i] for i in _core.sampled_objects(seeds, len(names))]
         self._errors: dict[str, GraspboxError] = {}
         #: Trial of each environment; -1 once all trials are taken.
         self._trial = np.full(envs.num_envs, -1)
@@ -232,7 +200,11 @@ class TrialRun:
             active = np.flatnonzero(self._trial >= 0)
             if not len(active):
                 return
-            yield from self._advance(self._act(active), active)
+            began = time.perf_counter()
+            actions = self._policy.act(self._observation)
+            self.seconds += time.perf_counter() - began
+            self.decisions += len(active)
+            yield from self._advance(actions[active], active)
 
     def _begin(self) -> None:
         """Begin trials in the free environments while any are left."""
@@ -244,18 +216,18 @@ class TrialRun:
             if not begin:
                 return
             try:
-                found = self._reset(begin)
+                state = self._reset(begin)
             except GraspboxError as error:
                 if self._refused is None or error.object is None:
                     raise
                 self._errors[error.object] = error
-                spoilt = [env for env, trial in begin.items() if self._sampled[trial] == error.object]
-                if not spoilt:
+                unusable = [env for env, trial in begin.items() if self._sampled[trial] == error.object]
+                if not unusable:
                     raise
-                for env in spoilt:
+                for env in unusable:
                     self._refused(begin.pop(env), error)
             else:
-                self._take(begin, *found)
+                self._take(begin, *state)
                 begin = {}
 
     def _following(self) -> int | None:
@@ -275,9 +247,9 @@ class TrialRun:
         mask = ~self._begun
         for env, trial in begin.items():
             seeds[env], mask[env] = self._seeds[trial], True
-        found: tuple[Any, dict[str, Any]] = self._native.reset(seed=seeds, options={"reset_mask": mask})
+        state: tuple[Any, dict[str, Any]] = self._native.reset(seed=seeds, options={"reset_mask": mask})
         self._begun |= mask
-        return found
+        return state
 
     def _take(self, begin: Mapping[int, int], observation: Any, info: dict[str, Any]) -> None:
         """Record the trials that began, and inform the policy."""
@@ -291,14 +263,6 @@ class TrialRun:
             self._objects[env] = info["object"][env]
         self._observation = observation
         self._policy.reset(seeds, mask=mask, info=info)
-
-    def _act(self, active: NDArray[np.intp]) -> Actions:
-        """Let the policy act, and measure its time."""
-        began = time.perf_counter()
-        actions = self._policy.act(self._observation)
-        self.seconds += time.perf_counter() - began
-        self.decisions += len(active)
-        return actions[active]
 
     def _advance(self, actions: Actions, active: NDArray[np.intp]) -> Iterator[tuple[int, TrialResult]]:
         """Step the environments with a trial in progress."""
@@ -331,15 +295,9 @@ class TrialRun:
             reward=float(self._rewards[env]),
             # Only in GraspPose-v0.
             survives_shake=bool(info["survives_shake"][row]) if "survives_shake" in info else False,
-            # A server of an earlier version does not send it.
-            fits=bool(info["fits"][row]) if "fits" in info else True,
+            fits=bool(info["fits"][row]),
             confidence=self._policy.confidence(env),
         )
-
-
-def _sampled(seeds: Sequence[int], names: Sequence[str]) -> list[str]:
-    """Return the name of the object that each seed samples."""
-    return [names[index] for index in _core.sampled_objects(seeds, len(names))]
 
 
 def _rows(values: Any, rows: NDArray[np.intp]) -> Any:

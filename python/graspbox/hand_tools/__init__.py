@@ -3,17 +3,11 @@
 | function | result |
 |---|---|
 | `check_hand` | findings about units, limits, inertias, actuators, the closing motion, reach, sensors and trials |
-| `random_hand` | a random hand for training: parallel jaws, or fingers with joints |
 | `guess_hand` | a ``hand.toml`` whose numbers are guessed from the URDF, with a list of what to review |
-
-Modules: `urdf` (links and joints), `boxes` (distances), `findings`, then the checks `numbers`, `motion`, `drives` and
-`trials`, put together by `checking`; `closing` (how a hand closes), `guessing` and `tables` make the file; `families`
-draws random hands.
 """
 
 from graspbox.hand_tools.checking import HandReport, check_hand
-from graspbox.hand_tools.families import random_hand
 from graspbox.hand_tools.findings import Finding
 from graspbox.hand_tools.guessing import GuessedHand, guess_hand
 
-__all__ = ["Finding", "GuessedHand", "HandReport", "check_hand", "guess_hand", "random_hand"]
+__all__ = ["Finding", "GuessedHand", "HandReport", "check_hand", "guess_hand"]

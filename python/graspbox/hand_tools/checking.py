@@ -9,16 +9,14 @@ from graspbox.errors import GraspboxError
 from graspbox.hand_tools import drives, motion, numbers
 from graspbox.hand_tools.findings import SEVERITIES, CheckedHand, Finding
 from graspbox.hand_tools.trials import trials as run_trials
-from graspbox.hand_tools.urdf import read_tree
 from graspbox.hands import HandLike, load_hand
+from graspbox.hands.description import describe_wrong_urdf
+from graspbox.hands.urdf_meshes import LARGEST
 
 __all__ = ["HandReport", "check_hand", "unit_findings"]
 
-#: Greatest size of a URDF, bytes, as in the core.
-_LIMIT = 1 << 20
-
 _CHECKS: tuple[Callable[[CheckedHand], Iterator[Finding]], ...] = (
-    lambda checked: numbers.units(checked.tree),
+    lambda checked: numbers.units(checked.described.links),
     numbers.sizes,
     numbers.limits,
     numbers.inertias,
@@ -34,15 +32,7 @@ _CHECKS: tuple[Callable[[CheckedHand], Iterator[Finding]], ...] = (
 
 @dataclass(frozen=True)
 class HandReport:
-    """Findings about a hand.
-
-    Attributes
-    ----------
-    name : str
-        Name of the hand.
-    findings : tuple of Finding
-        The gravest first.
-    """
+    """Findings about the hand `name`, the gravest first."""
 
     name: str
     findings: tuple[Finding, ...]
@@ -64,20 +54,13 @@ def check_hand(hand: HandLike, *, trials: bool = True, seed: int = 0) -> HandRep
     Parameters
     ----------
     hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
+        See `graspbox.load_hand`, which raises the errors.
     trials : bool
         Whether to plan and simulate a few grasps, which takes seconds.
     seed : int
         Seed of the planner.
-
-    Raises
-    ------
-    HandError
-        If the files do not describe a hand; the message lists every wrong line.
-    ConfigError
-        If there is no hand of that name.
     """
-    checked = CheckedHand.of(load_hand(hand))
+    checked = CheckedHand(load_hand(hand))
     findings = [finding for check in _CHECKS for finding in check(checked)]
     if trials:
         findings += run_trials(checked, seed)
@@ -87,7 +70,7 @@ def check_hand(hand: HandLike, *, trials: bool = True, seed: int = 0) -> HandRep
 def unit_findings(urdf: str | os.PathLike[str]) -> tuple[Finding, ...]:
     """Return wrong units of a URDF that cannot be loaded, which often explain its errors; none if it cannot be read."""
     try:
-        tree = read_tree(read_bounded(urdf, _LIMIT).decode(errors="replace"))
+        links = describe_wrong_urdf(read_bounded(urdf, LARGEST).decode(errors="replace"))
     except GraspboxError:
         return ()
-    return tuple(numbers.units(tree))
+    return tuple(numbers.units(links)) if links else ()

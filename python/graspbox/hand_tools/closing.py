@@ -1,4 +1,4 @@
-"""How a hand probably closes, from its URDF alone: fingertips, and which end of each joint is the closed one."""
+"""How a hand probably closes, from its URDF only: fingertips, and which end of each joint is the closed one."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -6,17 +6,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.hand_tools.bodies import Floats, HandBodies
 from graspbox.hand_tools.boxes import gaps
-from graspbox.hand_tools.urdf import Tree
 from graspbox.hands import Hand
+from graspbox.hands.description import Link, independent
 
-__all__ = ["Closing", "Fingers", "guess_closing"]
-
-Floats = NDArray[np.float64]
+__all__ = ["Closing", "Fingers", "guess_closing", "middle"]
 
 #: Weight of the distance to the palm relative to that between fingertips: it decides for one finger and parallel ones.
 _PALM = 0.5
-#: A joint closes the hand if it brings fingertips together by this share of the way that it moves them.
+#: A joint closes the hand if it brings fingertips together by this share of the distance that it moves them.
 _CLOSES = 0.15
 #: Joints bend a finger together if the cosine of their axes is above the first; fingers face below the second.
 _ALONG, _FACING = 0.9, 0.5
@@ -30,81 +29,63 @@ _TOUCH = 1e-3
 _ROUNDS = 8
 
 
-class Fingers:
-    """Fingertips of a hand whose grasp frame is that of its base.
+def middle(points: Floats) -> Floats:
+    """Return the centre (3,) of the box around points (n, 3)."""
+    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
 
-    Parameters
-    ----------
-    hand : Hand
-        The hand.
-    tree : Tree
-        Its links and joints.
+
+class Fingers(HandBodies):
+    """Fingertips of a hand whose grasp frame is that of its base.
 
     Attributes
     ----------
+    limits, neutral : (c, 2), (c,) float64
+        Limits of the independent joints, and their positions nearest to 0, rad or m.
+    chain_of : (j,) int64
+        The chain of each rigid body.
     tips : dict of int to int
-        The rigid body at the tip of each chain with collision shapes, by its row in `Tree.moving`: the one that gets
-        farthest from the root of the chain.
+        The rigid body at the tip of each chain with collision shapes: the one that gets farthest from the chain's root.
     """
 
-    def __init__(self, hand: Hand, tree: Tree) -> None:
-        self.hand, self.tree = hand, tree
+    def __init__(self, hand: Hand) -> None:
+        super().__init__(hand)
         self.limits = np.asarray(hand.joint_limits, dtype=np.float64).reshape(-1, 2)
         self.neutral = np.clip(np.zeros(len(self.limits)), self.limits[:, 0], self.limits[:, 1])
         _, self.chain_of, _ = hand.joint_frames(self.neutral)
-        self.bodies = np.asarray(hand.shapes(self.neutral)[3])
-        self.tips = self._find_tips()
-
-    def _find_tips(self) -> dict[int, int]:
-        found: dict[int, int] = {}
+        self.tips: dict[int, int] = {}
         farthest: dict[int, float] = {}
-        ends = [self.neutral, *self.limits.T, self.limits.mean(axis=1)]
-        for positions in ends:
-            roots = self.hand.joint_frames(np.ascontiguousarray(positions))[0]
-            for row in sorted({int(body) for body in self.bodies if body >= 0}):
-                chain = int(self.chain_of[row])
+        for positions in (self.neutral, *self.limits.T, self.limits.mean(axis=1)):
+            roots = hand.joint_frames(np.ascontiguousarray(positions))[0]
+            for body in sorted({int(body) for body in self.bodies if body >= 0}):
+                chain = int(self.chain_of[body])
                 root = roots[int(np.flatnonzero(self.chain_of == chain)[0]), :3, 3]
-                away = float(np.linalg.norm(self.corners(positions, row) - root, axis=1).max())
+                away = float(np.linalg.norm(self.corners(positions, body) - root, axis=1).max())
                 if away > farthest.get(chain, -1.0) + 1e-6:
-                    found[chain], farthest[chain] = row, away
-        return dict(sorted(found.items()))
+                    self.tips[chain], farthest[chain] = body, away
+        self.tips = dict(sorted(self.tips.items()))
 
-    def shapes(self, positions: Floats) -> tuple[Floats, Floats]:
-        """Return poses (n, 4, 4) and half sides (n, 3) of the boxes around all collision shapes, base frame."""
-        poses, halves, _, _ = self.hand.shapes(np.ascontiguousarray(positions))
-        return poses, halves
-
-    def corners(self, positions: Floats, row: int) -> Floats:
-        """Return the corners (n, 3) of the shapes of a rigid body, -1 for the palm, base frame."""
-        poses, halves = self.shapes(positions)
-        own = np.flatnonzero(self.bodies == row)
-        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-        turned = np.einsum("nij,nkj->nki", poses[own, :3, :3], signs[None] * halves[own, None])
-        return np.asarray((turned + poses[own, None, :3, 3]).reshape(-1, 3))
+    def body_of(self, link: Link) -> int:
+        """Return the rigid body that a link's joint moves."""
+        return self.described.moving.index(link)
 
     def tip_centers(self, positions: Floats) -> Floats:
         """Return the centres (k, 3) of the fingertips, base frame."""
-        found = [self.corners(positions, row) for row in self.tips.values()]
-        return np.array([(c.min(axis=0) + c.max(axis=0)) / 2 for c in found]).reshape(-1, 3)
+        return np.array([middle(self.corners(positions, body)) for body in self.tips.values()]).reshape(-1, 3)
 
     @property
     def palm_center(self) -> Floats:
         """Centre (3,) of the palm's shapes, else the base's origin."""
         corners = self.corners(self.neutral, -1)
-        return (corners.min(axis=0) + corners.max(axis=0)) / 2 if len(corners) else np.zeros(3)
+        return middle(corners) if len(corners) else np.zeros(3)
 
     def tip_gap(self, positions: Floats, facing: Floats) -> float:
         """Return the least distance between fingertips, metres; infinity for a single finger.
 
-        Parameters
-        ----------
-        positions : (c,) float64
-            Positions of the independent joints, rad or m.
-        facing : (k, 3) float64
-            How the fingertips move as the hand closes; those that move side by side are not compared, if others are.
+        `facing` (k, 3) is the motion of the fingertips as the hand closes; those that move side by side are compared
+        only if there are no others.
         """
-        poses, halves = self.shapes(positions)
-        own = [np.flatnonzero(self.bodies == row) for row in self.tips.values()]
+        poses, halves = self.boxes(positions)
+        own = [np.flatnonzero(self.bodies == body) for body in self.tips.values()]
         ways = facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
         every = list(combinations(range(len(own)), 2))
         opposed = [(a, b) for a, b in every if float(ways[a] @ ways[b]) < _FACING] or every
@@ -143,7 +124,7 @@ def guess_closing(fingers: Fingers) -> Closing:
     """
     count = len(fingers.limits)
     away = np.abs(fingers.limits[:, 1]) >= np.abs(fingers.limits[:, 0])
-    best = min((_descend(fingers, start) for start in (away, ~away)), key=lambda found: found[1])[0]
+    best, _ = min((_descend(fingers, start) for start in (away, ~away)), key=lambda result: result[1])
     closes = np.array([_gain(fingers, best, joint) > _CLOSES for joint in range(count)], dtype=bool)
     if not closes.any():
         closes[:] = True
@@ -155,15 +136,14 @@ def guess_closing(fingers: Fingers) -> Closing:
     spans = np.array([fingers.tip_gap(positions, ways) for positions in path])
     if not np.isfinite(spans).all():
         return Closing(opened, closed, closes, path[len(path) // 2])
-    touching = np.flatnonzero(spans < _TOUCH)
-    touching = touching[touching > 0]
+    touching = 1 + np.flatnonzero(spans[1:] < _TOUCH)
     return Closing(opened, closed, closes, path[int(touching[0]) if len(touching) else int(spans.argmin())])
 
 
 def _bend_along(fingers: Fingers, upper: NDArray[np.bool_], closes: NDArray[np.bool_]) -> None:
     """Add the joints that bend a finger about the axis of one that closes it, in the same direction."""
     frames, chains, revolute = fingers.hand.joint_frames(fingers.neutral)
-    rows = [fingers.tree.moving.index(joint) for joint in fingers.tree.independent]
+    rows = [fingers.body_of(link) for link in independent(fingers.described.links)]
     for joint, row in enumerate(rows):
         for other in np.flatnonzero(closes) if not closes[joint] and revolute[row] else ():
             cosine = float(frames[row, :3, 0] @ frames[rows[other], :3, 0])
@@ -179,7 +159,7 @@ def _ends(fingers: Fingers, upper: NDArray[np.bool_]) -> tuple[Floats, Floats]:
 
 
 def _spread(fingers: Fingers, positions: Floats) -> float:
-    """Measure how far fingertips are from each other and from the palm, metres."""
+    """Return the distances of the fingertips from each other and from the palm, weighted, metres."""
     tips = fingers.tip_centers(positions)
     if not len(tips):
         return 0.0
@@ -199,9 +179,9 @@ def _descend(fingers: Fingers, start: NDArray[np.bool_]) -> tuple[NDArray[np.boo
         before = value
         for joint in range(len(upper)):
             upper[joint] = ~upper[joint]
-            found = _closeness(fingers, upper)
-            if found < value - 1e-9:
-                value = found
+            changed = _closeness(fingers, upper)
+            if changed < value - 1e-9:
+                value = changed
             else:
                 upper[joint] = ~upper[joint]
         if value == before:

@@ -1,19 +1,16 @@
-"""A finding, and the hand that checks look at."""
+"""A finding, and the hand under check."""
 
-import tomllib
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.hand_tools.urdf import Tree, read_tree
-from graspbox.hands import Hand
+from graspbox.hand_tools.bodies import Floats, HandBodies
 
-__all__ = ["SEVERITIES", "CheckedHand", "Finding", "Severity", "value_of"]
+__all__ = ["SEVERITIES", "CheckedHand", "Finding", "Severity"]
 
-Floats = NDArray[np.float64]
 Severity = Literal["error", "warning", "note"]
 #: Severities, the gravest first.
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
@@ -51,34 +48,8 @@ class Finding:
         return asdict(self)
 
 
-@dataclass(frozen=True)
-class CheckedHand:
-    """A hand with its files as plain values, which the core has checked.
-
-    Attributes
-    ----------
-    hand : Hand
-        The hand.
-    tree : Tree
-        Its links and joints.
-    table : dict
-        Its ``hand.toml``.
-    """
-
-    hand: Hand
-    tree: Tree
-    table: dict[str, Any]
-
-    @classmethod
-    def of(cls, hand: Hand) -> "CheckedHand":
-        """Read the files of a hand."""
-        urdf, toml = hand.files
-        return cls(hand, read_tree(urdf), tomllib.loads(toml))
-
-    @cached_property
-    def start(self) -> Floats:
-        """Positions (c,) of the independent joints of the open hand with its first preshape, rad or m."""
-        return np.asarray(self.hand.open(self.preshapes[0][1]))
+class CheckedHand(HandBodies):
+    """A hand under check."""
 
     @cached_property
     def preshapes(self) -> tuple[tuple[str, float], ...]:
@@ -86,36 +57,12 @@ class CheckedHand:
         return tuple(sorted(self.hand.preshapes.items(), key=lambda item: item[1]))
 
     @cached_property
-    def bodies(self) -> NDArray[np.int64]:
-        """For each collision shape, the row of the joint that carries it; -1 for the palm. (n,)."""
-        return np.asarray(self.hand.shapes(self.start)[3])
-
-    @cached_property
-    def pads(self) -> NDArray[np.bool_]:
-        """Which collision shapes are pads, (n,)."""
-        return np.asarray(self.hand.shapes(self.start)[2])
+    def start(self) -> Floats:
+        """Positions (c,) of the independent joints of the open hand with its first preshape, rad or m."""
+        return self.hand.open(self.preshapes[0][1])
 
     @cached_property
     def chains(self) -> NDArray[np.int64]:
         """For each collision shape, the index of its chain; -1 for the palm. (n,)."""
-        of_joint = self.hand.joint_frames(self.start)[1]
-        return np.array([of_joint[row] if row >= 0 else -1 for row in self.bodies], dtype=np.int64)
-
-    @cached_property
-    def shape_names(self) -> tuple[str, ...]:
-        """Names of the collision shapes; those of a link whose mesh became several boxes are named after the link."""
-        links = [(collider, body) for link, body in zip(self.tree.links, self.tree.body_of, strict=True)
-                 for collider in link.colliders]  # fmt: skip
-        if [body for _, body in links] == self.bodies.tolist():
-            return tuple(name for name, _ in links)
-        return tuple(self.tree.body_name(int(body)) for body in self.bodies)
-
-    @cached_property
-    def closing(self) -> tuple[str, ...]:
-        """Names of the actuators that close the hand."""
-        return tuple(self.table["grasp"]["closing"])
-
-
-def value_of(owner: dict[str, Any], key: str, default: float) -> float:
-    """Return the value of an optional quantity in a table of ``hand.toml``."""
-    return float(owner[key]["value"]) if key in owner else default
+        # The palm's row, -1, is the last.
+        return np.append(self.hand.joint_frames(self.start)[1], -1)[self.bodies]

@@ -1,28 +1,27 @@
 """A first ``hand.toml`` for a URDF: joints, actuators, pads and grasp frame, guessed from its geometry."""
 
 import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspbox._common.files import read_bounded
 from graspbox._common.rotations import euler_from_rotation
 from graspbox.errors import HandError
 from graspbox.hand_tools import tables
-from graspbox.hand_tools.closing import Closing, Fingers, guess_closing
+from graspbox.hand_tools.bodies import Floats, inertia_of
+from graspbox.hand_tools.closing import Closing, Fingers, guess_closing, middle
 from graspbox.hand_tools.tables import Drive, Frame
-from graspbox.hand_tools.urdf import read_tree
-from graspbox.hands import Hand, fitted_urdf, load_hand
+from graspbox.hands import Hand, fitted_urdf
+from graspbox.hands.description import describe_urdf, independent
+from graspbox.hands.geometry import box_corners
+from graspbox.hands.urdf_meshes import LARGEST
 
 __all__ = ["GuessedHand", "guess_hand"]
 
-Floats = NDArray[np.float64]
-
-#: Greatest size of a URDF, bytes, and number of actuators, as in the core.
-_LIMIT, _MOST = 1 << 20, 32
+#: Greatest number of actuators, as in the core.
+_MOST = 32
 #: Words in the names of shapes that touch objects, the clearest first.
 _PAD_WORDS = ("pad", "rubber", "fingertip")
 #: Directions within this angle of an axis of the base are along it, radians.
@@ -84,13 +83,12 @@ def guess_hand(urdf: str | os.PathLike[str], name: str | None = None) -> Guessed
         If the URDF describes no hand; the message lists every wrong line.
     """
     path = Path(urdf)
-    content = read_bounded(path, _LIMIT)
-    try:
-        content.decode()
-    except UnicodeDecodeError:
-        raise HandError(f"{path} is not UTF-8 text") from None
-    tree = read_tree(fitted_urdf(path).text)
-    joints = tree.independent
+    read_bounded(path, LARGEST)  # raises if it cannot be read
+    fitted = fitted_urdf(path)
+    # Lines of the text without meshes are not those of the file.
+    names = (f"{path} (meshes replaced)" if fitted.fits else str(path), "hand.toml")
+    links = describe_urdf(fitted.text, names[0])
+    joints = independent(links)
     if not joints:
         raise HandError(f"{path} has no joint that moves by itself; a hand needs revolute or prismatic joints")
     if len(joints) > _MOST:
@@ -99,11 +97,11 @@ def guess_hand(urdf: str | os.PathLike[str], name: str | None = None) -> Guessed
             "one motor moves follow each other (`mimic`)"
         )
     for joint in joints:
-        if joint.kind != "fixed" and 0 <= joint.limits[1] - joint.limits[0] < _LEAST_RANGE:
+        if joint.limits[1] - joint.limits[0] < _LEAST_RANGE:
             raise HandError(
-                f"{path}: joint {joint.name!r} has the limits {list(joint.limits)}; widen them, or make it fixed"
+                f"{path}: joint {joint.joint!r} has the limits {list(joint.limits)}; widen them, or make it fixed"
             )
-    fingers = Fingers(_load(path, tables.minimal(tree)), tree)
+    fingers = Fingers(Hand(fitted.text, tables.minimal(links), names))
     if not fingers.tips:
         raise HandError(f"{path}: no link that a joint moves has a collision shape; a hand touches objects with them")
     closing = guess_closing(fingers)
@@ -113,49 +111,30 @@ def guess_hand(urdf: str | os.PathLike[str], name: str | None = None) -> Guessed
     chosen = (path.stem if name is None else name).encode(errors="replace").decode()
     review = _review(fingers, closing, drives, frame)
     text = tables.write(chosen, path.name, tuple(pads), drives, frame, review)
-    _load(path, text)
+    Hand(fitted.text, text, names)
     return GuessedHand(chosen, text, review)
-
-
-def _load(urdf: Path, text: str) -> Hand:
-    """Load a URDF with the text of a ``hand.toml``; errors name the lines of the URDF alone."""
-    with tempfile.TemporaryDirectory() as folder:
-        toml = Path(folder) / "hand.toml"
-        toml.write_text(text)
-        try:
-            return load_hand((urdf, toml))
-        except HandError as error:
-            lines = [line for line in str(error).splitlines() if str(toml) not in line]
-            raise HandError("\n".join(lines if len(lines) > 1 else str(error).splitlines())) from None
 
 
 def _pads(fingers: Fingers) -> dict[str, int]:
     """Guess the shapes that are pads, and the chain of each: those whose names say so, else all of every fingertip."""
-    tree = fingers.tree
-    links = list(zip(tree.links, tree.body_of, strict=True))
-    moving = {name: int(fingers.chain_of[body]) for link, body in links if body >= 0 for name in link.colliders}
+    shapes = list(zip(fingers.shape_names, fingers.bodies.tolist(), strict=True))
+    moving = {name: int(fingers.chain_of[body]) for name, body in shapes if body >= 0}
     for word in _PAD_WORDS:
         named = {name: chain for name, chain in moving.items() if word in name.lower()}
         if set(named.values()) == set(fingers.tips):
             return named
     tips = {row: chain for chain, row in fingers.tips.items()}
-    return {name: tips[body] for link, body in links if body in tips for name in link.colliders}
+    return {name: tips[body] for name, body in shapes if body in tips}
 
 
 def _pad_corners(fingers: Fingers, pads: dict[str, int], positions: Floats) -> dict[int, Floats]:
-    """Return the corners (n, 3) of the pads of each chain, base frame; of its whole tip where a mesh became boxes."""
-    tree = fingers.tree
-    links = [(name, body) for link, body in zip(tree.links, tree.body_of, strict=True) for name in link.colliders]
-    corners = {chain: fingers.corners(positions, row) for chain, row in fingers.tips.items()}
-    if [body for _, body in links] != fingers.bodies.tolist():
-        return corners
-    poses, halves = fingers.shapes(positions)
-    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+    """Return the corners (n, 3) of the pads of each chain, base frame; of its whole tip where it has none."""
+    corners = {chain: fingers.corners(positions, body) for chain, body in fingers.tips.items()}
+    poses, halves = fingers.boxes(positions)
     for chain in corners:
-        own = [index for index, (name, _) in enumerate(links) if pads.get(name) == chain]
+        own = [index for index, name in enumerate(fingers.shape_names) if pads.get(name) == chain]
         if own:
-            turned = np.einsum("nij,nkj->nki", poses[own, :3, :3], signs[None] * halves[own, None])
-            corners[chain] = (turned + poses[own, None, :3, 3]).reshape(-1, 3)
+            corners[chain] = box_corners(poses[own], halves[own])
     return corners
 
 
@@ -208,17 +187,15 @@ def _axes(fingers: Fingers, closing: Closing) -> Floats:
 
 
 def _palm_height(fingers: Fingers, axes: Floats, meeting: Floats) -> float | None:
-    """Return how high the palm is along z below a point: the top of its nearest shapes; None without any."""
-    poses, halves = fingers.shapes(fingers.neutral)
-    tops, aways = [], []
-    for index in np.flatnonzero(fingers.bodies == -1):
-        reach = np.abs(axes.T @ poses[index, :3, :3]) @ halves[index]
-        middle = axes.T @ poses[index, :3, 3]
-        tops.append(float(middle[2] + reach[2]))
-        outside = np.maximum(np.abs(axes.T @ meeting - middle)[:2] - reach[:2], 0.0)
-        aways.append(float(np.linalg.norm(outside)))
-    near = [top for top, away in zip(tops, aways, strict=True) if away <= min(aways) + _BESIDE]
-    return max(near) if near else None
+    """Return the height along z of the palm below a point: the top of its nearest shapes; None without any."""
+    palm = fingers.bodies == -1
+    if not palm.any():
+        return None
+    poses, halves = (values[palm] for values in fingers.boxes(fingers.neutral))
+    reach = np.einsum("nij,nj->ni", np.abs(axes.T @ poses[:, :3, :3]), halves)
+    centers = poses[:, :3, 3] @ axes
+    outside = np.linalg.norm(np.maximum(np.abs(meeting @ axes - centers) - reach, 0.0)[:, :2], axis=1)
+    return float((centers + reach)[outside <= outside.min() + _BESIDE, 2].max())
 
 
 def _width(fingers: Fingers, closing: Closing, pads: dict[str, int], x: Floats) -> float | None:
@@ -226,8 +203,8 @@ def _width(fingers: Fingers, closing: Closing, pads: dict[str, int], x: Floats) 
     ways = fingers.tip_centers(closing.meets) - fingers.tip_centers(closing.opened)
     facing = ways @ x / np.maximum(np.linalg.norm(ways, axis=1), 1e-9)
     spans = [c @ x for c in _pad_corners(fingers, pads, closing.opened).values()]
-    left = [float(span.max()) for span, way in zip(spans, facing, strict=True) if way > _ACROSS]
-    right = [float(span.min()) for span, way in zip(spans, facing, strict=True) if way < -_ACROSS]
+    left = [float(span.max()) for span, cosine in zip(spans, facing, strict=True) if cosine > _ACROSS]
+    right = [float(span.min()) for span, cosine in zip(spans, facing, strict=True) if cosine < -_ACROSS]
     if not left or not right or len(left) + len(right) < len(spans):
         return None
     width = min(right) - max(left) - _ROOM
@@ -237,8 +214,7 @@ def _width(fingers: Fingers, closing: Closing, pads: dict[str, int], x: Floats) 
 def _frame(fingers: Fingers, closing: Closing, pads: dict[str, int]) -> Frame:
     axes = _axes(fingers, closing)
     x, y, z = axes.T
-    middles = [(c.min(axis=0) + c.max(axis=0)) / 2 for c in _pad_corners(fingers, pads, closing.meets).values()]
-    meeting = np.mean(middles, axis=0)
+    meeting = np.mean([middle(corners) for corners in _pad_corners(fingers, pads, closing.meets).values()], axis=0)
     palm = _palm_height(fingers, axes, meeting)
     roots = fingers.hand.joint_frames(closing.opened)[0][:, :3, 3]
     height = min(float((roots @ z).min()) if palm is None else palm, float(meeting @ z) - _LEAST_DEPTH)
@@ -254,20 +230,20 @@ def _frame(fingers: Fingers, closing: Closing, pads: dict[str, int]) -> Frame:
 
 def _drive(fingers: Fingers, closing: Closing, index: int) -> Drive:
     """Guess the servo of an independent joint."""
-    joint = fingers.tree.independent[index]
+    joint = independent(fingers.described.links)[index]
     low, high = (float(limit) for limit in fingers.limits[index])
     closes = bool(closing.closes[index])
     rising = not closes or bool(closing.closed[index] > closing.opened[index])
     step = np.zeros(len(fingers.limits))
     step[index] = 1e-3 * (high - low)
-    middle = (closing.opened + closing.closed) / 2
-    moved = fingers.tip_centers(middle + step) - fingers.tip_centers(middle - step)
+    half_closed = (closing.opened + closing.closed) / 2
+    moved = fingers.tip_centers(half_closed + step) - fingers.tip_centers(half_closed - step)
     # A joint that others follow shares its force among the fingers that it moves.
     lever = max(float(np.linalg.norm(moved, axis=1).sum()) / (2 * float(step[index])), _LEAST_LEVER)
     force = joint.effort / lever
     stated = _BELIEVED[0] <= force <= _BELIEVED[1]
     return Drive(
-        joint=joint,
+        link=joint,
         limits=(low, high),
         closes=closes,
         ratio=1.0 if rising else -1.0,
@@ -276,29 +252,30 @@ def _drive(fingers: Fingers, closing: Closing, index: int) -> Drive:
         load=joint.effort if stated else _FORCE * lever,
         load_stated=stated,
         speed=joint.velocity if joint.velocity >= _LEAST_SPEED else None,
-        inertia=fingers.tree.inertia_of(index, middle),
+        inertia=inertia_of(fingers.hand, index, half_closed),
     )
 
 
 def _review(fingers: Fingers, closing: Closing, drives: tuple[Drive, ...], frame: Frame) -> tuple[str, ...]:
     """List the guesses to review."""
-    found = ["[grasp] xyz, rpy: z must point out of the palm, towards objects, and x along the closing fingers"]
-    found.append("offset and ratio of each servo: position 0 is the open hand, and the position increases as it closes")
-    side = [drive.joint.name for drive in drives if not drive.closes]
+    review = [
+        "[grasp] xyz, rpy: z must point out of the palm, towards objects, and x along the closing fingers",
+        "offset and ratio of each servo: position 0 is the open hand, and the position increases as it closes",
+    ]
+    side = [drive.link.joint for drive in drives if not drive.closes]
     if side:
-        found.append(f"joints that seem to spread or turn fingers, and do not close: {', '.join(side)}")
-    chains = [int(fingers.chain_of[fingers.tree.moving.index(drive.joint)]) for drive in drives if drive.closes]
+        review.append(f"joints that seem to spread or turn fingers, and do not close: {', '.join(side)}")
+    chains = [int(fingers.chain_of[fingers.body_of(drive.link)]) for drive in drives if drive.closes]
     if len(chains) > len(set(chains)):
-        found.append(
+        review.append(
             "fingers with several joints: no tendon can be guessed, so each joint has its own servo; if one "
             "motor bends a finger, replace them by a spool and a table in [tendons], or let joints follow (`mimic`)"
         )
     if frame.width is None:
-        found.append(
-            "the fingers do not face each other: no width is stated; give [[grasp.preshapes]] one if this is a gripper"
+        review.append(
+            "the fingers do not face each other: no width is stated; add one to [[grasp.preshapes]] of a gripper"
         )
     if not all(drive.load_stated for drive in drives):
-        found.append("load_limit: the URDF states no believable effort; take it from the data sheet")
-    found.append("pads: the shapes that touch objects and are rubber")
-    found.append("friction, damping, armature, stop_stiffness: numbers of experience")
-    return tuple(found)
+        review.append("load_limit: the URDF states no believable effort; take it from the data sheet")
+    pads = "pads: the shapes that touch objects and are rubber"
+    return *review, pads, "friction, damping, armature, stop_stiffness: numbers of experience"

@@ -6,16 +6,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.hand_tools.bodies import Floats
 from graspbox.hand_tools.boxes import gaps
 from graspbox.hand_tools.findings import CheckedHand, Finding, Severity
 from graspbox.hands import asymmetries_of, reach_of, symmetries_of
 
-__all__ = ["closing_gaps", "extent", "meeting", "overlaps", "pads"]
+__all__ = ["extent", "meeting", "open_width", "overlaps", "pads"]
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Shares of the closing motion that are looked at.
+#: Shares of the closing motion at which distances are measured.
 _SHARES = tuple(np.linspace(0.0, 1.0, 21).tolist())
 #: Depth from which an overlap counts, metres.
 _DEPTH = 1e-3
@@ -28,28 +28,32 @@ _MIRRORS = {(1.0, -1.0, 1.0): "mirror y = 0", (-1.0, 1.0, 1.0): "mirror x = 0", 
 
 def _pairs(checked: CheckedHand) -> Ints:
     """Return pairs (n, 2) of shapes on bodies that are no neighbours; bodies without shapes count as joints."""
-    shaped = {-1, *checked.bodies.tolist()}
+    described, bodies = checked.described, checked.bodies.tolist()
+    shaped = {-1, *bodies}
 
-    def parent(row: int) -> int:
-        above = checked.tree.parent_body(row)
-        while above not in shaped:
-            above = checked.tree.parent_body(above)
-        return above
+    def parent(body: int) -> int:
+        above = described.carriers[described.moving[body].parent]
+        return above if above in shaped else parent(above)
 
-    above = {row: parent(row) for row in shaped if row >= 0}
-    bodies = checked.bodies.tolist()
-    found = [
+    adjacent = {frozenset((body, parent(body))) for body in shaped if body >= 0}
+    pairs = [
         (i, j)
         for i, j in combinations(range(len(bodies)), 2)
-        if bodies[i] != bodies[j] and above.get(bodies[i]) != bodies[j] and above.get(bodies[j]) != bodies[i]
+        if bodies[i] != bodies[j] and frozenset((bodies[i], bodies[j])) not in adjacent
     ]
-    return np.array(found, dtype=np.int64).reshape(-1, 2)
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _gaps_at(checked: CheckedHand, preshape: float, share: float, pairs: Ints) -> Floats:
-    shapes, halves, _, _ = checked.hand.shapes(checked.hand.closed(preshape, share))
+def _distances(checked: CheckedHand, preshape: float, share: float, pairs: Ints) -> Floats:
+    """Return the distances (n,) of pairs of shapes after a share of the closing motion, metres."""
+    shapes, halves = checked.boxes(checked.hand.closed(preshape, share))
     first, second = pairs.T
     return gaps(shapes[first], halves[first], shapes[second], halves[second])
+
+
+def _motion(checked: CheckedHand, preshape: float, pairs: Ints) -> Floats:
+    """Return the distances (s, n) of pairs of shapes along the closing motion, metres."""
+    return np.stack([_distances(checked, preshape, share, pairs) for share in _SHARES])
 
 
 def overlaps(checked: CheckedHand) -> Iterator[Finding]:
@@ -61,7 +65,7 @@ def overlaps(checked: CheckedHand) -> Iterator[Finding]:
     facing = checked.pads[pairs].all(axis=1) & (groups[:, 0] != groups[:, 1])
     seen: set[tuple[str, str, bool]] = set()
     for name, preshape in checked.preshapes:
-        motion = np.stack([_gaps_at(checked, preshape, share, pairs) for share in _SHARES])
+        motion = _motion(checked, preshape, pairs)
         for group in np.unique(groups, axis=0):
             own = np.flatnonzero((groups == group).all(axis=1))
             deep = motion[:, own] < -_DEPTH
@@ -117,63 +121,46 @@ def _finger_pairs(checked: CheckedHand) -> tuple[Ints, bool]:
     """
     padded = {int(chain) for chain in checked.chains[checked.pads] if chain >= 0}
     front = checked.pads | ~np.isin(checked.chains, list(padded))
-    alone = len(set(checked.chains[checked.chains >= 0].tolist())) < 2
+    single = len(set(checked.chains[checked.chains >= 0].tolist())) < 2
     shapes = [i for i in range(len(checked.chains)) if front[i] or checked.chains[i] < 0]
-    found = [
+    pairs = [
         (i, j)
         for i, j in combinations(shapes, 2)
-        if checked.chains[i] != checked.chains[j] and (alone or min(checked.chains[i], checked.chains[j]) >= 0)
+        if checked.chains[i] != checked.chains[j] and (single or min(checked.chains[i], checked.chains[j]) >= 0)
     ]
-    return np.array(found, dtype=np.int64).reshape(-1, 2), alone
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2), single
 
 
-def closing_gaps(checked: CheckedHand, preshape: float) -> Floats:
-    """Return the least distance (s,) between fingers along the closing motion, metres; empty without fingers."""
+def open_width(checked: CheckedHand) -> float:
+    """Return the greatest distance between the open fingers of any preshape, metres; 0 without fingers."""
     pairs, _ = _finger_pairs(checked)
-    if not len(pairs):
-        return np.zeros(0)
-    return np.array([_gaps_at(checked, preshape, share, pairs).min() for share in _SHARES])
+    preshapes = checked.preshapes if len(pairs) else ()
+    return max((float(_distances(checked, preshape, 0.0, pairs).min()) for _, preshape in preshapes), default=0.0)
 
 
 def meeting(checked: CheckedHand) -> Iterator[Finding]:
     """Find hands whose fingers do not meet, or move apart as they close."""
-    pairs, alone = _finger_pairs(checked)
+    pairs, single = _finger_pairs(checked)
     if not len(pairs):
-        yield Finding(
-            "error",
-            "closing",
-            "collision shapes",
-            "",
-            "no two chains have collision shapes, so there is nothing to hold an object between",
-            "give the fingers collision shapes, and check that joints move them",
-        )
+        message = "no two chains have collision shapes, so there is nothing to hold an object between"
+        remedy = "add collision shapes to the fingers, and check that joints move them"
+        yield Finding("error", "closing", "collision shapes", "", message, remedy)
         return
-    motions = [
-        np.stack([_gaps_at(checked, preshape, share, pairs) for share in _SHARES]) for _, preshape in checked.preshapes
-    ]
+    motions = [_motion(checked, preshape, pairs) for _, preshape in checked.preshapes]
     nearest = min(float(motion.min()) for motion in motions)
-    fingers = "finger and palm" if alone else "fingers"
+    fingers = "finger and palm" if single else "fingers"
     if nearest > _MEET:
-        yield Finding(
-            "warning",
-            "closing",
-            fingers,
-            f"{nearest * 1e3:.1f} mm",
-            "they come no closer than this when the hand is closed, so thin objects fall through",
-            "check the limits of the joints and which actuators `closing` names",
-        )
+        message = "they come no closer than this when the hand is closed, so thin objects fall through"
+        remedy = "check the limits of the joints and which actuators `closing` names"
+        yield Finding("warning", "closing", fingers, f"{nearest * 1e3:.1f} mm", message, remedy)
     if all(
         (motion[-1] > motion[0] + _MOVED).any() and (motion.min(axis=0) > motion[0] - _MOVED).all()
         for motion in motions
     ):
-        yield Finding(
-            "error",
-            "closing",
-            fingers,
-            f"{min(float((m[-1] - m[0]).max()) for m in motions) * 1e3:.1f} mm",
-            "they move apart as the hand closes: an actuator's position must be smallest when the hand is open",
-            "change the sign of `ratio` of the actuators, and set `offset` to the limit of the open hand",
-        )
+        value = f"{min(float((m[-1] - m[0]).max()) for m in motions) * 1e3:.1f} mm"
+        message = "they move apart as the hand closes: an actuator's position must be smallest when the hand is open"
+        remedy = "change the sign of `ratio` of the actuators, and set `offset` to the limit of the open hand"
+        yield Finding("error", "closing", fingers, value, message, remedy)
 
 
 def pads(checked: CheckedHand) -> Iterator[Finding]:
@@ -181,83 +168,54 @@ def pads(checked: CheckedHand) -> Iterator[Finding]:
     for index, name in enumerate(checked.hand.chains):
         own = checked.chains == index
         if not own.any():
-            yield Finding(
-                "warning",
-                "pads",
-                f"chain {name}",
-                "",
-                "it has no collision shapes, so it passes through objects",
-                "give its links collision shapes, or make its joints fixed",
-            )
+            message = "it has no collision shapes, so it passes through objects"
+            remedy = "add collision shapes to its links, or make its joints fixed"
+            yield Finding("warning", "pads", f"chain {name}", "", message, remedy)
         elif not checked.pads[own].any():
-            yield Finding(
-                "warning",
-                "pads",
-                f"chain {name}",
-                "",
-                "none of its shapes is a pad, so it touches objects with the low friction of `bare`",
-                "name the shapes that touch objects in `pads`",
-            )
+            message = "none of its shapes is a pad, so it touches objects with the low friction of `bare`"
+            remedy = "name the shapes that touch objects in `pads`"
+            yield Finding("warning", "pads", f"chain {name}", "", message, remedy)
 
 
 def extent(checked: CheckedHand) -> Iterator[Finding]:
-    """State reach, width and symmetries; find a reach of nothing and a palm frame that faces backwards."""
+    """Report reach, width and symmetries; find a reach of nothing and a palm frame that faces backwards."""
     for name, preshape in checked.preshapes:
         reach = reach_of(checked.hand, preshape)
-        subject = f"preshape {name}"
+        subject, value = f"preshape {name}", f"{reach * 1e3:.1f} mm"
         if reach <= 0:
-            yield Finding(
-                "error",
-                "reach",
-                subject,
-                f"{reach * 1e3:.1f} mm",
-                "no finger reaches beyond the palm along z of the grasp frame, so the hand faces away from objects",
-                "correct `xyz` and `rpy` of `[grasp]`: z points out of the palm",
+            message = (
+                "no finger reaches beyond the palm along z of the grasp frame, so the hand faces away from objects"
             )
+            remedy = "correct `xyz` and `rpy` of `[grasp]`: z points out of the palm"
+            yield Finding("error", "reach", subject, value, message, remedy)
         else:
             message = "how far the fingers reach from the palm, along z of the grasp frame"
-            yield Finding("note", "reach", subject, f"{reach * 1e3:.1f} mm", message)
+            yield Finding("note", "reach", subject, value, message)
     yield from _width(checked)
-    found = [_MIRRORS[signs] for signs in symmetries_of(checked.hand)]
-    if found:
+    mirrors = [_MIRRORS[signs] for signs in symmetries_of(checked.hand)]
+    if mirrors:
         message = "trainings use them to show every grasp in several ways"
     else:
         signs, distance = min(asymmetries_of(checked.hand).items(), key=lambda item: item[1])
         message = (
             f"none, which is fine for a human-like hand; the {_MIRRORS[signs]} moves shapes by {distance * 1e3:.1f} mm"
         )
-    yield Finding("note", "symmetry", "grasp frame", ", ".join(found) or "none", message)
+    yield Finding("note", "symmetry", "grasp frame", ", ".join(mirrors) or "none", message)
 
 
 def _width(checked: CheckedHand) -> Iterator[Finding]:
     widest = checked.hand.widest
     if np.isinf(widest):
-        yield Finding(
-            "note",
-            "width",
-            "preshapes",
-            "not stated",
-            "no `width` says which objects fit between the open fingers; the planner relies on collisions alone",
-            "for a gripper, give `width` of each of `[[grasp.preshapes]]`: the opening less 1 mm on both sides",
-        )
+        message = "no `width` says which objects fit between the open fingers; the planner relies only on collisions"
+        remedy = "for a gripper, state `width` of each of `[[grasp.preshapes]]`: the opening less 1 mm on both sides"
+        yield Finding("note", "width", "preshapes", "not stated", message, remedy)
         return
-    span = max(
-        (float(g[0]) for g in (closing_gaps(checked, value) for _, value in checked.preshapes) if len(g)), default=0.0
-    )
+    span, value = open_width(checked), f"{widest * 1e3:.1f} mm"
     if len(checked.hand.chains) == 2 and widest > span + _DEPTH:
-        yield Finding(
-            "warning",
-            "width",
-            "preshapes",
-            f"{widest * 1e3:.1f} mm",
-            f"`width` exceeds the {span * 1e3:.1f} mm between the open pads: the planner tries objects that cannot fit",
-            "give the opening less 1 mm on both sides",
+        message = (
+            f"`width` exceeds the {span * 1e3:.1f} mm between the open pads: the planner tries objects that cannot fit"
         )
+        yield Finding("warning", "width", "preshapes", value, message, "state the opening less 1 mm on both sides")
     else:
-        yield Finding(
-            "note",
-            "width",
-            "preshapes",
-            f"{widest * 1e3:.1f} mm",
-            "the widest object that fits between the open fingers",
-        )
+        message = "the widest object that fits between the open fingers"
+        yield Finding("note", "width", "preshapes", value, message)

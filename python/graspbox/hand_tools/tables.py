@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from graspbox.hand_tools.urdf import Joint, Tree
+from graspbox.hand_tools.bodies import Floats
+from graspbox.hands.description import Link, independent
 
 __all__ = ["Drive", "Frame", "minimal", "quoted", "write"]
 
-Floats = NDArray[np.float64]
-
+#: Units by the kind of a joint's position: of a damper, of a spring, of inertia and of force.
+_UNITS = {"rad": ("N m s/rad", "N m/rad", "kg m2", "N m"), "m": ("N s/m", "N/m", "kg", "N")}
 #: Deflection of a servo under its full load: rad, m.
 _GIVES = {"rad": 0.05, "m": 0.003}
 #: Natural frequency of a servo with its joint, rad/s; the armature follows from it.
@@ -34,7 +34,7 @@ class Drive:
     URDF's effort; ``speed`` is the URDF's, if it has a believable one.
     """
 
-    joint: Joint
+    link: Link
     limits: tuple[float, float]
     closes: bool
     ratio: float
@@ -44,6 +44,21 @@ class Drive:
     load_stated: bool
     speed: float | None
     inertia: float
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the servo, N m/rad or N/m."""
+        return self.load / _GIVES[self.link.unit]
+
+    @property
+    def armature(self) -> float:
+        """Inertia of the rotor at the joint, kg m2 or kg."""
+        return self.stiffness / _FREQUENCY[self.link.unit] ** 2
+
+    @property
+    def damping(self) -> float:
+        """Critical damping of the servo, N m s/rad or N s/m."""
+        return 2 * math.sqrt(self.stiffness * (self.armature + self.inertia))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +90,13 @@ def _number(value: float) -> str:
 
 
 def _quantity(value: float | Sequence[float] | Floats, unit: str, source: str) -> str:
-    if isinstance(value, int | float):
-        return f'{{ value = {_number(value)}, unit = "{unit}", source = {quoted(source)} }}'
-    text = f"[{', '.join(_number(float(one)) for one in value)}]"
+    text = f"[{', '.join(map(_number, value))}]" if isinstance(value, Sequence | np.ndarray) else _number(value)
     return f'{{ value = {text}, unit = "{unit}", source = {quoted(source)} }}'
 
 
-def minimal(tree: Tree) -> str:
-    """Write the least file with which a URDF loads; its grasp frame is that of the base."""
-    drives = [Drive(joint, (0.0, 1.0), True, 1.0, 0.0, 0.0, 1.0, False, None, 1.0) for joint in tree.independent]
+def minimal(links: tuple[Link, ...]) -> str:
+    """Return the shortest file with which a URDF loads; its grasp frame is that of the base."""
+    drives = [Drive(link, (0.0, 1.0), True, 1.0, 0.0, 0.0, 1.0, False, None, 1.0) for link in independent(links)]
     frame = Frame(np.zeros(3), np.zeros(3), np.zeros(3), None, False)
     return write("hand", "", (), drives, frame, ())
 
@@ -91,21 +104,7 @@ def minimal(tree: Tree) -> str:
 def write(
     name: str, urdf: str, pads: Sequence[str], drives: Sequence[Drive], frame: Frame, review: Sequence[str]
 ) -> str:
-    """Write the file.
-
-    Parameters
-    ----------
-    name, urdf : str
-        Names of the hand and of its URDF.
-    pads : sequence of str
-        Names of the shapes that are pads.
-    drives : sequence of Drive
-        One servo per independent joint.
-    frame : Frame
-        The grasp frame.
-    review : sequence of str
-        Guesses to review.
-    """
+    """Return the file of the hand `name`, whose URDF has the name `urdf`; `pads` are shapes, `review` lists guesses."""
     lines = _head(urdf, review)
     lines += [f"name = {quoted(name)}", "", "# guess: the shapes that touch objects; all others are bare."]
     lines += ["pads = [", *(f"    {quoted(pad)}," for pad in pads), "]", "", "[friction]"]
@@ -129,75 +128,57 @@ def _head(urdf: str, review: Sequence[str]) -> list[str]:
     for item in review:
         shown = "".join(c if c.isprintable() else "?" for c in item)
         lines += textwrap.wrap(shown, 110, initial_indent="# - ", subsequent_indent="#   ", break_long_words=False)
-    lines.append("# Then run `graspbox hand check` with both files, and give every number its true source.")
+    lines.append("# Then run `graspbox hand check` with both files, and state the true source of every number.")
     return ["".join(c if c.isprintable() else "?" for c in line) for line in lines]
 
 
-def _stiffness(drive: Drive) -> float:
-    return drive.load / _GIVES[drive.joint.unit]
-
-
-def _armature(drive: Drive) -> float:
-    return _stiffness(drive) / _FREQUENCY[drive.joint.unit] ** 2
-
-
-def _damping(drive: Drive) -> float:
-    return 2 * math.sqrt(_stiffness(drive) * (_armature(drive) + drive.inertia))
-
-
 def _joint(drive: Drive) -> list[str]:
-    metres = drive.joint.unit == "m"
-    damper, spring, inertia = ("N s/m", "N/m", "kg") if metres else ("N m s/rad", "N m/rad", "kg m2")
+    damper, spring, inertia, _ = _UNITS[drive.link.unit]
     return [
-        f"[joints.{_key(drive.joint.name)}]",
+        f"[joints.{_key(drive.link.joint)}]",
         "encoder = true",
-        f"damping = {_quantity(0.02 * _damping(drive), damper, 'guess: small compared with the damping of the servo')}",
-        f"armature = {_quantity(_armature(drive), inertia, 'guess: rotor and gear; keeps the servo slow enough')}",
-        f"stop_stiffness = {_quantity(3 * _stiffness(drive), spring, 'guess: three times the stiffness of the servo')}",
+        f"damping = {_quantity(0.02 * drive.damping, damper, 'guess: small compared with the damping of the servo')}",
+        f"armature = {_quantity(drive.armature, inertia, 'guess: rotor and gear; keeps the servo slow enough')}",
+        f"stop_stiffness = {_quantity(3 * drive.stiffness, spring, 'guess: three times the stiffness of the servo')}",
     ]
 
 
 def _actuator(drive: Drive) -> list[str]:
-    joint, unit, (low, high) = drive.joint, drive.joint.unit, drive.limits
-    metres = unit == "m"
-    damper, spring, force = ("N s/m", "N/m", "N") if metres else ("N m s/rad", "N m/rad", "N m")
-    gain, ratio = (f"{unit}/(s {force})", "rad/m" if metres else "1")
+    joint, unit, (low, high) = drive.link.joint, drive.link.unit, drive.limits
+    damper, spring, _, force = _UNITS[unit]
+    gain, ratio = f"{unit}/(s {force})", "rad/m" if unit == "m" else "1"
     span = high - low
     fastest = 2 * span / _CLOSES if drive.speed is None else drive.speed
     usual, limit = min(span / _CLOSES, fastest), "lower" if drive.offset == low else "upper"
-    key = f"servo.joints.{_key(joint.name)}"
-    way = "this direction brings fingertips together" if drive.closes else "it does not close the hand"
-    effort = (
-        "URDF: effort of the joint"
-        if drive.load_stated
-        else "guess: the URDF states no believable effort; 30 N at the fingertip"
-    )
+    key = f"servo.joints.{_key(joint)}"
+    direction = "this direction brings fingertips together" if drive.closes else "it does not close the hand"
+    effort = "guess: the URDF states no believable effort; 30 N at the fingertip"
+    if drive.load_stated:
+        effort = "URDF: effort of the joint"
     gives = f"guess: gives by {_GIVES[unit]} {unit} under the load"
     zero = "open" if drive.closes else "position 0"
     speed = "guess: twice the usual speed" if drive.speed is None else "URDF: velocity of the joint"
     return [
         "[[actuators]]",
-        f"name = {quoted(joint.name)}",
-        f"{key}.ratio = {_quantity(drive.ratio, '1', f'guess: {way}')}",
+        f"name = {quoted(joint)}",
+        f"{key}.ratio = {_quantity(drive.ratio, '1', f'guess: {direction}')}",
         f"{key}.offset = {_quantity(drive.offset, unit, f'guess: {zero} at the {limit} limit of the URDF')}",
-        f"servo.stiffness = {_quantity(_stiffness(drive), spring, gives)}",
-        f"servo.damping = {_quantity(_damping(drive), damper, 'guess: critical for the armature and the links')}",
+        f"servo.stiffness = {_quantity(drive.stiffness, spring, gives)}",
+        f"servo.damping = {_quantity(drive.damping, damper, 'guess: critical for the armature and the links')}",
         f"travel = {_quantity([0.0, span], unit, 'guess: from limit to limit in the URDF')}",
         f"default_speed = {_quantity(usual, f'{unit}/s', 'guess: closes in a second, if the motor is that fast')}",
         f"max_speed = {_quantity(max(fastest, usual), f'{unit}/s', speed)}",
         f"ratio = {_quantity(1.0, ratio, 'guess: positions are those of the joint')}",
         f"load_limit = {_quantity(drive.load, force, effort)}",
-        f"force_gain = {_quantity(1 / (_SETTLES * _stiffness(drive)), gain, 'guess: time constant 50 ms')}",
+        f"force_gain = {_quantity(1 / (_SETTLES * drive.stiffness), gain, 'guess: time constant 50 ms')}",
     ]
 
 
 def _grasp(drives: Sequence[Drive], frame: Frame) -> list[str]:
-    surface = (
-        "the surface of the palm, where the fingertips meet"
-        if frame.on_palm
-        else "the roots of the fingers; the base has no shapes"
-    )
-    closing = ", ".join(quoted(drive.joint.name) for drive in drives if drive.closes)
+    surface = "the roots of the fingers; the base has no shapes"
+    if frame.on_palm:
+        surface = "the surface of the palm, where the fingertips meet"
+    closing = ", ".join(quoted(drive.link.joint) for drive in drives if drive.closes)
     lines = [
         "# The grasp frame in the frame of the base link: z out of the palm, x along the closing fingers.",
         "[grasp]",
@@ -210,13 +191,11 @@ def _grasp(drives: Sequence[Drive], frame: Frame) -> list[str]:
         'name = "open"',
     ]
     lines += [
-        f"positions.{_key(drive.joint.name)} = {_quantity(drive.neutral, drive.joint.unit, 'guess: 0 in the URDF')}"
+        f"positions.{_key(drive.link.joint)} = {_quantity(drive.neutral, drive.link.unit, 'guess: 0 in the URDF')}"
         for drive in drives
         if not drive.closes
     ]
     if frame.width is not None:
-        lines.append(
-            f"width = {_quantity([0.0, frame.width], 'm', 'guess: between the open pads, less 1 mm on both sides')}"
-        )
-        lines.append('quarter = "always"')
+        source = "guess: between the open pads, less 1 mm on both sides"
+        lines += [f"width = {_quantity([0.0, frame.width], 'm', source)}", 'quarter = "always"']
     return lines

@@ -8,7 +8,7 @@ from graspbox import object_sets
 from graspbox.errors import GraspboxError, InternalError
 from graspbox.evaluation.planner_trials import ObjectResult, try_object
 from graspbox.hand_tools.findings import CheckedHand, Finding
-from graspbox.hand_tools.motion import closing_gaps
+from graspbox.hand_tools.motion import open_width
 
 __all__ = ["trials"]
 
@@ -21,15 +21,7 @@ _USUAL = 0.08
 
 
 def trials(checked: CheckedHand, seed: int = 0) -> Iterator[Finding]:
-    """Plan for objects that fit the hand, and simulate the first poses.
-
-    Parameters
-    ----------
-    checked : CheckedHand
-        The hand.
-    seed : int
-        Seed of the planner.
-    """
+    """Plan for objects that fit the hand, with a seed of the planner, and simulate the first poses."""
     results = []
     for name in _OBJECTS:
         try:
@@ -41,41 +33,31 @@ def trials(checked: CheckedHand, seed: int = 0) -> Iterator[Finding]:
         results.append(result)
         yield _row(name, result)
     rows = [result.row() for result in results]
+    subject, value = "planner", ""
     if all(result.error for result in results):
-        yield Finding(
-            "error",
-            "trials",
-            "planner",
-            "",
-            "no object could be planned for or simulated",
-            "read the errors above; most concern `[grasp]`",
-        )
+        message = "no object could be planned for or simulated"
+        remedy = "read the errors above; most concern `[grasp]`"
     elif not any(row["tried"] for row in rows):
-        yield Finding(
-            "error",
-            "trials",
-            "planner",
-            "0 poses",
-            "no pose is free of collisions for any object: the hand faces away, or is closed when it should be open",
-            "look at the picture (--picture): z of the grasp frame points out of the palm, x along the closing fingers",
+        value = "0 poses"
+        message = (
+            "no pose is free of collisions for any object: the hand faces away, or is closed when it should be open"
+        )
+        remedy = (
+            "look at the picture (--picture): z of the grasp frame points out of the palm, x along the closing fingers"
         )
     elif not any(row["succeeded"] for row in rows):
-        yield Finding(
-            "error",
-            "trials",
-            "simulation",
-            "0 grasps",
-            "no planned grasp holds any object",
-            "see `failure` of `graspbox grasp --out`; check pads, `center`, `load_limit` and friction",
-        )
+        subject, value, message = "simulation", "0 grasps", "no planned grasp holds any object"
+        remedy = "see `failure` of `graspbox grasp --out`; check pads, `center`, `load_limit` and friction"
+    else:
+        return
+    yield Finding("error", "trials", subject, value, message, remedy)
 
 
 def _result(checked: CheckedHand, name: str, seed: int) -> ObjectResult:
     """Try the object, scaled to the opening of the hand."""
     opening = checked.hand.widest
     if np.isinf(opening):
-        spans = [closing_gaps(checked, value) for _, value in checked.preshapes]
-        opening = max((float(span[0]) for span in spans if len(span)), default=0.0)
+        opening = open_width(checked)
         opening = opening if opening > 0.01 else _USUAL
     mesh = object_sets.load(name)[0].load()
     middle = float(np.sort(mesh.bounds[1] - mesh.bounds[0])[1])

@@ -1,13 +1,4 @@
-"""Hands: loaded by name or from their two files, their geometry, and collision meshes as primitives.
-
-| name | purpose |
-|---|---|
-| `load_hand` | a hand by its name, or from a URDF and a ``hand.toml`` |
-| `fitted_urdf` | a URDF with boxes, cylinders and spheres in place of its collision meshes, and how well they fit |
-| `corners_of`, `reach_of`, `symmetries_of`, `asymmetries_of` | collision boxes, reach and symmetries of a hand |
-| `cache_folder` | the folder for cached data |
-| `euler_from_rotation` | angles of a URDF |
-"""
+"""Hands: loaded by name or from their two files, their geometry, and collision meshes as primitives."""
 
 from graspbox._common.rotations import euler_from_rotation
 from graspbox._core import Hand

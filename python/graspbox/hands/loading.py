@@ -4,19 +4,14 @@ import os
 from pathlib import Path
 from typing import TypeAlias
 
-from graspbox._common.files import read_bounded
 from graspbox._core import Hand
-from graspbox.errors import ConfigError, FileError, HandError
-from graspbox.hands.urdf_meshes import fitted_urdf
+from graspbox.errors import ConfigError
+from graspbox.hands.urdf_meshes import fitted_urdf, read_text
 
 __all__ = ["HandLike", "load_hand"]
 
 #: A name, a hand, or the paths of a URDF and a ``hand.toml``.
 HandLike: TypeAlias = str | Hand | tuple[str | os.PathLike[str], str | os.PathLike[str]]
-
-
-#: Largest ``hand.toml``, bytes; the core has the same limit.
-_LARGEST = 1 << 20
 
 
 def load_hand(hand: HandLike = "reflex") -> Hand:
@@ -43,19 +38,15 @@ def load_hand(hand: HandLike = "reflex") -> Hand:
         return Hand.named(hand)
     if isinstance(hand, str) and hand.endswith((".urdf", ".toml")):
         raise ConfigError(
-            f"{hand!r} is one file, but a hand has two: give (URDF, hand.toml), or 'hand.urdf,hand.toml' in a shell"
+            f"{hand!r} is one file, but a hand has two: pass (URDF, hand.toml), or 'hand.urdf,hand.toml' in a shell"
         )
     known = ", ".join(repr(name) for name in Hand.names())
-    raise ConfigError(f"there is no hand {hand!r}; choose from {known}, or give the paths of a URDF and a hand.toml")
+    raise ConfigError(f"there is no hand {hand!r}; choose from {known}, or pass the paths of a URDF and a hand.toml")
 
 
 def _loaded(urdf: Path, toml: Path) -> Hand:
     """Load a hand from its files; the core reads those without collision meshes, and names their lines in errors."""
     if not urdf.is_file() or not (fitted := fitted_urdf(urdf)).fits:
         return Hand.load(urdf, toml)
-    try:
-        settings = read_bounded(toml, _LARGEST).decode()
-    except (FileError, UnicodeDecodeError) as error:
-        raise HandError(f"{toml}: {error}") from None
     # Lines of the text without meshes are not those of the file.
-    return Hand(fitted.text, settings, (f"{urdf} (meshes replaced)", str(toml)))
+    return Hand(fitted.text, read_text(toml), (f"{urdf} (meshes replaced)", str(toml)))

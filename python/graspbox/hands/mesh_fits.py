@@ -1,4 +1,4 @@
-"""Boxes, cylinders and spheres that stand for a mesh, chosen by how far their surface is from that of the mesh.
+"""Boxes, cylinders and spheres in place of a mesh, chosen by the distance of their surface from that of the mesh.
 
 Decompositions into one box and more are compared; each box may become the cylinder or the sphere inside it. The fewest
 primitives whose surface is near enough are taken.
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox._common.arguments import to_json
+from graspbox._common.arguments import config_dict
+from graspbox._common.rotations import poses_from
 from graspbox._core import Mesh
 from graspbox.configs import DecomposeConfig
 
@@ -32,7 +33,7 @@ _WORTH = 0.85
 _AREA_GAIN = 0.98
 #: Sides of a box that differ by less than this share are equal.
 _EQUAL = 0.08
-#: Surface this deep inside another primitive is none of the union's, metres.
+#: A surface deeper than this inside another primitive is not part of the union's, metres.
 _COVERED = 5e-4
 
 
@@ -55,7 +56,7 @@ class Primitive:
     size: tuple[float, ...]
 
     def outside(self, points: Array) -> Array:
-        """Return how far points (n, 3) lie outside the shape, metres; negative inside."""
+        """Return the signed distance of points (n, 3) from the surface, metres; negative inside."""
         local = (points - self.pose[:3, 3]) @ self.pose[:3, :3]
         if self.kind == "sphere":
             return np.asarray(np.linalg.norm(local, axis=1) - self.size[0])
@@ -131,8 +132,8 @@ def fit_mesh(mesh: Mesh) -> MeshFit:
         boxes = _boxes(mesh, most)
         if len(boxes) > tried:
             tried = len(boxes)
-            found = _rounded(boxes, points)
-            best = found if found.mean < _WORTH * best.mean else best
+            fit = _rounded(boxes, points)
+            best = fit if fit.mean < _WORTH * best.mean else best
     return best
 
 
@@ -141,22 +142,19 @@ def _rounded(boxes: tuple[Primitive, ...], points: Array) -> MeshFit:
     best = _measured(boxes, points)
     for number, box in enumerate(boxes):
         for other in _round(box):
-            found = _measured((*best.primitives[:number], other, *best.primitives[number + 1 :]), points)
-            best = found if found.mean < best.mean else best
+            fit = _measured((*best.primitives[:number], other, *best.primitives[number + 1 :]), points)
+            best = fit if fit.mean < best.mean else best
     return best
 
 
 def _boxes(mesh: Mesh, most: int) -> tuple[Primitive, ...]:
-    """Decompose a mesh into at most so many boxes."""
+    """Decompose a mesh into at most `most` boxes."""
     config = replace(DecomposeConfig(), max_boxes=most, min_volume=1e-9, area_gain=_AREA_GAIN)
-    found = _core.decompose(mesh, to_json(config, DecomposeConfig))
-    leaves = np.flatnonzero(found["children"][:, 0] < 0)
-    boxes = []
-    for leaf in leaves.tolist():
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = found["axes"][leaf], found["center"][leaf]
-        boxes.append(Primitive("box", pose, tuple((2.0 * found["half_extents"][leaf]).tolist())))
-    return tuple(boxes)
+    tree = _core.decompose(mesh, config_dict(config, DecomposeConfig))
+    leaves = np.flatnonzero(tree["children"][:, 0] < 0)
+    poses = poses_from(tree["center"][leaves], tree["axes"][leaves])
+    sizes = (2.0 * tree["half_extents"][leaves]).tolist()
+    return tuple(Primitive("box", pose, tuple(size)) for pose, size in zip(poses, sizes, strict=True))
 
 
 def _round(box: Primitive) -> Iterator[Primitive]:

@@ -1,4 +1,4 @@
-"""URDFs whose collision meshes are replaced by primitives: the simulation takes boxes, cylinders and spheres alone.
+"""URDFs whose collision meshes are replaced by boxes, cylinders and spheres, which the simulation supports.
 
 A fitted shape is cached in `graspbox.cache_folder`, by the content of its mesh.
 """
@@ -8,14 +8,15 @@ import json
 import logging
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspbox._common.arguments import to_json
+from graspbox._common.arguments import config_dict
 from graspbox._common.files import read_bounded, write_text
 from graspbox._common.rotations import euler_from_rotation, rotation_from_euler
 from graspbox._core import Mesh
@@ -25,11 +26,13 @@ from graspbox.hands.caching import cache_folder
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
 from graspbox.hands.mjcf_loops import LoopFit
 
-__all__ = ["FittedUrdf", "element_of", "fitted_urdf"]
+__all__ = ["FittedUrdf", "add_origin", "collisions", "fitted_urdf", "numbers_text", "read_text"]
+
+Array = NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
-#: Largest URDF, bytes; the core has the same limit.
-_LARGEST = 1 << 20
+#: Largest URDF and ``hand.toml``, bytes; the core has the same limit.
+LARGEST = 1 << 20
 #: Largest mesh file, bytes, and most collision meshes of a hand.
 _LARGEST_MESH, _MOST_MESHES = 32 << 20, 64
 #: Changes with the method, so that cached shapes of another one are not used.
@@ -57,7 +60,7 @@ class FittedUrdf:
 
 
 def fitted_urdf(path: str | os.PathLike[str]) -> FittedUrdf:
-    """Read a URDF, and fit primitives to its collision meshes.
+    """Read a URDF, and fit primitives to its collision meshes; without any, its text stays the same.
 
     Parameters
     ----------
@@ -65,21 +68,13 @@ def fitted_urdf(path: str | os.PathLike[str]) -> FittedUrdf:
         The URDF. Meshes are STL, OBJ or PLY files in metres, named relative to its folder, by ``file://``, or by
         ``package://NAME/...``, where a folder NAME above the URDF holds them.
 
-    Returns
-    -------
-    FittedUrdf
-        The same text where there are no collision meshes.
-
     Raises
     ------
     HandError
         If the URDF cannot be read, is no XML, or a mesh is missing, cannot be read or is flat.
     """
     path = Path(path)
-    try:
-        text = read_bounded(path, _LARGEST).decode()
-    except (FileError, UnicodeDecodeError) as error:
-        raise HandError(f"{path}: {error}") from None
+    text = read_text(path)
     if not re.search(r"<\s*mesh\b", text):
         return FittedUrdf(text, {})
     if re.search(r"<!\s*(DOCTYPE|ENTITY)", text):
@@ -90,34 +85,36 @@ def fitted_urdf(path: str | os.PathLike[str]) -> FittedUrdf:
         raise HandError(f"{path}: {error}") from None
     fits: dict[str, MeshFit] = {}
     for link in root.iter("link"):
-        _name_colliders(link)
-        for collision in [one for one in link.findall("collision") if one.find("geometry/mesh") is not None]:
-            name = collision.get("name", "")
+        for number, collision in enumerate(link.findall("collision")):
+            # The name that the core would use: replaced colliders change the numbers of those after them.
+            name = collision.attrib.setdefault("name", f"{link.get('name')}_{number}")
+            if collision.find("geometry/mesh") is None:
+                continue
             if len(fits) == _MOST_MESHES:
                 raise HandError(f"{path}: has more than {_MOST_MESHES} collision meshes; merge them, or use primitives")
-            fits[name] = _fit(path, name, collision)
-            _replace(link, collision, fits[name])
-    if not fits:
-        return FittedUrdf(text, {})
-    for name, fit in fits.items():
-        _LOG.info(
-            "%s: %s is %d primitives, %.1f mm from its mesh on average and %.1f mm at most",
-            path.name, name, len(fit.primitives), 1e3 * fit.mean, 1e3 * fit.most,
-        )  # fmt: skip
-    return FittedUrdf(ElementTree.tostring(root, encoding="unicode"), fits)
+            fit = fits[name] = _fit(path, name, collision)
+            at = list(link).index(collision)
+            link[at : at + 1] = collisions(name, _pose_of(collision.find("origin")), fit.primitives)
+            _LOG.info(
+                "%s: %s is %d primitives, %.1f mm from its mesh on average and %.1f mm at most",
+                path.name, name, len(fit.primitives), 1e3 * fit.mean, 1e3 * fit.most,
+            )  # fmt: skip
+    return FittedUrdf(ElementTree.tostring(root, encoding="unicode") if fits else text, fits)
 
 
-def _name_colliders(link: ElementTree.Element) -> None:
-    """Give unnamed colliders the names that the core would give them, since replaced ones change their numbers."""
-    for number, collision in enumerate(link.findall("collision")):
-        if collision.get("name") is None:
-            collision.set("name", f"{link.get('name')}_{number}")
+def read_text(path: Path) -> str:
+    """Read a file of a hand; a HandError names one that cannot be read."""
+    try:
+        return read_bounded(path, LARGEST).decode()
+    except UnicodeDecodeError:
+        raise HandError(f"{path} is not UTF-8 text") from None
+    except FileError as error:
+        raise HandError(f"{path}: {error}") from None
 
 
 def _fit(urdf: Path, name: str, collision: ElementTree.Element) -> MeshFit:
     """Fit primitives to the mesh of a collider, or take them from the cache."""
-    mesh = collision.find("geometry/mesh")
-    assert mesh is not None
+    (mesh,) = collision.iterfind("geometry/mesh")
     filename = mesh.get("filename") or ""
     scale = _numbers(mesh.get("scale"), (1.0, 1.0, 1.0))
     place = f"{urdf}: collider {name!r}: mesh {filename!r}"
@@ -127,7 +124,7 @@ def _fit(urdf: Path, name: str, collision: ElementTree.Element) -> MeshFit:
             f"{place} is missing; name it from the URDF's folder, or as package://NAME/... with NAME above it"
         )
     if len(scale) != 3 or not all(np.isfinite(scale)) or min(map(abs, scale)) <= 0.0:
-        raise HandError(f"{place} has scale {mesh.get('scale')!r}; give three numbers other than 0")
+        raise HandError(f"{place} has scale {mesh.get('scale')!r}; use three numbers other than 0")
     try:
         content = read_bounded(file, _LARGEST_MESH)
         key = hashlib.sha256(f"{_METHOD} {scale} {file.suffix}".encode() + content).hexdigest()
@@ -149,7 +146,7 @@ def _fit(urdf: Path, name: str, collision: ElementTree.Element) -> MeshFit:
 
 def _scaled(file: Path, scale: tuple[float, ...]) -> Mesh:
     """Read a mesh, in metres after its scale along each axis."""
-    options, cleaning = to_json(LoadConfig(max_bytes=_LARGEST_MESH)), to_json(CleanConfig())
+    options, cleaning = config_dict(LoadConfig(max_bytes=_LARGEST_MESH)), config_dict(CleanConfig())
     mesh = Mesh.load(file, file.stem, None, options, cleaning)
     if scale == (1.0, 1.0, 1.0):
         return mesh
@@ -168,30 +165,32 @@ def _places(folder: Path, filename: str) -> Iterator[Path]:
         yield folder / filename.removeprefix("file://")
 
 
-def _replace(link: ElementTree.Element, collision: ElementTree.Element, fit: MeshFit) -> None:
-    """Put the shapes of a fit in place of a collider."""
-    name, at = collision.get("name", ""), list(link).index(collision)
-    origin = collision.find("origin")
+def _pose_of(origin: ElementTree.Element | None) -> Array:
     pose = np.eye(4)
     if origin is not None:
         pose[:3, 3] = _numbers(origin.get("xyz"), (0.0, 0.0, 0.0))
         pose[:3, :3] = rotation_from_euler([_numbers(origin.get("rpy"), (0.0, 0.0, 0.0))])[0]
-    link.remove(collision)
-    for number, primitive in enumerate(fit.primitives):
-        called = name if len(fit.primitives) == 1 else f"{name}.{number}"
-        link.insert(at + number, element_of(called, pose @ primitive.pose, primitive))
+    return pose
 
 
-def element_of(name: str, pose: np.ndarray, primitive: Primitive) -> ElementTree.Element:
-    """Describe a shape as an element of a URDF."""
-    made = ElementTree.Element("collision", name=name)
+def collisions(name: str, pose: Array, primitives: Sequence[Primitive]) -> list[ElementTree.Element]:
+    """Return the elements of a URDF for the primitives of a collider at a pose (4, 4); several get numbers."""
+    elements = []
+    for number, primitive in enumerate(primitives):
+        element = ElementTree.Element("collision", name=name if len(primitives) == 1 else f"{name}.{number}")
+        add_origin(element, pose @ primitive.pose)
+        names = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[primitive.kind]
+        values = [primitive.size] if primitive.kind == "box" else [(each,) for each in primitive.size]
+        sizes = dict(zip(names, map(numbers_text, values), strict=True))
+        ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), primitive.kind, sizes)
+        elements.append(element)
+    return elements
+
+
+def add_origin(element: ElementTree.Element, pose: Array) -> None:
+    """Add a pose (4, 4) to an element of a URDF."""
     (angles,) = euler_from_rotation(pose[None, :3, :3])
-    ElementTree.SubElement(made, "origin", xyz=_text(pose[:3, 3]), rpy=_text(angles))
-    geometry = ElementTree.SubElement(made, "geometry")
-    names = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[primitive.kind]
-    values = [_text(primitive.size)] if primitive.kind == "box" else [_text([each]) for each in primitive.size]
-    ElementTree.SubElement(geometry, primitive.kind, dict(zip(names, values, strict=True)))
-    return made
+    ElementTree.SubElement(element, "origin", xyz=numbers_text(pose[:3, 3]), rpy=numbers_text(angles))
 
 
 def _numbers(text: str | None, default: tuple[float, ...]) -> tuple[float, ...]:
@@ -202,7 +201,8 @@ def _numbers(text: str | None, default: tuple[float, ...]) -> tuple[float, ...]:
         raise HandError(f"{text!r} is not a list of numbers; separate numbers by blanks") from None
 
 
-def _text(values: "np.ndarray | tuple[float, ...] | list[float]") -> str:
+def numbers_text(values: Array | Sequence[float]) -> str:
+    """Write numbers for an attribute, with 9 digits."""
     return " ".join(f"{float(value):.9g}" for value in values)
 
 

@@ -18,7 +18,7 @@ A set is named by a string, or by a sequence of strings whose objects are combin
 Meshes of a folder are named without their suffix, except those that would share a name: ``mug.obj`` and ``mug.stl``.
 A file ``masses.csv`` in the folder, with the columns ``name`` and ``mass``, lists their masses in kilograms.
 
-Every set can be split by object into train, validation and test; the split of an object depends on its name alone.
+Every set can be split by object into train, validation and test; the split of an object depends only on its name.
 Near-duplicates form a group, which has one split: objects whose names differ in the letter of a series (``065-a_cups``,
 ``065-b_cups``), and YCB objects of nearly the same shape and size.
 """
@@ -61,7 +61,7 @@ UNSEEN_FAMILIES = ("clamp", "fruit", "kettle", "spoon", "wine_glass")
 _GROUPS = ("seen", "unseen")
 #: Seeds of each family if a set names none.
 _DEFAULT_SEEDS = range(10)
-#: Larger sets are refused: their names alone would fill the memory.
+#: Larger sets are refused: even their names would fill the memory.
 _MAX_OBJECTS = 1_000_000
 
 
@@ -84,7 +84,7 @@ class ObjectSpec:
     mass_known : str
         ``published``, ``weighed``, ``estimate``, ``given``, ``table``, ``made`` (procedural) or ``density``.
     source : str
-        The set that holds this object alone, with which `load` finds it again.
+        Name of a set of only this object, for `load`.
     """
 
     name: str
@@ -104,7 +104,7 @@ class ObjectSpec:
 
     @property
     def split(self) -> Split:
-        """The object's split; it depends on the name of its group alone."""
+        """The object's split; it depends only on the name of its group."""
         digest = hashlib.sha256(self.group.encode()).digest()
         share = int.from_bytes(digest[:8], "big") / 2**64
         return next(split for end, split in _SPLIT_ENDS if share < end)
@@ -320,15 +320,9 @@ def families_and_seeds(rest: str, name: str) -> tuple[tuple[str, ...], range]:
 
 def _procedural(rest: str, name: str, scale: float) -> tuple[ObjectSpec, ...]:
     families, seeds = families_and_seeds(rest, name)
+    shared = {"scale": scale, "mass_known": "made"}
     return tuple(
-        ObjectSpec(
-            f"{family}-{seed:06d}",
-            family=family,
-            seed=seed,
-            scale=scale,
-            mass_known="made",
-            source=f"procedural:{family}:{seed}",
-        )
+        ObjectSpec(f"{family}-{seed:06d}", family=family, seed=seed, source=f"procedural:{family}:{seed}", **shared)  # type: ignore[arg-type]
         for family in families
         for seed in seeds
     )
@@ -349,7 +343,7 @@ def _seeds(text: str, name: str) -> range:
 @cache
 def _ycb_masses() -> dict[str, tuple[float, str]]:
     """Mass in kilograms, and its origin, by name: see ``data/README.md``."""
-    text = resources.files("graspbox").joinpath("data/ycb_masses.csv").read_text()
+    text = resources.files("graspbox").joinpath("object_sets/ycb/ycb_masses.csv").read_text()
     return {row["name"]: (float(row["mass"]), row["known"]) for row in csv.DictReader(text.splitlines())}
 
 
@@ -372,7 +366,7 @@ def _ycb(which: str, scale: float) -> tuple[ObjectSpec, ...]:
 
 
 def _graspable() -> tuple[str, ...]:
-    file = resources.files("graspbox").joinpath("data/ycb_graspable.txt")
+    file = resources.files("graspbox").joinpath("object_sets/ycb/ycb_graspable.txt")
     lines = (line.partition("#")[0].strip() for line in file.read_text().splitlines())
     return tuple(line for line in lines if line)
 

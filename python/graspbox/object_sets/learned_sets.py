@@ -1,6 +1,6 @@
 """Object sets that a policy was trained on, as listed in its folder: ``NAME`` or ``NAME/SPLIT``.
 
-`graspbox.evaluation` leaves their objects out; `graspbox.recipes` writes them.
+`graspbox.evaluation` leaves their objects out; `graspbox.learn.recipes` writes them.
 """
 
 import logging

@@ -18,7 +18,7 @@ _COLUMNS = ["name", "mass"]
 #: Greatest size of a table, bytes.
 _MAX_TABLE = 1 << 26
 #: Greatest mass that a hand can hold, kilograms: a greater number is in grams.
-_GREATEST_MASS = 25.0
+_MAX_MASS = 25.0
 
 #: Supported suffixes of mesh files.
 MESH_SUFFIXES = frozenset({".stl", ".ply", ".obj", ".off"})
@@ -45,13 +45,13 @@ def meshes_in(folder: Path) -> list[tuple[str, Path]]:
             found.append((entry.stem, entry))
         elif entry.is_dir():
             layout = next((entry / file for file in _LAYOUTS if (entry / file).is_file()), None)
-            found += [(entry.name, layout)] if layout else _below(folder, entry)
+            found += [(entry.name, layout)] if layout else _meshes_below(folder, entry)
         elif entry.suffix.lower() in MESH_SUFFIXES or not entry.suffix:
             _warn_of_dangling(entry)
     return found
 
 
-def _below(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
+def _meshes_below(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
     """Find the meshes in a folder and its subfolders, named by their path from `root`; does not follow links."""
 
     def fail(error: OSError) -> None:
@@ -132,7 +132,7 @@ def _kilograms(text: str, name: str) -> float:
         mass = float(text)
     except ValueError:
         raise ObjectSetError(f"{name} is {text!r}; write a number of kilograms, such as 0.25") from None
-    if mass > _GREATEST_MASS:
+    if mass > _MAX_MASS:
         raise ObjectSetError(f"{name} is {text.strip()}, which looks like grams; write kilograms: {mass / 1000:g}")
     if not mass > 0.0:
         raise ObjectSetError(f"{name} is {text.strip()}; write a positive number of kilograms")

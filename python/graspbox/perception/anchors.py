@@ -1,12 +1,12 @@
 """Anchors: a regular grid of steep grasps over the table, which a network classifies one by one.
 
 A grasp is described by its grasp point (a fixed distance in front of the palm, between the fingers), the roll of the
-hand about the vertical, the tilt of its approach away from straight down, and its preshape. Anchors have grasp points
-on a grid of the crop, evenly spaced rolls, and no tilt. `Anchors.places` finds the place of a pose among them;
-`Anchors.encode` and `Anchors.decode` name it by its nearest anchor and a residual of at most half a step.
+hand about the vertical, the tilt of its approach from straight down, and its preshape. Anchors have grasp points on a
+grid of the crop, evenly spaced rolls, and no tilt. `Anchors.encode` and `Anchors.decode` convert between a pose and its
+nearest anchor with a residual of at most half a step.
 
 Steep grasps are enough for objects on a table: in 170 of the first 171 scenes of a data set of boxes and blocks
-(`graspbox dataset`, 112 trials each) one that was within 0.32 rad of the vertical succeeded.
+(`graspbox dataset`, 112 trials each) one within 0.32 rad of the vertical succeeded.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class AnchorConfig:
     heights : int
         Grasp points along z.
     lowest : float
-        Height of the lowest over the table, metres; it may be below, since the fingers close above it.
+        Height of the lowest over the table, metres; perhaps below, since the fingers close above it.
     rolls : int
         Rolls of the hand in a full turn; even.
     reach : float
@@ -61,39 +61,24 @@ class AnchorConfig:
         for name in ("cells", "rolls", "heights"):
             check_range(self, name, 2, 256)
             if name != "heights" and getattr(self, name) % 2:
-                raise ConfigError(f"{name} is {getattr(self, name)}; give an even number")
+                raise ConfigError(f"{name} is {getattr(self, name)}; pass an even number")
         for name, least in (("spacing", 1e-4), ("reach", 1e-4), ("lowest", -1.0)):
             check_range(self, name, least, 1.0)
         if not 0.0 < self.max_tilt < np.pi / 2:
-            raise ConfigError(f"max_tilt is {self.max_tilt}; give more than 0, and less than pi / 2: the horizon")
+            raise ConfigError(f"max_tilt is {self.max_tilt}; pass more than 0, and less than pi / 2: the horizon")
 
     def check(self, crop: CropConfig) -> None:
-        """Check that the grid of points lies on every second voxel of a crop."""
+        """Refuse a grid whose points do not lie on every second voxel of a crop."""
         if abs(self.spacing - 2.0 * crop.voxel_size) > 1e-9 or self.cells > crop.resolution // 2:
             raise ConfigError(
                 f"{self.cells} anchors {self.spacing} m apart do not fit a crop of {crop.resolution} voxels of "
-                f"{crop.voxel_size} m; give spacing = {2.0 * crop.voxel_size} and at most {crop.resolution // 2} cells"
+                f"{crop.voxel_size} m; pass spacing = {2.0 * crop.voxel_size} and at most {crop.resolution // 2} cells"
             )
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """k grasps of one crop, the best first.
-
-    Attributes
-    ----------
-    poses : (k, 4, 4) float64
-        ``crop_from_hand``, metres.
-    preshape : (k,) int64
-        Indices of the hand's preshapes.
-    scores : (k,) float64
-        The greater, the better.
-
-    Raises
-    ------
-    ConfigError
-        If a pose or a score is not finite.
-    """
+    """k grasps of one crop, best first: ``crop_from_hand`` (k, 4, 4), metres; preshapes (k,) by index; scores (k,)."""
 
     poses: NDArray[np.float64]
     preshape: NDArray[np.int64]
@@ -108,15 +93,11 @@ class Candidates:
 class Encoded:
     """m poses among the anchors.
 
-    Attributes
-    ----------
-    place : (m, 4) float64
-        Where the pose is on the grid, in steps: x, y, height, roll; roll is in [0, rolls).
-    tilt : (m, 2) float64
-        Axis of the turn from straight down to the approach, in the horizontal axes of the untilted hand, times its
-        angle, radians.
-    inside : (m,) bool
-        Whether the pose is at most half a step outside the grid, and not tilted too far.
+    `place` (m, 4): in steps of the grid, x, y, height, and roll in [0, rolls). `tilt` (m, 2): axis of the turn from
+    straight
+    down to the approach, in the horizontal axes of the untilted hand, times its angle, radians. `inside` (m,): whether
+    the
+    pose is at most half a step outside the grid, and not tilted too far.
     """
 
     place: NDArray[np.float64]
@@ -125,15 +106,7 @@ class Encoded:
 
 
 class Anchors:
-    """A grid of anchors for a hand with `preshapes` preshapes.
-
-    Parameters
-    ----------
-    preshapes : int
-        Number of the hand's preshapes.
-    config : AnchorConfig
-        The grid.
-    """
+    """A grid of anchors for a hand with `preshapes` preshapes."""
 
     def __init__(self, preshapes: int, config: AnchorConfig = AnchorConfig()) -> None:
         self.config = config
@@ -145,7 +118,7 @@ class Anchors:
         return int(np.prod(self.shape))
 
     def places(self, crop_from_hand: NDArray[np.float64]) -> Encoded:
-        """Find where poses ``crop_from_hand`` (m, 4, 4) are among the anchors."""
+        """Locate poses ``crop_from_hand`` (m, 4, 4) among the anchors."""
         c = self.config
         approach = crop_from_hand[:, :3, 2]
         point = crop_from_hand[:, :3, 3] + c.reach * approach
@@ -171,7 +144,7 @@ class Anchors:
         return Encoded(place, tilt, on_grid & (angle <= c.max_tilt))
 
     def poses(self, place: NDArray[np.float64], tilt: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Give poses ``crop_from_hand`` (m, 4, 4) of places (m, 4) and tilts (m, 2): the inverse of `places`."""
+        """Return poses ``crop_from_hand`` (m, 4, 4) of places (m, 4) and tilts (m, 2): the inverse of `places`."""
         c = self.config
         roll = place[:, 3] * (2.0 * np.pi / c.rolls)
         cosine, sine = np.cos(roll), np.sin(roll)
@@ -187,26 +160,24 @@ class Anchors:
     def encode(
         self, crop_from_hand: NDArray[np.float64], preshape: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Name poses (m, 4, 4) with preshapes (m,), by index, by their nearest anchors.
+        """Find the nearest anchors of poses (m, 4, 4) with preshapes (m,), by index.
 
-        Returns
-        -------
-        (m,) int64, (m, 6) float64, (m,) bool
-            Index of the anchor in an array of `shape`; residual, each of the first four at most 1/2; and whether the
-            pose is on the grid. Poses that are not have the residual of the nearest pose that is.
+        Returns their indices (m,) in an array of `shape`; residuals (m, 6), each of the first four at most 1/2; and
+        whether
+        the pose is on the grid (m,). Poses off the grid have the residual of the nearest pose on it.
         """
-        found = self.places(crop_from_hand)
-        nearest = self._clipped(np.rint(found.place).astype(np.int64))
-        offset = found.place - nearest
+        encoded = self.places(crop_from_hand)
+        nearest = self._clipped(np.rint(encoded.place).astype(np.int64))
+        offset = encoded.place - nearest
         offset[:, 3] -= self.config.rolls * np.rint(offset[:, 3] / self.config.rolls)
-        residual = np.concatenate([offset, found.tilt / self.config.max_tilt], axis=1)
+        residual = np.concatenate([offset, encoded.tilt / self.config.max_tilt], axis=1)
         residual[:, :4] = np.clip(residual[:, :4], -0.5, 0.5)
-        return self._index(preshape, nearest), np.clip(residual, -1.0, 1.0), found.inside
+        return self._index(preshape, nearest), np.clip(residual, -1.0, 1.0), encoded.inside
 
     def decode(
         self, index: NDArray[np.int64], residual: NDArray[np.float64] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Give poses ``crop_from_hand`` (m, 4, 4) and preshapes (m,), by index, of anchors (m,) and residuals (m, 6).
+        """Return poses ``crop_from_hand`` (m, 4, 4) and preshapes (m,), by index, of anchors (m,) and residuals (m, 6).
 
         Without residuals the poses are the anchors' own.
         """
@@ -219,7 +190,7 @@ class Anchors:
     def candidates(
         self, index: NDArray[np.int64], residual: NDArray[np.float32], scores: NDArray[np.float32]
     ) -> Candidates:
-        """Make grasps of anchors (k,), residuals (k, 6) and scores (k,) that a network gives, best first.
+        """Make grasps of a network's anchors (k,), residuals (k, 6) and scores (k,), best first.
 
         Raises
         ------
@@ -228,19 +199,16 @@ class Anchors:
         """
         if len(index) and not (index.min() >= 0 and index.max() < len(self)):
             raise ConfigError(
-                f"the head gives anchors from {index.min()} to {index.max()}, and there are {len(self)}; its network "
+                f"the head returns anchors from {index.min()} to {index.max()}, and there are {len(self)}; its network "
                 "and its settings do not fit, so export the policy again"
             )
-        # A grasp's own anchor gives it residuals of this range.
+        # Residuals of a grasp from its own anchor have this range.
         bounds = np.array([0.5] * 4 + [1.0] * 2)
         poses, preshape = self.decode(index, np.clip(residual.astype(np.float64), -bounds, bounds))
         return Candidates(poses, preshape, scores.astype(np.float64))
 
     def mirrored(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Give the anchors (m,) that are the mirror images of others in the crop's plane y = 0.
-
-        The hand must be its own mirror image in its plane y = 0.
-        """
+        """Mirror anchors (m,) in the crop's plane y = 0; the hand must be symmetric in its plane y = 0."""
         preshape, height, roll, x, y = np.unravel_index(index, self.shape)
         flipped = np.ravel_multi_index(
             (preshape, height, -roll % self.config.rolls, x, self.config.cells - 1 - y), self.shape
@@ -248,7 +216,7 @@ class Anchors:
         return np.asarray(flipped, dtype=np.int64)
 
     def _clipped(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Move nodes (m, 4) to the nearest on the grid; rolls go around."""
+        """Move nodes (m, 4) to the nearest on the grid; rolls wrap around."""
         c = self.config
         clipped = np.clip(nodes, 0, [c.cells - 1, c.cells - 1, c.heights - 1, nodes.max(initial=0)])
         clipped[:, 3] = nodes[:, 3] % c.rolls
@@ -267,7 +235,7 @@ def _turned(vectors: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray
 
 
 def _turns(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give rotations (m, 3, 3) about horizontal vectors (m, 2) by their length, radians."""
+    """Return rotations (m, 3, 3) about horizontal vectors (m, 2) by their length, radians."""
     angle = np.linalg.norm(vectors, axis=1)
     x, y = (vectors / np.maximum(angle, 1e-12)[:, None]).T
     cosine, sine = np.cos(angle), np.sin(angle)

@@ -1,4 +1,4 @@
-"""Where a camera of a config is, and its lens."""
+"""Intrinsics and pose of a camera of a config."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,19 +10,19 @@ __all__ = ["camera_pose", "lens"]
 
 
 def lens(fov: float, image_size: tuple[int, int]) -> NDArray[np.float64]:
-    """Give the intrinsics (3, 3), pixels, of a vertical field of view (radians) and images of rows and columns."""
+    """Return the intrinsics (3, 3), pixels, of a vertical field of view (radians) and images of rows and columns."""
     rows, columns = image_size
     focal = 0.5 * rows / np.tan(0.5 * fov)
     return np.array([[focal, 0.0, 0.5 * columns], [0.0, focal, 0.5 * rows], [0.0, 0.0, 1.0]])
 
 
 def camera_pose(camera: CameraConfig) -> NDArray[np.float64]:
-    """Give the pose (4, 4) of a camera in the frame of its mount: z forward, x right, y down.
+    """Return the pose (4, 4) of a camera in the frame of its mount: z forward, x right, y down.
 
     Raises
     ------
     ConfigError
-        If it looks nowhere: eye and target coincide, or it looks along `up`.
+        If eye and target coincide, or it looks along `up`.
     """
     eye, target, up = (np.asarray(v, dtype=np.float64) for v in (camera.eye, camera.target, camera.up))
     forward = target - eye

@@ -48,7 +48,7 @@ _REHEARSAL_RANGES = (
 
 @dataclass(frozen=True)
 class DepthNoise:
-    """Noise of a depth camera.
+    """Noise of a depth camera, after Nguyen et al. (edges and dropout: our choice).
 
     A pixel at depth z, on a surface whose normal is turned by the angle a away from the ray, has axial noise of
     standard deviation ``axial_floor + axial_growth (z - axial_near)^2 + axial_grazing / sqrt(z) * (a / (pi/2 - a))^2``,
@@ -56,29 +56,18 @@ class DepthNoise:
 
     Attributes
     ----------
-    axial_floor : float
-        Metres; Nguyen et al.
-    axial_growth : float
-        1/m; Nguyen et al.
-    axial_near : float
-        Metres; Nguyen et al.
-    axial_grazing : float
-        m^1.5; Nguyen et al.
+    axial_floor, axial_growth, axial_near, axial_grazing : float
+        Metres, 1/m, metres and m^1.5.
     lateral : float
-        Standard deviation of the direction of a pixel's ray, radians; Nguyen et al., 0.8 pixels of a lens of 585
-        pixels.
+        Standard deviation of the direction of a pixel's ray, radians: 0.8 pixels of a lens of 585 pixels.
     edge_step : float
-        A pixel is at an edge where the depth of a neighbour differs by more than this, metres; our choice.
-    edge_dropout : float
-        Probability that a pixel at an edge has no depth; our choice.
+        A pixel is at an edge if the depth of a neighbour differs by more than this, metres.
+    edge_dropout, grazing_dropout, dropout : float
+        Probability that a pixel at an edge, one beyond `grazing_angle`, and any pixel has no depth.
     grazing_angle : float
-        Angle between ray and normal from which a pixel may have no depth, radians; Nguyen et al. measured up to 1.4.
-    grazing_dropout : float
-        Probability that a pixel beyond that angle has no depth; our choice.
-    dropout : float
-        Probability that any pixel has no depth; our choice.
+        Angle between ray and normal from which a pixel may have no depth, radians; measured up to 1.4.
     quantum : float
-        Step of the numbers that the camera gives, metres.
+        Step of the camera's numbers, metres.
 
     References
     ----------
@@ -118,7 +107,7 @@ EVERYTHING = 0.5
 
 @dataclass(frozen=True)
 class CropConfig:
-    """The cube around the observed object, and how its pixels are told from the table's.
+    """The cube around the observed object, and the criteria that separate its pixels from the table's.
 
     Attributes
     ----------
@@ -127,9 +116,9 @@ class CropConfig:
     resolution : int
         Voxels along each side.
     below : float
-        How far the cube reaches below the table, metres.
+        Depth of the cube below the table, metres.
     min_height : float
-        A pixel higher than this above the table, after smoothing, is not the table's, metres.
+        Pixels higher than this above the table, after smoothing, are not the table's, metres.
     gap : float
         Widest gap between pixels of one object in plan view, metres.
     min_pixels : int
@@ -149,7 +138,7 @@ class CropConfig:
         return self.side / self.resolution
 
     def has_voxels_of(self, other: "CropConfig") -> bool:
-        """Whether the voxels of another crop mean the same; it may tell objects apart in another way (`gap`)."""
+        """Whether the voxels of another crop mean the same; only its `gap` may differ."""
         return replace(self, gap=other.gap) == other
 
     @property
@@ -167,12 +156,12 @@ class HandGridConfig:
     cell : float
         Side of a cell, metres; with `shape` the least side.
     shape : tuple of int, optional
-        Numbers of cells along x, y and z, multiples of 8; cells are then as large as the volume needs that the fingers
-        sweep. By default there are as many cells as it needs.
+        Numbers of cells along x, y and z, multiples of 8; cells are then enlarged to the volume that the fingers sweep.
+        By default there are as many cells as it needs.
     clearance : float
-        Room that the open hand must have on every side, metres.
+        Room around the open hand on every side, metres.
     standoff : float
-        The hand comes from this far behind, along its -z, metres.
+        The hand approaches from this far behind, along its -z, metres.
     """
 
     cell: float = 0.01
@@ -221,8 +210,7 @@ class RehearsalConfig:
     grasps : int
         How many of the best grasps are tried.
     thresholds : tuple of int
-        Least values of a voxel that a shape fills, 1 to 255: a completion does not know the object exactly, and each of
-        these makes a shape.
+        Least values of a voxel that a shape fills, 1 to 255. Each makes a shape, since a completion is uncertain.
     trials : int
         Trials of each grasp with each shape: one at the pose itself, the others with errors of the hand's pose.
     position, rotation : float
@@ -232,7 +220,7 @@ class RehearsalConfig:
     density : float
         Mass over the completed volume, kg/m3.
     heavy : float
-        Each trial is repeated with this mass, kg, if that is heavier: a thing of metal looks like one of wood.
+        Each trial is repeated with this mass, kg, if it is greater: metal and wood look alike in depth.
 
     Raises
     ------
@@ -255,7 +243,7 @@ class RehearsalConfig:
         for name, least, most in _REHEARSAL_RANGES:
             check_range(self, name, least, most)
         if not 1 <= len(self.thresholds) <= 16 or not all(1 <= value <= 255 for value in self.thresholds):
-            raise ConfigError(f"thresholds is {self.thresholds}; give 1 to 16 numbers of 1 to 255")
+            raise ConfigError(f"thresholds is {self.thresholds}; pass 1 to 16 numbers of 1 to 255")
 
 
 @dataclass(frozen=True)
@@ -267,12 +255,11 @@ class FinderConfig:
     proposals : ProposalConfig
         How grasps are proposed by geometry.
     predicted : int
-        Most grasps of a head, its best, that are added; 0 for none. Those that the open hand does not reach are left
-        out.
+        Most grasps of a head, its best that the open hand reaches, that are added; 0 for none.
     enough : int, optional
-        The head is asked only where geometry proposes fewer grasps than this; by default always.
+        The head is asked only if geometry proposes fewer grasps than this; by default always.
     lever_penalty : float, optional
-        What the score of a grasp loses for each metre of its lever (`HandGrid.levers`), 1/m; by default nothing.
+        Penalty of a grasp's score per metre of its lever (`HandGrid.levers`), 1/m; by default none.
     refinements : int
         Steps of refinement: each tries neighbours of the best grasps.
     parents, children : int
@@ -281,15 +268,15 @@ class FinderConfig:
         Standard deviation of the first step along and about each axis of the hand, metres and radians; half of it in
         each step after.
     hand_error : PoseNoise, optional
-        How far the hand may go from where it is sent. Where it is given, the best grasps are compared by their mean
-        score over such errors and refined by it once more. By default the hand does not err.
+        Expected error of the hand's pose: the best grasps are then compared by their mean score over such errors, and
+        refined by it once more. By default none.
     finalists : int
         How many of the best grasps are compared by that mean.
     neighbours : int
         Errors that the mean is of, besides none. A grasp that the open hand does not reach then counts as 0.
     rehearsal : RehearsalConfig, optional
-        Try the best grasps in simulation on the completed shape; by default none. Where `hand_error` is given, the
-        trials have these errors.
+        Try the best grasps in simulation on the completed shape, with errors of `hand_error` if it is set; by default
+        not.
     """
 
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
@@ -312,17 +299,11 @@ class FinderConfig:
                 check_range(self, name, least, most)
 
     def tolerating(self, error: PoseNoise) -> "FinderConfig":
-        """Give these settings for a hand with such errors; its grasps are refined at least twice."""
+        """Return these settings for a hand with such errors; its grasps are refined at least twice."""
         return replace(self, hand_error=error, refinements=max(self.refinements, 2))
 
     def rehearsing(self, grasps: int) -> "FinderConfig":
-        """Give these settings with trials of the best `grasps` on the completed shape; 0 for none.
-
-        Raises
-        ------
-        ConfigError
-            For a number out of range.
-        """
+        """Return these settings with trials of the best `grasps` on the completed shape; 0 for none."""
         if grasps == 0:
             return replace(self, rehearsal=None)
         return replace(self, rehearsal=replace(self.rehearsal or RehearsalConfig(), grasps=grasps))

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
-from graspbox._common.arguments import floats, natural, to_json
+from graspbox._common.arguments import config_dict, floats, natural
 from graspbox._common.by_value import ByValue
 from graspbox.errors import ConfigError
 from graspbox.meshes import MeshLike, as_mesh
+from graspbox.meshes.views import depth_metres
 from graspbox.perception.configs import CropConfig, DepthNoise
-from graspbox.views import depth_metres
 
 __all__ = ["CHANNELS", "OCCUPIED", "Crops", "add_depth_noise", "crop", "solid_occupancy"]
 
@@ -32,9 +32,9 @@ class Crops(ByValue):
     Attributes
     ----------
     world_from_crop : (n, 4, 4) float64
-        Pose of the crop frame, metres; the identity where no object was found.
+        Pose of the crop frame, metres; the identity without an object.
     found : (n,) bool
-        Whether an object was found.
+        Whether the image shows an object.
     object : (n, H, W) bool
         Pixels of the object.
     channels : (n, 3, N, N, N) uint8
@@ -71,7 +71,7 @@ def add_depth_noise(
     *,
     num_threads: int | None = None,
 ) -> NDArray[np.uint16]:
-    """Give rendered depth as a camera would measure it.
+    """Return rendered depth as a camera would measure it.
 
     Parameters
     ----------
@@ -80,12 +80,11 @@ def add_depth_noise(
     intrinsics : (3, 3) array
         Of every image, pixels.
     seed : int or sequence of n int
-        The first image's seed, from which the others follow by ones; or one per image. An image depends on its own
-        alone.
+        One per image; or the first image's, from which the others follow by ones.
     noise : DepthNoise
         The camera.
     num_threads : int, optional
-        Threads to use; the result does not depend on it.
+        By default one per core; the result does not depend on it.
 
     Returns
     -------
@@ -99,14 +98,14 @@ def add_depth_noise(
     """
     images = depth_metres(depth)
     if images.ndim != 3:
-        raise ConfigError(f"depth has shape {images.shape}; give (n, H, W)")
+        raise ConfigError(f"depth has shape {images.shape}; pass (n, H, W)")
     if isinstance(seed, int | np.integer):
         first = natural(seed, "seed", 63)
         seeds = [first + i for i in range(len(images))]
     else:
         seeds = [natural(one, "seed", 64) for one in seed]
     return _core.add_depth_noise(
-        images, floats(intrinsics, "intrinsics"), seeds, to_json(noise, DepthNoise, "noise"), num_threads
+        images, floats(intrinsics, "intrinsics"), seeds, config_dict(noise, DepthNoise, "noise"), num_threads
     )
 
 
@@ -128,14 +127,13 @@ def crop(
     intrinsics : (3, 3) array
         Of every image, pixels.
     world_from_camera : (n, 4, 4) array
-        Poses of the cameras in a world whose z axis points up and whose table is the plane z = 0. A camera's frame has
-        z forward, x right and y down.
+        Poses of the cameras (z forward, x right, y down), metres; the table is the plane z = 0, z is up.
     labels : (n, H, W) bool array, optional
-        Pixels of the object where they are known; by default the largest group of pixels above the table.
+        Pixels of the object; by default the largest group of pixels above the table.
     config : CropConfig
         The crop.
     num_threads : int, optional
-        Threads to use; the result does not depend on it.
+        By default one per core; the result does not depend on it.
 
     Raises
     ------
@@ -145,16 +143,16 @@ def crop(
     images = depth_metres(depth)
     flags = None if labels is None else np.ascontiguousarray(labels)
     if flags is not None and flags.dtype != np.bool_:
-        raise ConfigError(f"labels are of dtype {flags.dtype}; give bool, True for the object")
-    found = _core.crops(
+        raise ConfigError(f"labels are of dtype {flags.dtype}; pass bool, True for the object")
+    arrays = _core.crops(
         images,
         floats(intrinsics, "intrinsics"),
         floats(world_from_camera, "world_from_camera"),
         flags,
-        to_json(config, CropConfig),
+        config_dict(config, CropConfig),
         num_threads,
     )
-    return Crops(**found)
+    return Crops(**arrays)
 
 
 def solid_occupancy(
@@ -172,13 +170,13 @@ def solid_occupancy(
     meshes : sequence of Mesh
         The objects.
     mesh_of : sequence of n int
-        Which of them each crop holds.
+        Index of the object in each crop.
     crop_from_object : (n, 4, 4) array
-        Where it rests, in the frame of its crop: ``inv(world_from_crop) @ world_from_object``.
+        ``inv(world_from_crop) @ world_from_object``.
     config : CropConfig
         The crop.
     num_threads : int, optional
-        Threads to use; the result does not depend on it.
+        By default one per core; the result does not depend on it.
 
     Returns
     -------
@@ -193,4 +191,4 @@ def solid_occupancy(
     models = [as_mesh(mesh) for mesh in meshes]
     indices = [natural(index, "mesh_of") for index in mesh_of]
     poses = floats(crop_from_object, "crop_from_object")
-    return _core.solids(models, indices, poses, to_json(config, CropConfig), num_threads)
+    return _core.solids(models, indices, poses, config_dict(config, CropConfig), num_threads)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
-from graspbox._common.extras import imported
 from graspbox._common.files import read_bounded
+from graspbox._common.imports import imported
 from graspbox.errors import ConfigError, FileError
 
 __all__ = [
@@ -70,12 +70,12 @@ _FOCAL = 230.0
 def read_depth(
     path: str | os.PathLike[str], scale: float | None = None, *, max_pixels: int = _MOST_PIXELS
 ) -> NDArray[np.float64]:
-    """Read a depth image in metres from a ``.npy`` file or a 16-bit ``.png``.
+    """Read a depth image (H, W) or (H, W, 1) in metres from a ``.npy`` file or a 16-bit ``.png``.
 
     Parameters
     ----------
     path : str or PathLike
-        The file: (H, W), or (H, W, 1).
+        The file.
     scale : float, optional
         Metres per unit; by default 1 for floats and 0.001 for integers.
     max_pixels : int
@@ -95,62 +95,30 @@ def read_depth(
     MissingExtraError
         For a ``.png`` without Pillow (extra ``cli``).
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileError(2, "there is no such depth image", str(path))
-    values = _read_png(path, max_pixels) if path.suffix.lower() == ".png" else _read_npy(path)
-    _check_size(values.size, str(path), max_pixels)
+    mode, values = _read_image(Path(path), "depth image", max_pixels)
+    if not mode.startswith("I"):
+        raise ConfigError(
+            f"{path} is a picture of the kind {mode!r} with 8 bits per value, which a depth image for people is; "
+            "pass the camera's own 16-bit image, of one channel"
+        )
     return metric_depth(values, scale, str(path))
 
 
 def read_mask(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS) -> NDArray[np.bool_]:
-    """Read the pixels of an object from a ``.npy`` file, or a ``.png`` of one channel.
+    """Read the pixels (H, W) of an object, where a ``.npy`` file, or a ``.png`` of one channel, is not 0.
 
-    Parameters
-    ----------
-    path : str or PathLike
-        The file: (H, W), or (H, W, 1); the object is where it is not 0.
-    max_pixels : int
-        Larger images are refused before their pixels are read.
-
-    Returns
-    -------
-    (H, W) bool
-        Whether a pixel is the object's.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    ConfigError
-        If it holds no mask.
-    MissingExtraError
-        For a ``.png`` without Pillow (extra ``cli``).
+    Arguments and errors as `read_depth`; ConfigError if it holds no mask.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileError(2, "there is no such mask", str(path))
-    values = _png(path, max_pixels)[1] if path.suffix.lower() == ".png" else _read_npy(path)
-    _check_size(values.size, str(path), max_pixels)
-    if values.ndim == 3 and values.shape[2] == 1:
-        values = values[..., 0]
+    values = _read_image(Path(path), "mask", max_pixels)[1]
     if values.ndim != 2 or values.dtype.kind not in "biu" or not values.any():
         raise ConfigError(
-            f"{path} holds {values.dtype} of shape {values.shape}; give one mask (H, W), not 0 where the object is"
+            f"{path} holds {values.dtype} of shape {values.shape}; pass one mask (H, W), not 0 where the object is"
         )
     return np.asarray(values != 0)
 
 
 def read_points(path: str | os.PathLike[str]) -> NDArray[np.float64]:
-    """Read the points of obstacles from a ``.npy`` file of shape (k, 3), metres.
-
-    Raises
-    ------
-    FileError
-        If there is no such file.
-    ConfigError
-        As `check_points`, or if it is no array.
-    """
+    """Read the points (k, 3) of obstacles, metres, from a ``.npy`` file; raises FileError, and as `check_points`."""
     path = Path(path)
     if not path.is_file():
         raise FileError(2, "there is no such file of points", str(path))
@@ -158,21 +126,15 @@ def read_points(path: str | os.PathLike[str]) -> NDArray[np.float64]:
 
 
 def check_points(points: ArrayLike, name: str = "keep_off") -> NDArray[np.float64]:
-    """Check the points (k, 3) of obstacles, metres.
-
-    Raises
-    ------
-    ConfigError
-        If they are no points, too many, or too far away to be in metres.
-    """
+    """Check points (k, 3) of obstacles, at most 10 m away; raises ConfigError."""
     # Arrays of a file are mapped, and read only once their shape is known.
     array = points if isinstance(points, np.ndarray) else floats(points, name)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) > _MOST_OBSTACLES:
-        raise ConfigError(f"{name} has shape {array.shape}; give points (k, 3), at most {_MOST_OBSTACLES}")
+        raise ConfigError(f"{name} has shape {array.shape}; pass points (k, 3), at most {_MOST_OBSTACLES}")
     values = floats(array, name)
     if not (np.abs(values) <= _FARTHEST_OBSTACLE).all():
         raise ConfigError(
-            f"{name} has a coordinate of {float(values.flat[np.argmax(np.abs(values))]):.6g}; give metres, at most "
+            f"{name} has a coordinate of {float(values.flat[np.argmax(np.abs(values))]):.6g}; pass metres, at most "
             f"{_FARTHEST_OBSTACLE:g} m from the origin of the table's frame"
         )
     return values
@@ -181,19 +143,16 @@ def check_points(points: ArrayLike, name: str = "keep_off") -> NDArray[np.float6
 def metric_depth(
     values: NDArray[np.generic], scale: float | None = None, name: str = "the depth"
 ) -> NDArray[np.float64]:
-    """Take a depth image in metres; errors call it `name`.
-
-    Parameters, result and errors as `read_depth`, whose file holds `values`.
-    """
+    """Convert a depth image to metres; errors name it `name`. Otherwise as `read_depth`, whose file holds `values`."""
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[..., 0]
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
         raise ConfigError(
-            f"{name} holds {values.dtype} of shape {values.shape}; give one depth image (H, W) of numbers"
+            f"{name} holds {values.dtype} of shape {values.shape}; pass one depth image (H, W) of numbers"
         )
     _check_size(values.size, name)
     if scale is not None and not 0.0 < scale < float("inf"):
-        raise ConfigError(f"the depth scale is {scale}; give metres per unit of the image, such as 0.001")
+        raise ConfigError(f"the depth scale is {scale}; pass metres per unit of the image, such as 0.001")
     metres = scale if scale is not None else (1.0 if values.dtype.kind == "f" else _INTEGERS)
     depth = np.where(np.isfinite(values), values, 0).astype(np.float64) * metres
     if depth.min() < 0:
@@ -205,26 +164,24 @@ def metric_depth(
 def _read_npy(path: Path) -> NDArray[np.generic]:
     try:
         # Mapped: a header that promises a huge array costs nothing.
-        found = np.load(path, mmap_mode="r", allow_pickle=False)
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OverflowError, OSError) as error:
         raise ConfigError(f"{path} is not an array written by numpy.save: {error}") from None
-    if not isinstance(found, np.ndarray):
-        raise ConfigError(f"{path} holds several arrays; save one alone with numpy.save")
-    return found
+    if not isinstance(array, np.ndarray):
+        raise ConfigError(f"{path} holds several arrays; save only one, with numpy.save")
+    return array
 
 
-def _read_png(path: Path, max_pixels: int) -> NDArray[np.generic]:
-    mode, values = _png(path, max_pixels)
-    if not mode.startswith("I"):
-        raise ConfigError(
-            f"{path} is a picture of the kind {mode!r} with 8 bits per value, which a depth image for people is; "
-            "give the camera's own 16-bit image, of one channel"
-        )
-    return values
+def _read_image(path: Path, what: str, max_pixels: int) -> tuple[str, NDArray[np.generic]]:
+    """Read the kind (``I`` for a ``.npy`` file) and the values of an image; a last axis of one channel is removed."""
+    if not path.is_file():
+        raise FileError(2, f"there is no such {what}", str(path))
+    mode, values = _read_png(path, max_pixels) if path.suffix.lower() == ".png" else ("I", _read_npy(path))
+    _check_size(values.size, str(path), max_pixels)
+    return mode, values[..., 0] if values.ndim == 3 and values.shape[2] == 1 else values
 
 
-def _png(path: Path, max_pixels: int) -> tuple[str, NDArray[np.generic]]:
-    """Read the kind and the values of a PNG."""
+def _read_png(path: Path, max_pixels: int) -> tuple[str, NDArray[np.generic]]:
     pillow = imported("PIL.Image", "PNG files need Pillow, from the extra 'cli'", "cli")
     try:
         with warnings.catch_warnings():
@@ -241,14 +198,14 @@ def _png(path: Path, max_pixels: int) -> tuple[str, NDArray[np.generic]]:
 
 def _check_size(pixels: int, name: str, most: int = _MOST_PIXELS) -> None:
     if pixels > most:
-        raise ConfigError(f"{name} has more than {most} pixels; give a smaller image, with its own intrinsics")
+        raise ConfigError(f"{name} has more than {most} pixels; pass a smaller image, with its own intrinsics")
 
 
 def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
     seen = depth[depth > 0]
     if not len(seen):
         raise ConfigError(
-            f"{name} has no pixel with a depth: all are 0 or not finite; give an image that shows the object"
+            f"{name} has no pixel with a depth: all are 0 or not finite; pass an image that shows the object"
         )
     near, middle = np.percentile(seen[:: 1 + len(seen) // _MOST_POINTS], (10, 50))
 
@@ -265,29 +222,23 @@ def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
     choices = " or ".join(f"{unit} (depth scale {_UNITS[unit]:g})" for unit in possible)
     perhaps = f"; perhaps its unit is {choices}, which an image does not show" if possible else ""
     raise ConfigError(
-        f"the middle depth of {name} would be {middle:.3g} m{perhaps}: look its unit up, and give the depth scale, in "
+        f"the middle depth of {name} would be {middle:.3g} m{perhaps}: look its unit up, and pass the depth scale, in "
         f"metres per unit of the image; here it is {metres:g}"
     )
 
 
 def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Check the intrinsics (3, 3) of an image of rows and columns; gives them as float64.
-
-    Raises
-    ------
-    ConfigError
-        If they are no pinhole camera, or cannot be those of an image of that size.
-    """
+    """Check that intrinsics (3, 3) fit an image of rows and columns, and return them as float64; raises ConfigError."""
     matrix = floats(intrinsics, "intrinsics")
     rows, columns = shape
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise ConfigError(f"intrinsics have shape {matrix.shape}; give a finite 3x3 matrix")
+        raise ConfigError(f"intrinsics have shape {matrix.shape}; pass a finite 3x3 matrix")
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     if not (fx > 0 and fy > 0):
-        raise ConfigError(f"the focal lengths are {fx:g} and {fy:g}; give positive numbers of pixels")
+        raise ConfigError(f"the focal lengths are {fx:g} and {fy:g}; pass positive numbers of pixels")
     if fx < 0.2 * columns:
         raise ConfigError(
-            f"the focal length is {fx:g} pixels in an image of {columns} columns; give FX FY CX CY in pixels "
+            f"the focal length is {fx:g} pixels in an image of {columns} columns; pass FX FY CX CY in pixels "
             "of this image"
         )
     for name, center, size in (("CX", cx, columns), ("CY", cy, rows)):
@@ -302,12 +253,7 @@ def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[n
 def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     """Read the pose ``table_from_camera`` (4, 4) of a camera from ``.npy``, ``.json`` or text of 16 numbers.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    ConfigError
-        If it is no pose, in metres, of a camera above the table.
+    Raises FileError if the file cannot be read, and otherwise as `check_pose`.
     """
     path = Path(path)
     if not path.is_file():
@@ -322,15 +268,15 @@ def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:
             values = np.loadtxt(io.StringIO(content.decode()), delimiter="," if b"," in content else None)
     except (ValueError, TypeError, OverflowError, EOFError, RecursionError, MemoryError) as error:
         raise ConfigError(
-            f"{path} cannot be read as numbers ({error}); give the 16 of table_from_camera, row by row"
+            f"{path} cannot be read as numbers ({error}); pass the 16 of table_from_camera, row by row"
         ) from None
     if values.size != 16:
-        raise ConfigError(f"{path} holds {values.size} numbers; give the 16 of table_from_camera, row by row")
+        raise ConfigError(f"{path} holds {values.size} numbers; pass the 16 of table_from_camera, row by row")
     return check_pose(values.reshape(4, 4), str(path))
 
 
 def check_pose(table_from_camera: ArrayLike, name: str = "table_from_camera") -> NDArray[np.float64]:
-    """Check the pose (4, 4) of a camera, which errors call `name`; gives it as float64.
+    """Check the pose (4, 4) of a camera, which errors call `name`, and return it as float64.
 
     Raises
     ------
@@ -339,26 +285,27 @@ def check_pose(table_from_camera: ArrayLike, name: str = "table_from_camera") ->
     """
     pose = floats(table_from_camera, name)
     if pose.shape != (4, 4):
-        raise ConfigError(f"{name} has shape {pose.shape}; give a pose (4, 4)")
+        raise ConfigError(f"{name} has shape {pose.shape}; pass a pose (4, 4)")
     turn = pose[:3, :3]
     if not np.allclose(pose[3], (0, 0, 0, 1)) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
         raise ConfigError(f"{name} is not a rigid motion: rotation and translation in metres, with 0 0 0 1 below")
     if np.linalg.det(turn) < 0:
         raise ConfigError(f"{name} mirrors; the axes of a camera are x right, y down, z forward")
     if not (np.abs(pose[:3, 3]) <= MAX_COORDINATE).all():
-        raise ConfigError(f"{name} places the camera at {pose[:3, 3]}; give metres, at most {MAX_COORDINATE:g}")
+        raise ConfigError(f"{name} places the camera at {pose[:3, 3]}; pass metres, at most {MAX_COORDINATE:g}")
     if pose[2, 3] <= 0 or turn[2, 2] >= 0:
         raise ConfigError(
-            f"{name} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; give the camera's pose "
+            f"{name} places the camera at the height {pose[2, 3]:.3g} m, or lets it look up; pass the camera's pose "
             "in the table's frame, not its inverse, with z up and z = 0 on the table"
         )
     return pose
 
 
 def camera_over_table(height: float, tilt: float, roll: float = 0.0) -> NDArray[np.float64]:
-    """Give the pose ``table_from_camera`` (4, 4) of a camera: the table's frame has its origin below the camera.
+    """Return the pose ``table_from_camera`` (4, 4) of a camera: the table's frame has its origin below the camera.
 
-    Its z axis points up and its x axis where the camera looks, horizontally; for one that looks straight down, to the
+    Its z axis points up and its x axis in the horizontal direction of view; for a camera that looks straight down, to
+    the
     upper border of its images.
 
     Parameters
@@ -376,10 +323,10 @@ def camera_over_table(height: float, tilt: float, roll: float = 0.0) -> NDArray[
         If it is not above the table, or does not look down.
     """
     if not 0.0 < height < 10.0:
-        raise ConfigError(f"the camera's height is {height} m; give metres over the table")
+        raise ConfigError(f"the camera's height is {height} m; pass metres over the table")
     if not 0.0 < tilt <= np.pi / 2 + 1e-9:
         raise ConfigError(
-            f"the camera's tilt is {np.degrees(tilt):g} degrees; give 0 (horizontal) to 90 (straight down)"
+            f"the camera's tilt is {np.degrees(tilt):g} degrees; pass 0 (horizontal) to 90 (straight down)"
         )
     forward = np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
     right = np.array([0.0, -1.0, 0.0])
@@ -392,19 +339,9 @@ def camera_over_table(height: float, tilt: float, roll: float = 0.0) -> NDArray[
 
 
 def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Find the table, the largest plane in a depth image, and give ``table_from_camera`` (4, 4).
+    """Find the table, the largest plane in a depth image (H, W), metres, and return ``table_from_camera`` (4, 4).
 
-    Parameters
-    ----------
-    depth : (H, W) float64
-        Metres; 0 where nothing was measured.
-    intrinsics : (3, 3) float64
-        Pixels.
-
-    Returns
-    -------
-    (4, 4) float64
-        In the frame of `camera_over_table`.
+    Its frame is that of `camera_over_table`; `intrinsics` are in pixels.
 
     Raises
     ------
@@ -415,7 +352,7 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
     rng = np.random.default_rng(0)
     voters = points[rng.permutation(len(points))[:_VOTERS]]
     if len(voters) < 3:
-        raise ConfigError("the depth image shows no table; give the camera's pose")
+        raise ConfigError("the depth image shows no table; pass the camera's pose")
     corners = voters[rng.integers(len(voters), size=(_PLANES, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -426,7 +363,7 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
     best = int(np.argmax(votes))
     if votes[best] < _TABLE_SHARE * len(voters):
         raise ConfigError(
-            f"the largest plane has {votes[best] / len(voters):.0%} of the pixels; no table was found, so give the "
+            f"the largest plane has {votes[best] / len(voters):.0%} of the pixels; no table was found, so pass the "
             "camera's pose"
         )
     normal, offset = normals[best], offsets[best]
@@ -440,7 +377,7 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
     tilt = float(np.arcsin(np.clip(-up[2], -1.0, 1.0)))
     if tilt < _LEAST_TILT:
         raise ConfigError(
-            f"the largest plane is seen at {np.degrees(tilt):.0f} degrees, as a wall is; give the camera's pose"
+            f"the largest plane is seen at {np.degrees(tilt):.0f} degrees, as a wall is; pass the camera's pose"
         )
     return camera_over_table(height, tilt, float(np.arctan2(-up[0], -up[1])) if tilt < np.pi / 2 - 1e-6 else 0.0)
 
@@ -448,13 +385,7 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
 def check_table(
     depth: NDArray[np.float64], intrinsics: NDArray[np.float64], table_from_camera: NDArray[np.float64]
 ) -> None:
-    """Check that an image shows the table as placed by the camera's pose; arguments as above.
-
-    Raises
-    ------
-    ConfigError
-        If less than an eighth of the image is on it.
-    """
+    """Raise ConfigError if less than an eighth of a depth image shows the table as the camera's pose places it."""
     points = points_of(depth, intrinsics)
     heights = points @ table_from_camera[2, :3] + table_from_camera[2, 3]
     near = np.abs(heights) < 2 * (_ON_TABLE + _ON_TABLE_GROWTH * points[:, 2])
@@ -468,7 +399,7 @@ def check_table(
 
 
 def points_of(depth: NDArray[np.floating], intrinsics: NDArray[np.float64], every: int = 1) -> NDArray[np.float64]:
-    """Give the points (n, 3) that an image shows, camera frame; those of every k-th pixel of every k-th row."""
+    """Return the points (n, 3) that an image shows, camera frame; those of every k-th pixel of every k-th row."""
     rows, columns = np.nonzero(depth[::every, ::every])
     rows, columns = every * rows, every * columns
     z = depth[rows, columns]
@@ -482,10 +413,7 @@ def thinned(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
     """Keep every k-th pixel of a fine image, which is then about as coarse as those that policies learn from.
 
-    Returns
-    -------
-    (h, w) float64, (3, 3) float64, int
-        The image, its intrinsics, and k.
+    Returns image (h, w), its intrinsics (3, 3), and k.
     """
     step = max(1, int(intrinsics[0, 0] / _FOCAL))
     first = step // 2

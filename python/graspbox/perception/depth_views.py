@@ -1,7 +1,7 @@
-"""One depth image with its camera, which an observer gives to a finder."""
+"""One depth image with its camera, and the crop around the object that it shows."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,9 +10,10 @@ from graspbox._common.arguments import floats
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import Crops, crop
+from graspbox.perception.depth_images import check_table, points_of
 from graspbox.perception.leveling import level
 
-__all__ = ["DepthView"]
+__all__ = ["DepthView", "Seen"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,48 @@ class DepthView:
         pose = floats(self.world_from_camera, "world_from_camera")
         return replace(self, world_from_camera=level(self._metres(), floats(self.intrinsics, "intrinsics"), pose))
 
+    def seen(
+        self,
+        config: CropConfig,
+        target: NDArray[np.bool_] | None = None,
+        within: NDArray[np.bool_] | None = None,
+        *,
+        strict: bool = False,
+        num_threads: int | None = None,
+    ) -> "Seen":
+        """Level the camera, find the object, and fill the voxels around it; arguments as of `Query`.
+
+        Raises
+        ------
+        ConfigError
+            For arrays of another shape or type; with `strict`, also if no table, object or target is seen.
+        """
+        view = self.leveled()
+        image, lens = np.asarray(view.depth)[None], floats(view.intrinsics, "intrinsics")
+        pose = np.asarray(view.world_from_camera)
+        if strict:
+            check_table(self._metres(), lens, pose)
+        labels = None
+        if within is not None:
+            inside = np.where(within, image, image.dtype.type(0))
+            labels = crop(inside, lens, pose[None], config=config, num_threads=num_threads).object
+        crops = crop(image, lens, pose[None], labels=labels, config=config, num_threads=num_threads)
+        if not crops.found[0]:
+            if strict:
+                measured = image[image > 0]
+                raise ConfigError(
+                    f"no object rises above the table, at depths of {measured.min():.3g} to {measured.max():.3g} m; "
+                    "check the camera's pose, the intrinsics and the depth scale, or pass another region"
+                )
+            return Seen(crops, None, view)
+        voxels = None if target is None else view.voxels(target, crops.world_from_crop[0], config)
+        if strict and voxels is not None and not voxels.any():
+            raise ConfigError(
+                f"the mask shows nothing in the {config.side:.2f} m around the objects on the table; pass the mask of "
+                "one of them, or a region around it"
+            )
+        return Seen(crops, voxels, view)
+
     def _metres(self) -> NDArray[np.float64]:
         image = np.asarray(self.depth)
         return 0.001 * image if image.dtype == np.uint16 else np.asarray(image, np.float64)
@@ -45,37 +88,23 @@ class DepthView:
     def voxels(
         self, pixels: NDArray[np.bool_], world_from_crop: NDArray[np.float64], config: CropConfig
     ) -> NDArray[np.bool_]:
-        """Return the voxels (N, N, N) of a crop in which pixels (H, W) see something.
-
-        Raises
-        ------
-        ConfigError
-            If `pixels` is no mask of the image's shape.
-        """
+        """Return the voxels (N, N, N) of a crop in which pixels (H, W) see something."""
         depth = self._metres()
         if np.shape(pixels) != depth.shape or np.asarray(pixels).dtype != np.bool_:
-            raise ConfigError(f"the mask has shape {np.shape(pixels)}; give bool {depth.shape}, as the image")
-        rows, columns = np.nonzero(pixels & (depth > 0))
-        ahead = depth[rows, columns]
-        rays = np.linalg.inv(floats(self.intrinsics, "intrinsics")) @ [columns + 0.5, rows + 0.5, np.ones(len(rows))]
+            raise ConfigError(f"the mask has shape {np.shape(pixels)}; pass bool {depth.shape}, as the image")
+        points = points_of(np.where(pixels, depth, 0.0), floats(self.intrinsics, "intrinsics")).T
         crop_from_camera = np.linalg.inv(world_from_crop) @ floats(self.world_from_camera, "world_from_camera")
-        points = crop_from_camera[:3, :3] @ (rays * ahead) + crop_from_camera[:3, 3:]
+        points = crop_from_camera[:3, :3] @ points + crop_from_camera[:3, 3:]
         cells = np.floor((points.T - config.origin) / config.voxel_size).astype(np.int64)
         inside = cells[((cells >= 0) & (cells < config.resolution)).all(axis=1)]
-        found = np.zeros((config.resolution,) * 3, dtype=np.bool_)
-        found[tuple(inside.T)] = True
-        return found
+        visible = np.zeros((config.resolution,) * 3, dtype=np.bool_)
+        visible[tuple(inside.T)] = True
+        return visible
 
-    def crops(
-        self, config: CropConfig, *, within: NDArray[np.bool_] | None = None, num_threads: int | None = None
-    ) -> Crops:
-        """Find the object and fill the voxels around it: the one crop of this image, as `graspbox.perception.crop`.
 
-        `within` (H, W) are the pixels among which the object is looked for; by default all.
-        """
-        image, pose = np.asarray(self.depth)[None], np.asarray(self.world_from_camera)[None]
-        labels = None
-        if within is not None:
-            inside = np.where(within, image, image.dtype.type(0))
-            labels = crop(inside, self.intrinsics, pose, config=config, num_threads=num_threads).object
-        return crop(image, self.intrinsics, pose, labels=labels, config=config, num_threads=num_threads)
+class Seen(NamedTuple):
+    """The crop of one depth image, the voxels of the object to grasp among several, and the levelled image."""
+
+    crops: Crops
+    target: NDArray[np.bool_] | None = None
+    view: DepthView | None = None

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
-from graspbox._common.arguments import floats, natural, to_json
+from graspbox._common.arguments import config_dict, floats, natural
 from graspbox._common.by_value import ByValue
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand, symmetries_of
@@ -57,9 +57,9 @@ class HandGrid:
     config : HandGridConfig
         The grid.
     crop : CropConfig
-        The crops that it will be given.
+        The crops of its arguments.
     num_threads : int, optional
-        Threads to use; results do not depend on it.
+        By default one per core; results do not depend on it.
 
     Raises
     ------
@@ -79,11 +79,11 @@ class HandGrid:
     ) -> None:
         #: The hand.
         self.hand = load_hand(hand)
-        self._core = _core.HandGrid(self.hand, to_json(config, HandGridConfig))
+        self._core = _core.HandVolumes(self.hand, config_dict(config, HandGridConfig))
         #: The grid's settings.
         self.config = config
-        self._crop = to_json(crop, CropConfig, "crop")
-        #: The crops that it is given.
+        self._crop = config_dict(crop, CropConfig, "crop")
+        #: The crops of its arguments.
         self.crop = crop
         #: Threads to use; None: one per core.
         self.num_threads = num_threads
@@ -128,7 +128,7 @@ class HandGrid:
         )
 
     def nearest(self, preshape: ArrayLike) -> NDArray[np.int64]:
-        """Give the index of the preshape nearest to each number (m,)."""
+        """Return the index of the preshape nearest to each number (m,)."""
         return self._core.nearest(floats(preshape, "preshape"))
 
     def propose(
@@ -148,14 +148,15 @@ class HandGrid:
         config : ProposalConfig
             How candidates are made.
         whole : (N, N, N) uint8 array, optional
-            All that is occupied, where the volume is only the object to grasp: the open hand must not touch it either.
+            All that is occupied, if the volume is only the object to grasp; the open hand must not touch it either.
         obstacles : (k, 3) array, optional
             Points of the crop's frame that the open hand must not touch either, metres.
 
         Returns
         -------
         Proposals
-            That the open hand reaches without touching the volume, the table, or anything else that it must not touch,
+            Grasps that the open hand reaches without touching the volume, the table, or anything else that it must not
+            touch,
             and with which enough fingers meet the volume. There may be none.
 
         Raises
@@ -163,16 +164,15 @@ class HandGrid:
         ConfigError
             For an array of another shape or type, or a setting out of range.
         """
-        text = to_json(config, ProposalConfig)
-        found = self._core.propose(
+        made = self._core.propose(
             _bytes(occupancy, "occupancy"),
             self._crop,
-            text,
+            config_dict(config, ProposalConfig),
             None if whole is None else _bytes(whole, "whole"),
             floats(np.zeros((0, 3)) if obstacles is None else obstacles, "obstacles"),
             self.num_threads,
         )
-        return Proposals(found["poses"], found["preshape"], np.array(found["source"], dtype=np.str_))
+        return Proposals(made["poses"], made["preshape"], np.array(made["source"], dtype=np.str_))
 
     def meets(
         self,
@@ -187,7 +187,7 @@ class HandGrid:
 
         Parameters
         ----------
-        occupancy : (N, N, N) uint8 array
+        occupancy, obstacles
             As for `propose`.
         poses : (m, 4, 4) array
             ``crop_from_hand``, metres.
@@ -195,14 +195,12 @@ class HandGrid:
             The nearest of the hand's preshapes is taken.
         points : int
             Points of the volume's surface with which collisions are searched.
-        obstacles : (k, 3) array, optional
-            Points of the crop's frame that the open hand must not touch either, metres.
 
         Returns
         -------
         (m,) bool, (m,) int64
             Whether the open hand touches neither volume, table nor obstacles, at the pose and on the approach; and the
-            number of chains that meet the volume as they close, 0 where it touches.
+            number of chains that meet the volume as they close, 0 if the hand touches something.
         """
         return self._core.meets(
             _bytes(occupancy, "occupancy"),
@@ -217,16 +215,12 @@ class HandGrid:
     def levers(self, occupancy: ArrayLike, poses: ArrayLike, preshape: ArrayLike) -> NDArray[np.float64]:
         """Return how far the hand is from the middle of what it grasps: a long object that is held at its end tips.
 
-        Parameters
-        ----------
-        occupancy, poses, preshape
-            As for `meets`.
-
         Returns
         -------
         (m,) float64
             Distance in plan view, metres, from the point where the fingertips close to the mean of the occupied voxels,
-            weighted by a normal distribution (0.05 m) around that point; 0 where nothing is occupied.
+            weighted by a normal distribution (0.05 m) around that point; 0 if nothing is occupied. Arguments as of
+            `meets`.
         """
         return self._core.levers(
             _bytes(occupancy, "occupancy"),
@@ -267,8 +261,8 @@ class HandGrid:
 
 
 def _bytes(values: ArrayLike, name: str) -> NDArray[np.uint8]:
-    """Lay an array of bytes out as the core takes it."""
+    """Lay out an array of bytes for the core."""
     array = np.ascontiguousarray(values)
     if array.dtype != np.uint8:
-        raise ConfigError(f"{name} is of dtype {array.dtype}; give uint8, 0 to 255 for 0 to 1")
+        raise ConfigError(f"{name} is of dtype {array.dtype}; pass uint8, 0 to 255 for 0 to 1")
     return array

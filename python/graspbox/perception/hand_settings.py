@@ -1,8 +1,7 @@
-"""Settings of perception that follow from a hand's description: its grid, its proposals and its anchors.
+"""Settings of perception that follow from a hand: its grid, its proposals and its anchors.
 
-The lengths of the default settings suit the ReFlex. For another hand they shrink or grow with how far its fingers
-reach, down to the resolution of a crop, and a hand whose open fingers already point forward needs all the room between
-them.
+The default lengths suit the ReFlex. For another hand they scale with the reach of its fingers, down to the resolution
+of a crop; a hand whose open fingers already point forward needs all the room between them.
 """
 
 from dataclasses import dataclass, replace
@@ -31,17 +30,7 @@ _POINT, _LOWEST = 0.89, 0.39
 
 @dataclass(frozen=True)
 class HandSettings:
-    """Settings for one hand.
-
-    Attributes
-    ----------
-    grid : HandGridConfig
-        Its grid of cells.
-    proposals : ProposalConfig
-        How geometry proposes its grasps.
-    anchors : AnchorConfig
-        The anchors of its head.
-    """
+    """Settings for one hand: its grid of cells, how geometry proposes its grasps, and the anchors of its head."""
 
     grid: HandGridConfig
     proposals: ProposalConfig

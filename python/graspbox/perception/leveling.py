@@ -1,7 +1,7 @@
 """Correction of a camera's pose by the visible table.
 
-The table shows a camera's height and tilt better than anything else: every image has thousands of its pixels. It does
-not show where along the table the camera stands, or how it is turned about the vertical.
+The table shows a camera's height and tilt better than anything else: every image has thousands of its pixels. It shows
+neither the camera's place along the table nor its turn about the vertical.
 """
 
 import numpy as np
@@ -28,22 +28,11 @@ _LEAST_HEIGHT, _LEAST_TILT = 0.002, 0.005
 def level(
     depth: NDArray[np.floating], intrinsics: NDArray[np.float64], world_from_camera: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Turn and lift a camera until the table in its image is the plane z = 0.
+    """Turn and lift a camera until the table in its depth image (H, W), metres, is the plane z = 0.
 
-    Parameters
-    ----------
-    depth : (H, W) array
-        Metres; 0 where nothing was measured.
-    intrinsics : (3, 3) array
-        Pixels.
-    world_from_camera : (4, 4) array
-        Its pose as far as it is known: z forward, x right, y down, metres.
-
-    Returns
-    -------
-    (4, 4) float64
-        The pose; the given one where the table is within 2 mm and 0.3 degrees of z = 0, and where no plane within 4 cm
-        and 3.4 degrees of it has a quarter of the image.
+    `world_from_camera` (4, 4) is its approximate pose: z forward, x right, y down, metres. It is returned if the table
+    is
+    within 2 mm and 0.3 degrees of z = 0, or if no plane within 4 cm and 3.4 degrees of it has a quarter of the image.
 
     Raises
     ------
@@ -52,13 +41,13 @@ def level(
     """
     for name, matrix, shape in (("intrinsics", intrinsics, (3, 3)), ("world_from_camera", world_from_camera, (4, 4))):
         if matrix.shape != shape:
-            raise ConfigError(f"{name} has shape {matrix.shape}; give {shape}")
+            raise ConfigError(f"{name} has shape {matrix.shape}; pass {shape}")
     if depth.ndim != 2:
-        raise ConfigError(f"depth has shape {depth.shape}; give one image (H, W)")
+        raise ConfigError(f"depth has shape {depth.shape}; pass one image (H, W)")
     if not np.linalg.det(intrinsics):
-        raise ConfigError(f"intrinsics are {intrinsics.tolist()}; give focal lengths above 0 in the diagonal")
+        raise ConfigError(f"intrinsics are {intrinsics.tolist()}; pass focal lengths above 0 in the diagonal")
     if not (np.abs(world_from_camera) <= MAX_COORDINATE).all():
-        raise ConfigError(f"world_from_camera is {world_from_camera.tolist()}; give metres, at most {MAX_COORDINATE:g}")
+        raise ConfigError(f"world_from_camera is {world_from_camera.tolist()}; pass metres, at most {MAX_COORDINATE:g}")
     points = points_of(depth, intrinsics, _EVERY) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
     flat, heights = np.column_stack([points[:, :2], np.ones(len(points))]), points[:, 2]
     plane = np.zeros(3)
@@ -77,8 +66,8 @@ def level(
     # The least turn that takes `up` to z, about the camera: it is the camera that is tilted, not the table.
     across = np.array([up[1], -up[0], 0.0])
     cross = np.array([[0.0, 0.0, across[1]], [0.0, 0.0, -across[0]], [-across[1], across[0], 0.0]])
-    found = world_from_camera.copy()
-    found[:3, :3] = (np.eye(3) + cross + cross @ cross / (1.0 + up[2])) @ world_from_camera[:3, :3]
+    leveled = world_from_camera.copy()
+    leveled[:3, :3] = (np.eye(3) + cross + cross @ cross / (1.0 + up[2])) @ world_from_camera[:3, :3]
     # The camera's height over the plane stays.
-    found[2, 3] = up @ (world_from_camera[:3, 3] - np.array([0.0, 0.0, plane[2]]))
-    return found
+    leveled[2, 3] = up @ (world_from_camera[:3, 3] - np.array([0.0, 0.0, plane[2]]))
+    return leveled

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.rotations import rotation_about
 from graspbox.errors import ConfigError
 
 __all__ = ["PoseNoise", "perturbed"]
@@ -18,7 +19,7 @@ _LARGEST = (0.05, 0.5)
 
 @dataclass(frozen=True)
 class PoseNoise:
-    """How far a hand goes from where it is sent: normal errors along and about each of its axes.
+    """Normal errors of a hand's pose along and about each of its axes.
 
     Attributes
     ----------
@@ -37,15 +38,15 @@ class PoseNoise:
     def __post_init__(self) -> None:
         for name, most, unit in (("position", _LARGEST[0], "metres"), ("rotation", _LARGEST[1], "radians")):
             if not 0.0 <= (value := getattr(self, name)) <= most:
-                raise ConfigError(f"{name} of the hand's error is {value}; give {unit}, 0 to {most}")
+                raise ConfigError(f"{name} of the hand's error is {value}; pass {unit}, 0 to {most}")
 
     @classmethod
     def in_millimetres(cls, position: float, rotation: float) -> Self:
-        """Make it of millimetres and degrees; raises as the class."""
+        """Convert millimetres and degrees; raises as the class."""
         most = 1e3 * _LARGEST[0], degrees(_LARGEST[1])
         if not (0.0 <= position <= most[0] and 0.0 <= rotation <= most[1]):
             raise ConfigError(
-                f"the hand's error is {position:g} mm and {rotation:g} degrees; give 0 to {most[0]:g} mm and 0 to "
+                f"the hand's error is {position:g} mm and {rotation:g} degrees; pass 0 to {most[0]:g} mm and 0 to "
                 f"{most[1]:.1f} degrees"
             )
         return cls(1e-3 * position, radians(rotation))
@@ -58,10 +59,6 @@ def perturbed(
     moved = poses.copy()
     moved[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], rng.normal(0.0, position, (len(poses), 3)))
     turns = rng.normal(0.0, rotation, (len(poses), 3))
-    angles = np.linalg.norm(turns, axis=1)[:, None, None]
-    x, y, z = (turns / np.maximum(angles[:, 0], 1e-12)).T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    turned = np.eye(3) + np.sin(angles) * cross + (1.0 - np.cos(angles)) * (cross @ cross)
-    moved[:, :3, :3] = poses[:, :3, :3] @ turned
+    angles = np.linalg.norm(turns, axis=1)
+    moved[:, :3, :3] = poses[:, :3, :3] @ rotation_about(turns / np.maximum(angles, 1e-12)[:, None], angles)
     return moved

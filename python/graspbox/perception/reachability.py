@@ -1,7 +1,7 @@
 """Which grasps of an object in a crop the open hand can reach, and how far from its middle the hand is.
 
-The object is all that is occupied, or the part of it that belongs to a target (`belonging`). The open hand keeps off
-everything that is occupied, the table, and points that are known to be occupied, such as those of a bin's walls.
+The object is all that is occupied, or the part of it that belongs to a target (`belonging`). The open hand avoids
+everything that is occupied, the table, and known obstacles, such as the walls of a bin.
 """
 
 from dataclasses import dataclass, replace
@@ -15,26 +15,19 @@ from graspbox.perception.hand_grids import HandGrid, Proposals
 
 __all__ = ["Reachability", "belonging"]
 
-#: How many times as many points are approached where obstacles stand; the most that `HandGrid.propose` takes.
+#: Factor of the number of approached points among obstacles, and the most that `HandGrid.propose` takes.
 _MORE, _MOST_SEEDS = 4, 1000
 
 
 @dataclass(frozen=True, eq=False)
 class Reachability:
-    """The object to grasp in a crop, and what the open hand keeps off.
+    """The object to grasp in a crop, and what the open hand avoids.
 
-    Attributes
-    ----------
-    grid : HandGrid
-        The hand.
-    config : ProposalConfig
-        How grasps are proposed; ``fingers`` and ``points`` hold for other grasps too.
-    occupancy : (N, N, N) uint8
-        All that is occupied, 0 to 255 for 0 to 1.
-    target : (N, N, N) uint8, optional
-        The part of it to grasp; by default all of it.
-    obstacles : (k, 3) float64
-        Points of the crop's frame that are occupied too, metres.
+    `occupancy` (N, N, N), 0 to 255 for 0 to 1, is all that is occupied, `target` the part of it to grasp, by default
+    all;
+    `obstacles` (k, 3) are other occupied points of the crop's frame, metres. `fingers` and `points` of `config` hold
+    for
+    all grasps, not only for proposals.
     """
 
     grid: HandGrid
@@ -43,12 +36,8 @@ class Reachability:
     target: NDArray[np.uint8] | None
     obstacles: NDArray[np.float64]
 
-    def without_obstacles(self) -> "Reachability":
-        """Forget the points, but not the occupied voxels."""
-        return replace(self, obstacles=np.zeros((0, 3)))
-
     def propose(self) -> Proposals:
-        """Propose grasps: see `HandGrid.propose`. It approaches more points of objects among obstacles."""
+        """Propose grasps: see `HandGrid.propose`. Among obstacles, more points of the object are approached."""
         config = self.config
         if len(self.obstacles):
             config = replace(config, seeds=min(_MORE * config.seeds, _MOST_SEEDS))
@@ -68,7 +57,7 @@ class Reachability:
         return free & (fingers >= min(self.config.fingers, 2))
 
     def levers(self, poses: NDArray[np.float64], preshapes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far the hand is from the middle of the object, (m,), metres: see `HandGrid.levers`."""
+        """Return `HandGrid.levers` for the object, (m,), metres."""
         held = self.occupancy if self.target is None else self.target
         return self.grid.levers(held, poses, preshapes)
 

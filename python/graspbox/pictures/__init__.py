@@ -6,10 +6,10 @@
 | `save_gallery`  | the same for several objects, one column per object |
 | `save_sweep`    | boxes for each pair of the planner's thresholds (figures 2.3 and 2.4 of the reference study) |
 | `save_kindness` | relative speed of hand and object in a failed and a firm grasp (its figures 3.17 and 3.18) |
-| `save_stages`   | stages of grasps, alone or among other objects: open, closed, lifting, held |
+| `save_stages`   | stages of grasps of one object or in clutter: open, closed, lifting, held |
 | `save_trial`    | the same as a video |
 | `save_arrangements` | several objects at rest: packed, in a pile, in a bin |
-| `save_grasp_image` | a depth image with the grasps that a policy found in it, and the best one in 3D |
+| `save_grasp_image` | a depth image with the grasps that a policy detects in it, and the best one in 3D |
 | `save_hand_frames` | hands with their grasp frame and the frames of formats of grasps |
 | `save_hand_motion` | a hand open, half closed and closed, with its pads and grasp frame |
 | `save_episode`  | an episode of ``graspbox/Grasp-v0`` solved by the scripted expert, with images observed in it |
@@ -22,16 +22,13 @@ checked before any work, and files are written atomically. The choice of matplot
 nothing here uses pyplot.
 
 The renderer of the environments renders objects and hands; matplotlib adds lines and text.
-
-Modules: `files` (paths, formats), `videos`, `solids` (colours, meshes), `hands` (joints, pose glyphs), `view` (camera,
-lines with hidden parts), then one per picture.
 """
 
 import contextlib
 import os
 import sys
 
-from graspbox._common.extras import imported
+from graspbox._common.imports import imported
 
 
 def _import_matplotlib() -> None:

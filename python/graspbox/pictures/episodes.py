@@ -1,7 +1,5 @@
 """Pictures of an episode of ``graspbox/Grasp-v0``, and images observed in it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -12,18 +10,21 @@ from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from graspbox._common.colors import COLORS
 from graspbox.configs import CameraConfig, PictureConfig
-from graspbox.envs.expert import Expert, planned
+from graspbox.envs.expert import ExpertGrasp, planned
+from graspbox.envs.scripted import MotionOptions
 from graspbox.errors import ConfigError
 from graspbox.pictures.files import PathLike, check_path, pixels, write
+from graspbox.policies.base import SCRIPTED
 
 #: Moments of an episode to show.
 MOMENTS = ("start", "approach", "closed", "lift", "held")
 #: Images to show, from the first camera and from the palm camera.
 IMAGES = ("rgb", "depth", "segmentation", "rgb_palm", "depth_palm")
 #: Colours of segmentation labels: background, table, object; then the hand's links, repeating.
-_LABELS = ("#ffffff", "#d9d9d9", "#d55e00")
-_LINKS = ("#0072b2", "#56b4e9", "#009e73", "#cc79a7", "#e69f00")
+_LABELS = ("#ffffff", "#d9d9d9", COLORS[1])
+_LINKS = (COLORS[0], COLORS[4], COLORS[2], COLORS[3], COLORS[5])
 #: Colour map of depths, and candidate ticks of its colour bar, metres.
 _DEPTHS = "viridis_r"
 _TICKS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0)
@@ -31,40 +32,16 @@ _TICKS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0
 _TICK_GAP = 0.13
 #: Viewer camera: from the side, close enough to show the fingers closing.
 _CAMERA = CameraConfig("viewer", eye=(-0.45, -0.75, 0.5), target=(0.015, -0.015, 0.19), fov=0.56, far=30.0)
+#: Every 0.05 s there is an action, and a picture to choose from.
+_MOTION = MotionOptions(fingers=SCRIPTED["fingers"], control_freq=SCRIPTED["control_freq"])
 #: Steps of 0.05 s from the approach to the start of closing, from there to closed, and from there into the lift.
 _BEFORE, _CLOSING, _LIFTING = 8, 25, 9
 
 
-@dataclass(frozen=True, eq=False)
-class Episode:
-    """Moments of an episode.
-
-    Attributes
-    ----------
-    name : str
-        The object's name.
-    moments : sequence of (str, float, array)
-        Name, seconds since the episode began, picture (H, W, 3).
-    images : mapping
-        Images observed at one of the moments, by name.
-    observed : str
-        Name of that moment.
-    """
-
-    name: str
-    moments: Sequence[tuple[str, float, NDArray[np.uint8]]]
-    images: dict[str, NDArray[Any]]
-    observed: str
-
-
-def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: PictureConfig, observed: str) -> Episode:
-    """Record five moments of an episode that the scripted expert solves.
-
-    Raises
-    ------
-    ConfigError
-        If there is no moment `observed`, the planner finds no feasible pose, or the expert fails.
-    """
+def play(
+    objects: str, seed: int, picture: PictureConfig, observed: str, image_size: int = 128
+) -> tuple[str, list[tuple[str, float, NDArray[np.uint8]]], dict[str, NDArray[Any]]]:
+    """Solve an episode: the object, name, second and picture (H, W, 3) of moments, and images `observed` at one."""
     if observed not in MOMENTS:
         raise ConfigError(f"observed is {observed!r}; use one of {', '.join(MOMENTS)}")
     env: Any = gymnasium.make(
@@ -74,13 +51,15 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
         image_size=image_size,
         render_mode="rgb_array",
         picture=picture,
+        max_episode_steps=SCRIPTED["max_episode_steps"],
+        **_MOTION,
     ).unwrapped
     observation, info = env.reset(seed=seed)
     mesh = env.objects[env.objects.names.index(info["object"])].load()
     plan = planned(mesh, observation["state"], seed=seed)
     if not len(plan):
         raise ConfigError(f"the planner finds no feasible pose for {mesh.name} at seed {seed}; choose another seed")
-    expert = Expert(observation["state"], plan.poses[0], plan.preshape[0])
+    expert = ExpertGrasp(observation["state"], plan.poses[0], plan.preshape[0], **_MOTION)
     states, closes, done = [env.get_state()], [], False
     while not done and not expert.finished:
         action = expert.act(observation["state"])
@@ -92,13 +71,14 @@ def play(objects: str, *, seed: int = 0, image_size: int = 128, picture: Picture
     first, last = closes.index(True), len(states) - 1
     closed = first + _CLOSING
     steps = dict(zip(MOMENTS, (0, first - _BEFORE, closed, closed + _LIFTING, last), strict=True))
-    moments, images = [], {}
+    moments: list[tuple[str, float, NDArray[np.uint8]]] = []
+    images: dict[str, NDArray[Any]] = {}
     for name, step in steps.items():
         observation, _ = env.set_state(states[step])
         moments.append((name, step / env.metadata["render_fps"], env.render()))
         if name == observed:
             images = {image: observation[image] for image in IMAGES}
-    return Episode(mesh.name, moments, images, observed)
+    return mesh.name, moments, images
 
 
 def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str = "approach") -> None:
@@ -108,8 +88,6 @@ def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str =
 
     Parameters
     ----------
-    path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
     objects : str
         The object: see `graspbox.object_sets`.
     seed : int
@@ -119,28 +97,26 @@ def save_episode(path: PathLike, objects: str, *, seed: int = 0, observed: str =
 
     Raises
     ------
-    ConfigError
-        If the path is not that of a picture, or as in `play`.
-    FileError
-        If the file cannot be written.
+    ConfigError, FileError
+        As `check_path`; also if the planner finds no feasible pose, or the expert fails.
     """
     target = check_path(path)
     figure = Figure(figsize=(10, 5.6), dpi=125)
     panels = figure.subplots(2, len(IMAGES), gridspec_kw={"height_ratios": (1.2, 1.0)})
     figure.subplots_adjust(left=0.004, right=0.996, bottom=0.1, top=0.905, wspace=0.03, hspace=0.12)
     width, height = pixels(panels[0, 0])
-    episode = play(objects, seed=seed, picture=PictureConfig((height, width), 4, _CAMERA), observed=observed)
-    for axes, (name, seconds, picture) in zip(panels[0], episode.moments, strict=True):
+    shown, moments, images = play(objects, seed, PictureConfig((height, width), 4, _CAMERA), observed)
+    for axes, (name, seconds, picture) in zip(panels[0], moments, strict=True):
         axes.imshow(picture)
         axes.set_title(f"{name}, {seconds:.2f} s", fontsize=9, pad=3)
-    for axes, (name, image) in zip(panels[1], episode.images.items(), strict=True):
+    for axes, (name, image) in zip(panels[1], images.items(), strict=True):
         axes.imshow(colored(image), interpolation="nearest")
         axes.set_title(f'"{name}" at {observed}', fontsize=9, pad=3)
         if name.startswith("depth"):
             _depth_bar(figure, axes, *depth_limits(image))
     for axes in panels.flat:
         axes.set_axis_off()
-    figure.suptitle(f"graspbox/Grasp-v0, {episode.name}: the scripted expert", fontsize=11, weight="bold", y=0.985)
+    figure.suptitle(f"graspbox/Grasp-v0, {shown}: the scripted expert", fontsize=11, weight="bold", y=0.985)
     write(figure, target, palette=False)
 
 

@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from graspbox._common.colors import COLORS
 from graspbox.errors import ConfigError
 from graspbox.evaluation.results import reliability, wilson
 from graspbox.pictures.files import Figure, PathLike, check_path, write
 
-__all__ = ["save_rates", "save_reliability"]
-
-_SUCCESS, _SECURE = "#0072b2", "#d55e00"
+_SUCCESS, _SECURE = COLORS[:2]
 
 
 def save_rates(path: PathLike, title: str, panels: Mapping[str, Mapping[str, tuple[int, int, int]]]) -> None:
@@ -19,10 +18,6 @@ def save_rates(path: PathLike, title: str, panels: Mapping[str, Mapping[str, tup
 
     Parameters
     ----------
-    path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
-    title : str
-        Title of the figure.
     panels : mapping of str to mapping of str to (int, int, int)
         Panels from left to right by title; each maps the names of its rows, from top to bottom, to the numbers of
         trials, successes and secure holds. Panels share rows; a row missing in a panel is left empty there.
@@ -30,12 +25,12 @@ def save_rates(path: PathLike, title: str, panels: Mapping[str, Mapping[str, tup
     Raises
     ------
     ConfigError, FileError
-        If there are no rows, or `path` cannot be written.
+        As `check_path`; also if there are no rows.
     """
     target = check_path(path)
     names = list(dict.fromkeys(name for rows in panels.values() for name in rows))
     if not names:
-        raise ConfigError("there are no rows to plot; give at least one")
+        raise ConfigError("there are no rows to plot; pass at least one")
     size = (2.4 + 3.6 * len(panels), 1.1 + 0.36 * len(names))
     figure = Figure(figsize=size, layout="constrained", dpi=120)
     for axes, (panel, rows) in zip(
@@ -73,8 +68,6 @@ def save_reliability(
 
     Parameters
     ----------
-    path, title
-        As for `save_rates`.
     rows : mapping of str to two sequences
         Predicted probabilities, and whether the trials succeeded, by name.
     bins : int
@@ -87,16 +80,16 @@ def save_reliability(
     """
     target = check_path(path)
     if not rows:
-        raise ConfigError("there are no rows to plot; give at least one")
+        raise ConfigError("there are no rows to plot; pass at least one")
     figure = Figure(figsize=(5.0, 5.0), layout="constrained", dpi=120)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot([0, 1], [0, 1], color="0.6", linewidth=1.0, linestyle="--", label="calibrated")
     for i, (name, (stated, held)) in enumerate(rows.items()):
         probabilities, true = np.asarray(stated, dtype=np.float64), np.asarray(held, dtype=np.bool_)
         color = f"C{i}"
-        found = reliability(probabilities, true, bins)
-        x, y = [b.stated for b in found], [b.rate for b in found]
-        errors = np.array([(b.rate - b.low, b.high - b.rate) for b in found]).reshape(-1, 2).T.clip(0.0)
+        rates = reliability(probabilities, true, bins)
+        x, y = [b.stated for b in rates], [b.rate for b in rates]
+        errors = np.array([(b.rate - b.low, b.high - b.rate) for b in rates]).reshape(-1, 2).T.clip(0.0)
         above.errorbar(x, y, errors, marker="o", markersize=4, linewidth=1.2, capsize=2, color=color, label=name)
         below.hist(probabilities, bins=bins, range=(0.0, 1.0), histtype="step", color=color)
     above.set(ylabel="share that succeeded", xlim=(0, 1), ylim=(0, 1))

@@ -14,6 +14,7 @@ from graspbox.errors import ConfigError, FileError
 
 #: File name extensions of pictures. All but ``.pdf`` and ``.svg`` are raster formats.
 SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp")
+_CHOICES = ", ".join(SUFFIXES)
 #: A path to a picture.
 PathLike = str | os.PathLike[str]
 
@@ -31,11 +32,11 @@ def check_path(path: PathLike) -> Path:
     try:
         target = Path(path)
     except TypeError:
-        raise ConfigError(f"path is {path!r}; give a str or a Path that ends in one of {_choices()}") from None
+        raise ConfigError(f"path is {path!r}; pass a str or a Path that ends in one of {_CHOICES}") from None
     if target.is_dir():
         raise ConfigError(f"{str(target)!r} is a folder; name a picture in it, such as {str(target / 'picture.png')!r}")
     if target.suffix.lower() not in SUFFIXES:
-        raise ConfigError(f"{str(target)!r} has the extension {target.suffix!r}; use one of {_choices()}")
+        raise ConfigError(f"{str(target)!r} has the extension {target.suffix!r}; use one of {_CHOICES}")
     folder = target.parent
     if not folder.is_dir():
         raise FileError(2, "the picture's folder does not exist; make it first", str(folder))
@@ -44,43 +45,22 @@ def check_path(path: PathLike) -> Path:
     return target
 
 
-def _choices() -> str:
-    return ", ".join(SUFFIXES)
-
-
 def write(figure: Figure, path: Path, *, palette: bool = True) -> None:
-    """Write a figure atomically.
+    """Write a figure, rendered by Agg, to a path that `check_path` has checked, atomically.
 
-    Parameters
-    ----------
-    figure : Figure
-        The figure; Agg renders it, independently of matplotlib's backend.
-    path : Path
-        A path checked by `check_path`.
-    palette : bool
-        Whether to reduce a PNG to 256 colours, for charts and lines. Otherwise each channel is rounded to multiples of
-        3, which is invisible in shaded surfaces and saves a quarter of the size.
+    A PNG is reduced to 256 colours (`palette`), for charts and lines; or its channels are rounded to multiples of 3,
+    which is invisible in shaded surfaces and saves a quarter of the size.
     """
     kind = path.suffix.lower().removeprefix(".")
     raw = BytesIO()
     FigureCanvasAgg(figure)
     figure.savefig(raw, format=kind)
     if kind == "png":
-        raw = _packed(raw, palette)
+        colors, raw = Image.open(raw).convert("RGB"), BytesIO()
+        rounded = [min(255, 3 * round(value / 3)) for value in range(256)]
+        packed = colors.quantize(256, dither=Image.Dither.NONE) if palette else colors.point(3 * rounded)
+        packed.save(raw, format="png", optimize=True)
     write_bytes(path, raw.getvalue())
-
-
-def _packed(raw: BytesIO, palette: bool) -> BytesIO:
-    packed = BytesIO()
-    with Image.open(raw) as image:
-        colors = image.convert("RGB")
-        chosen = colors.quantize(256, dither=Image.Dither.NONE) if palette else colors.point(_rounded)
-        chosen.save(packed, format="png", optimize=True)
-    return packed
-
-
-def _rounded(value: int) -> int:
-    return min(255, 3 * round(value / 3))
 
 
 def pixels(axes: Any) -> tuple[int, int]:

@@ -7,12 +7,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from graspbox.exchange import frame_from_hand
-from graspbox.exchange.conventions import convention_of, mechanism_of
 from graspbox.hands import HandLike, load_hand
+from graspbox.hands.conventions import convention_of, frame_from_hand, mechanism_of
+from graspbox.meshes.shapes import Floats
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hands import PosedHand
-from graspbox.pictures.solids import Floats
 from graspbox.pictures.view import Camera, View
 from graspbox.simulation import Hand
 
@@ -22,9 +21,6 @@ AXES = {"x": "#d55e00", "y": "#009e73", "z": "#0072b2"}
 _LENGTH = 0.042
 #: The palm faces down, as over a table.
 _WORLD_FROM_HAND = np.diag([1.0, -1.0, -1.0, 1.0])
-_FORMATS = {"gripper": "ACRONYM, GraspGen", "base": "Isaac Grasp, DexGraspBench"}
-
-
 #: Hands that are drawn by default.
 _HANDS = ("panda_gripper", "robotiq_2f_85", "reflex", "leap", "inspire", "soft_hand")
 
@@ -34,27 +30,19 @@ def save_hand_frames(path: PathLike, hands: Sequence[HandLike] = _HANDS) -> None
 
     Hands whose frames ``base`` and ``gripper`` are the same have one panel for all formats.
 
-    Parameters
-    ----------
-    path : str or PathLike
-        As of `graspbox.pictures.save_grasp_image`.
-    hands : sequence of str, Hand or pair of paths
-        The hands.
-
     Raises
     ------
     ConfigError, FileError
-        As `graspbox.pictures.save_grasp_image`.
+        As `check_path` and `graspbox.load_hand`.
     """
     target, panels = check_path(path), []
     for hand in map(load_hand, hands):
         base, gripper = frame_from_hand(hand, "base"), frame_from_hand(hand, "gripper")
-        link = convention_of(hand).prefix + mechanism_of(hand).base_link
-        if np.allclose(base, gripper):
-            panels.append((hand, base, f"base link {link!r}", "all formats"))
-        else:
-            panels.append((hand, gripper, "frame 'gripper'", _FORMATS["gripper"]))
-            panels.append((hand, base, f"base link {link!r}", _FORMATS["base"]))
+        link = f"base link {convention_of(hand).prefix + mechanism_of(hand).base_link!r}"
+        same = np.allclose(base, gripper)
+        if not same:
+            panels.append((hand, gripper, "frame 'gripper'", "ACRONYM, GraspGen"))
+        panels.append((hand, base, link, "all formats" if same else "Isaac Grasp, DexGraspBench"))
     figure = Figure(figsize=(3.1 * len(panels), 3.5), dpi=130)
     axes = figure.subplots(1, len(panels), squeeze=False)[0]
     figure.subplots_adjust(left=0.005, right=0.995, bottom=0.03, top=0.82, wspace=0.03)
@@ -85,12 +73,10 @@ def plot_axes(panel: Any, view: View, ends: Floats) -> Floats:
     for end, (letter, color) in zip(ends, AXES.items(), strict=True):
         view.lines(panel, end[None], color, width=2.6, hidden=0.55, halo=0.9)
         tip = view.lens.project(end[1] + 0.13 * (end[1] - end[0]))
-        letter_text = panel.text(
-            tip[0], tip[1], letter, color=color, fontsize=9, weight="bold", ha="center", va="center"
-        )
-        letter_text.set_path_effects([withStroke(linewidth=2.2, foreground="white")])
+        style = {"color": color, "fontsize": 9, "weight": "bold", "ha": "center", "va": "center"}
+        panel.text(*tip[:2], letter, **style, path_effects=[withStroke(linewidth=2.2, foreground="white")])
     origin = view.lens.project(ends[0, 0])
-    panel.plot(origin[0], origin[1], "o", color="black", markersize=4)
+    panel.plot(*origin[:2], "o", color="black", markersize=4)
     return origin
 
 
@@ -98,7 +84,7 @@ def _label(panel: Any, size: tuple[int, int], origin: Floats, text: str) -> None
     """Write the name of a frame at the left margin, with a line to its origin."""
     panel.annotate(
         text,
-        xy=(origin[0], origin[1]),
+        xy=origin[:2],
         xytext=(0.03 * size[0], max(origin[1] - 0.10 * size[1], 0.09 * size[1])),
         fontsize=9,
         ha="left",

@@ -6,10 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from graspbox.hands import HandLike, load_hand
+from graspbox.hands.geometry import corners_of
+from graspbox.meshes.shapes import Floats
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hand_frames import AXES, frame_axes, plot_axes
 from graspbox.pictures.hands import PosedHand
-from graspbox.pictures.solids import Floats, box_edges
+from graspbox.pictures.solids import box_edges
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import Box
 from graspbox.simulation import Hand
@@ -30,29 +32,22 @@ _CAMERA = Camera(-66.0, 18.0)
 def save_hand_motion(path: PathLike, hand: HandLike) -> None:
     """Save a row of panels per preshape: the hand open, half closed and closed, its pads, grasp frame and grasp centre.
 
-    Parameters
-    ----------
-    path : str or PathLike
-        As of `graspbox.pictures.save_grasp_image`.
-    hand : str, Hand or pair of paths
-        The hand.
-
     Raises
     ------
     ConfigError, FileError
-        As `graspbox.pictures.save_grasp_image`.
+        As `check_path` and `graspbox.load_hand`.
     """
-    target, found = check_path(path), load_hand(hand)
-    preshapes = sorted(found.preshapes.items(), key=lambda item: item[1])[:_ROWS]
+    target, loaded = check_path(path), load_hand(hand)
+    preshapes = sorted(loaded.preshapes.items(), key=lambda item: item[1])[:_ROWS]
     figure = Figure(figsize=(9.6, 0.75 + 3.1 * len(preshapes)), dpi=130)
     panels = figure.subplots(len(preshapes), len(_STAGES), squeeze=False)
     height = figure.get_figheight()
     figure.subplots_adjust(left=0.005, right=0.995, bottom=0.01, top=1 - 0.8 / height, wspace=0.02, hspace=0.12)
     for row, (name, preshape) in zip(panels, preshapes, strict=True):
         for panel, (stage, share) in zip(row, _STAGES.items(), strict=True):
-            _plot(panel, found, preshape, share)
+            _plot(panel, loaded, preshape, share)
             panel.set_title(f"preshape {name}, {stage}" if len(preshapes) > 1 else stage, fontsize=10, pad=4)
-    figure.text(0.012, 1 - 0.36 / height, found.name, fontsize=12, weight="bold", ha="left")
+    figure.text(0.012, 1 - 0.36 / height, loaded.name, fontsize=12, weight="bold", ha="left")
     legend = [("pads", _PAD), ("grasp centre", _CENTER), ("grasp frame:", "black"), *AXES.items()]
     for place, (text, ink) in zip(_PLACES, legend, strict=True):
         figure.text(place, 1 - 0.36 / height, text, color=ink, fontsize=9.5, ha="left", weight="bold")
@@ -63,10 +58,8 @@ def _plot(panel: Any, hand: Hand, preshape: float, share: float) -> None:
     joints = hand.closed(preshape, share)
     posed = PosedHand(hand, np.eye(4), joints)
     ends = frame_axes(np.eye(4))
-    reach = np.concatenate(
-        [PosedHand(hand, np.eye(4), hand.closed(preshape, each)).corners() for each in _STAGES.values()]
-    )
-    shown = np.concatenate([reach, ends.reshape(-1, 3)])
+    reach = [corners_of(hand, hand.closed(preshape, each)) for each in _STAGES.values()]
+    shown = np.concatenate([*reach, ends.reshape(-1, 3)])
     view = View([], _CAMERA, shown=shown, size=pixels(panel), hand=posed)
     view.show(panel)
     shapes, halves, pads, _ = hand.shapes(joints)

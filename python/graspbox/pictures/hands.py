@@ -6,7 +6,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.pictures.solids import Floats, Solid, box_mesh, cylinder_mesh, frame_along, place
+from graspbox.hands.geometry import corners_of
+from graspbox.meshes import mesh_from_arrays
+from graspbox.meshes.shapes import Floats, cylinder, frame_along, place
+from graspbox.pictures.solids import Solid, box_mesh
 from graspbox.planning import Box
 from graspbox.simulation import Hand
 
@@ -23,42 +26,21 @@ _GLYPH_CLOSED = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Finger:
-    """Joints and tip of a chain, hand frame, metres; joints whose links have no collision shape are left out.
+    """Joints and tip of a chain, hand frame, metres; joints whose links have no collision shape are left out."""
 
-    Attributes
-    ----------
-    points : (k, 3) float64
-        Points on the axes of the joints, each nearest to the centre of the joint's child link.
-    axes : (k, 3) float64
-        Unit vectors of these axes.
-    revolute : (k,) bool
-        Whether each joint is revolute.
-    links : tuple of Box
-        The largest collision shape of each child link.
-    tip : (3,) float64
-        The far end of the last link.
-    """
-
+    #: Points on the axes of the joints, (k, 3), each nearest to the centre of the joint's child link.
     points: Floats
+    #: Unit vectors of these axes, (k, 3), and whether each joint is revolute.
     axes: Floats
     revolute: NDArray[np.bool_]
+    #: The largest collision shape of each child link, and the far end of the last one.
     links: tuple[Box, ...]
     tip: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class PosedHand:
-    """A hand at one configuration.
-
-    Attributes
-    ----------
-    hand : Hand
-        The hand.
-    world_from_hand : (4, 4) float64
-        Pose of the grasp frame.
-    joints : (c,) float64
-        Positions of its independent joints, rad or m.
-    """
+    """A hand at a pose of its grasp frame, (4, 4), with its independent joints at positions (c,), rad or m."""
 
     hand: Hand
     world_from_hand: Floats
@@ -71,18 +53,13 @@ class PosedHand:
 
     def corners(self) -> Floats:
         """Return the corners (n, 3) of the boxes of its collision shapes, world frame, metres."""
-        shapes, halves, _, _ = self._shapes()
-        frames = self.world_from_hand @ shapes
-        boxes = [Box(frame[:3, 3], frame[:3, :3], half) for frame, half in zip(frames, halves, strict=True)]
-        return np.concatenate([box.corners() for box in boxes])
-
-    def _shapes(self) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.int64]]:
-        return self.hand.shapes(np.ascontiguousarray(self.joints, dtype=np.float64))
+        return place(corners_of(self.hand, np.ascontiguousarray(self.joints, dtype=np.float64)), self.world_from_hand)
 
     def skeleton(self) -> list[Finger]:
         """Return the joints and the tip of every chain with a collision shape."""
-        frames, halves, pads, carriers = self._shapes()
-        joints, chains, revolute = self.hand.joint_frames(np.ascontiguousarray(self.joints, dtype=np.float64))
+        positions = np.ascontiguousarray(self.joints, dtype=np.float64)
+        frames, halves, pads, carriers = self.hand.shapes(positions)
+        joints, chains, revolute = self.hand.joint_frames(positions)
         fingers = []
         for chain in range(len(self.hand.chains)):
             rows = [row for row in np.flatnonzero(chains == chain) if (carriers == row).any()]
@@ -110,7 +87,8 @@ class PosedHand:
             if not finger.revolute[0]:
                 continue
             least, middle, _ = np.sort(finger.links[0].half_extents)
-            meshes = [cylinder_mesh(finger.points[0], finger.axes[0], _HINGE[0] * middle, _HINGE[1] * least)]
+            hinge = cylinder(finger.points[0], finger.axes[0], _HINGE[0] * middle, _HINGE[1] * least)
+            meshes = [mesh_from_arrays(*hinge, name="hinge")]
             for link, knuckle, turns in zip(finger.links[:-1], finger.points[1:], finger.revolute[1:], strict=True):
                 if turns:
                     way = knuckle - link.center
@@ -127,19 +105,7 @@ def glyphs(hand: Hand, poses: Floats, preshape: Floats) -> Floats:
     A stem along the approach ends at the palm's centre; from there, lines along the joints of each finger to its tip
     show roll and preshape.
 
-    Parameters
-    ----------
-    hand : Hand
-        The hand.
-    poses : (n, 4, 4) float64
-        Poses of the grasp frame.
-    preshape : (n,) float64
-        See `graspbox.Hand.preshape_limits`.
-
-    Returns
-    -------
-    (n, s, 2, 3) float64
-        Segments, in the frame of the poses, metres.
+    Returns segments (n, s, 2, 3) in the frame of the poses (n, 4, 4), metres.
     """
 
     def shape(value: float) -> Floats:

@@ -7,64 +7,27 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from graspbox._common.colors import FAILURE, NOT_SIMULATED, OBJECT, OBJECTS, SUCCESS
 from graspbox.errors import ConfigError
 from graspbox.meshes import Mesh, Surroundings
+from graspbox.meshes.shapes import Floats
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hands import PosedHand, glyphs
-from graspbox.pictures.solids import (
-    FAILURE,
-    NEIGHBOUR,
-    NOT_SIMULATED,
-    OBJECT,
-    OBJECTS,
-    SUCCESS,
-    Floats,
-    Solid,
-    box_edges,
-    colored_boxes,
-    place,
-    place_box,
-    wall_solids,
-)
+from graspbox.pictures.solids import Solid, box_edges, colored_boxes, place_box, solids_of
 from graspbox.pictures.sweeps import count_boxes
 from graspbox.pictures.trials import ABOVE, Trial
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import Plan
 from graspbox.simulation import Hand, Outcomes, Scene, load_hand
+from graspbox.simulation.neighbours import Neighbours
 
 #: Greatest number of objects in a gallery.
 _MOST = 8
 
 
 @dataclass(frozen=True, eq=False)
-class _Others:
-    """Everything in a scene beside its object; see `graspbox.meshes.Surroundings`."""
-
-    meshes: Sequence[Mesh]
-    world_from_objects: Floats
-    world_from_walls: Floats
-    wall_half_extents: Floats
-
-    @classmethod
-    def of(cls, scene: Scene) -> "_Others":
-        return cls(scene.others, scene.world_from_others, scene.world_from_walls, scene.wall_half_extents)
-
-
-@dataclass(frozen=True, eq=False)
 class GraspExample:
-    """An object, its plan and its outcomes.
-
-    Attributes
-    ----------
-    mesh, plan : Mesh, Plan
-        The object, and its plan with poses in ranking order.
-    outcomes : Outcomes or None
-        Outcomes of the plan's first poses, in order; None if none was simulated.
-    trial : Trial or None
-        The trial to show; None to show the open hand at the first pose.
-    neighbours : Surroundings or None
-        Other objects and walls, those of the plan: drawn grey, the objects where the trial left them.
-    """
+    """An object, its plan and its outcomes; for the fields see `save_plan`."""
 
     mesh: Mesh
     plan: Plan
@@ -81,15 +44,14 @@ class GraspExample:
     def of(cls, scene: Scene, plan: Plan, outcomes: Outcomes) -> "GraspExample":
         """Use known outcomes of a plan; the example shows the best-ranked success, else the first pose."""
         trial = Trial.run(scene, plan, int(np.argmax(outcomes.success))) if len(outcomes) else None
-        return cls(scene.mesh, plan, outcomes, trial, _Others.of(scene))
+        return cls(scene.mesh, plan, outcomes, trial, Neighbours.of(scene))
 
     def around(self, poses: Floats | None = None) -> list[Solid]:
         """Return the neighbours at rest, or at `poses` (k, 4, 4), and the walls."""
-        if self.neighbours is None:
+        if (around := self.neighbours) is None:
             return []
-        rest = self.neighbours.world_from_objects if poses is None else poses
-        solids = [Solid(mesh, NEIGHBOUR, pose) for mesh, pose in zip(self.neighbours.meshes, rest, strict=True)]
-        return solids + wall_solids(self.neighbours.world_from_walls, self.neighbours.wall_half_extents)
+        rest = around.world_from_objects if poses is None else poses
+        return solids_of(Neighbours(around.meshes, rest, around.world_from_walls, around.wall_half_extents))
 
     def captions(self, count: int) -> tuple[str, str, str]:
         """Return the captions of the panels: boxes, the best `count` poses, the grasp."""
@@ -129,34 +91,26 @@ def save_plan(
     camera: Camera | None = None,
     neighbours: Surroundings | None = None,
 ) -> None:
-    """Save three panels: the boxes of an object at rest, its best poses, and a grasp.
+    """Save three panels: the boxes of an object at rest, its best poses, and a grasp; errors also as `check_path`.
 
     Parameters
     ----------
-    path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
-    mesh, plan : Mesh, Plan
-        The object, and its plan.
     outcomes : Outcomes, optional
         Outcomes of the plan's best poses, in order, for the colours of the poses.
     trial : Trial, optional
         A trial of this plan, of which the last sample is shown; by default the open hand is shown at the first pose.
-    hand : str or Hand
-        The hand.
     count : int
         Greatest number of poses to show.
     camera : Camera, optional
         Viewing direction; by default one in which the first hand is next to the object, not in front of it.
     neighbours : Surroundings, optional
-        Other objects and walls, as for `graspbox.plan`; of a trial, those of its scene, in the order of its others.
+        Other objects and walls, as for `graspbox.plan`, drawn grey; of a trial, those of its scene, in the order of its
+        others, where the trial left them.
 
     Raises
     ------
     ConfigError
-        If the path is not that of a picture, there are fewer outcomes than poses to show, or a trial has another number
-        of neighbours.
-    FileError
-        If the file cannot be written.
+        If there are fewer outcomes than poses to show, or a trial has another number of neighbours.
     """
     target = check_path(path)
     figure = Figure(figsize=(11, 4.1), dpi=130)
@@ -171,35 +125,16 @@ def save_plan(
 def save_gallery(
     path: PathLike, examples: Sequence[GraspExample], *, hand: str | Hand = "reflex", count: int = 20
 ) -> None:
-    """Save one column of panels per object: its boxes, its best poses, and a grasp, as in `save_plan`.
-
-    Parameters
-    ----------
-    path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
-    examples : sequence of GraspExample
-        The examples, 1 to 8.
-    hand : str or Hand
-        The hand.
-    count : int
-        Greatest number of poses to show per object.
-
-    Raises
-    ------
-    ConfigError
-        If the path is not that of a picture, or the number of examples or outcomes is wrong.
-    FileError
-        If the file cannot be written.
-    """
+    """Save one column of panels per object, for 1 to 8 objects, as `save_plan` shows each; errors as there."""
     target = check_path(path)
     if not 1 <= len(examples) <= _MOST:
-        raise ConfigError(f"{len(examples)} examples; give 1 to {_MOST}")
-    found = load_hand(hand)
+        raise ConfigError(f"{len(examples)} examples; pass 1 to {_MOST}")
+    loaded = load_hand(hand)
     figure = Figure(figsize=(2.75 * len(examples), 8.8), dpi=115)
     panels = figure.subplots(3, len(examples), squeeze=False, gridspec_kw={"height_ratios": (1.0, 1.0, 1.25)})
     figure.subplots_adjust(left=0.004, right=0.996, bottom=0.035, top=0.925, wspace=0.03, hspace=0.1)
     for index, example in enumerate(examples):
-        _column(panels[:, index], example, OBJECTS[index % len(OBJECTS)], found, count, None)
+        _column(panels[:, index], example, OBJECTS[index % len(OBJECTS)], loaded, count, None)
         panels[0, index].annotate(
             example.mesh.name, (0.5, 1.15), xycoords="axes fraction", ha="center", fontsize=11, weight="bold"
         )
@@ -224,9 +159,8 @@ def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: i
     surface, size = Solid(example.mesh, color, world_from_object), pixels(panels[0])
     boxes = [place_box(box, world_from_object) for box in example.plan.tree]
     lines = glyphs(hand, poses, best.preshape)
-    corners = np.concatenate([*(box.corners() for box in boxes), lines.reshape(-1, 3), _points(around)])
-    at_rest = np.concatenate([place(example.mesh.vertices, world_from_object), _points(around)])
-    view = View([surface, *around], camera, shown=corners, size=size, table=at_rest)
+    corners = [*(box.corners() for box in boxes), lines.reshape(-1, 3), *(solid.points for solid in around)]
+    view = View([surface, *around], camera, shown=np.concatenate(corners), size=size, table=True)
     for axes in panels[:2]:
         view.show(axes)
     for box, ink in colored_boxes(boxes):
@@ -237,33 +171,22 @@ def _column(panels: Any, example: GraspExample, color: str, hand: Hand, count: i
     for index in sorted(order, key=lambda i: i == simulated):
         width, hidden = (2.6, 0.5) if index == simulated else (1.3, 0.2)
         view.lines(panels[1], lines[index], inks[index], width=width, hidden=hidden, halo=0.8)
-    held = Solid(example.mesh, color, at_end)
-    reach = np.concatenate([place(example.mesh.vertices, at_end), _points(around_at_end)])
-    if posed is not None:
-        reach = np.concatenate([reach, posed.corners()])
-    View([held, *around_at_end], camera, shown=reach, size=pixels(panels[2]), hand=posed, table=reach).show(panels[2])
+    solids = [Solid(example.mesh, color, at_end), *around_at_end]
+    View(solids, camera, size=pixels(panels[2]), hand=posed, table=True).show(panels[2])
     for axes, caption in zip(panels, example.captions(count), strict=True):
         axes.set_title(caption, fontsize=9.5, pad=3)
-
-
-def _points(solids: Sequence[Solid]) -> Floats:
-    """Return the vertices of solids, (n, 3), world frame."""
-    return np.concatenate([np.zeros((0, 3)), *(place(solid.mesh.vertices, solid.world_from_mesh) for solid in solids)])
 
 
 def _grasp(
     example: GraspExample, poses: Floats, preshape: Floats, hand: Hand
 ) -> tuple[PosedHand | None, Floats, list[Solid]]:
-    """Return the hand to show, the object's pose and the neighbours.
-
-    They are those of the trial's last sample, else of the open hand at the first pose.
-    """
+    """Return hand, object's pose and neighbours at the trial's last sample, else of the open hand at the first pose."""
     trial = example.trial
     if trial is not None and len(trial.trace.time):
         others = trial.trace.world_from_others[-1]
         known = 0 if example.neighbours is None else len(example.neighbours.meshes)
         if example.neighbours is not None and known != len(others):
-            raise ConfigError(f"{known} neighbours of a trial with {len(others)}; give those of its scene")
+            raise ConfigError(f"{known} neighbours of a trial with {len(others)}; pass those of its scene")
         return trial.posed(hand, -1), trial.trace.world_from_object[-1], example.around(others)
     posed = PosedHand.open(hand, poses[0], float(preshape[0])) if len(poses) else None
     return posed, example.plan.world_from_object, example.around()

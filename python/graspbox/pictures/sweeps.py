@@ -8,10 +8,11 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
+from graspbox._common.colors import OBJECT
 from graspbox.errors import ConfigError
 from graspbox.meshes import Mesh
 from graspbox.pictures.files import PathLike, check_path, pixels, write
-from graspbox.pictures.solids import OBJECT, Solid, box_edges, colored_boxes
+from graspbox.pictures.solids import Solid, box_edges, colored_boxes
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import BoxTree, decompose
 
@@ -38,20 +39,14 @@ def save_sweep(
 
     Parameters
     ----------
-    path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
-    mesh : Mesh
-        The object.
     fit : {"minimum", "pca"}
-        Fit of the boxes; see `graspbox.DecomposeConfig`.
+        See `graspbox.DecomposeConfig`.
     area_gains : sequence of float, optional
         One per row; by default those of `AREA_GAINS` for the fit.
     min_volumes : sequence of float
         One per column, m3.
     max_boxes : int
         Greatest number of boxes; panels that reach it are marked.
-    camera : Camera
-        Viewing direction, object frame.
 
     Returns
     -------
@@ -60,16 +55,14 @@ def save_sweep(
 
     Raises
     ------
-    ConfigError
-        If the path or a threshold is out of range, or there are more than 100 pairs.
-    FileError
-        If the file cannot be written.
+    ConfigError, FileError
+        As `check_path`; also for a threshold out of range, or more than 100 pairs.
     """
     target = check_path(path)
     rows = AREA_GAINS[fit] if area_gains is None else area_gains
     pairs = list(product(rows, min_volumes))
     if not 1 <= len(pairs) <= _MOST_PANELS:
-        raise ConfigError(f"{len(rows)} area_gains and {len(min_volumes)} min_volumes; give 1 to {_MOST_PANELS} pairs")
+        raise ConfigError(f"{len(rows)} area_gains and {len(min_volumes)} min_volumes; pass 1 to {_MOST_PANELS} pairs")
     trees = [decompose(mesh, fit=fit, area_gain=gain, min_volume=least, max_boxes=max_boxes) for gain, least in pairs]
     shape = (len(rows), len(min_volumes))
     figure = Figure(figsize=(2.3 * shape[1] + 0.4, 2.6 * shape[0] + 0.75), dpi=115)

@@ -1,22 +1,24 @@
 """Pictures of trials: relative speed of hand and object over time (kindness), stages of the grasp, and videos."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from graspbox._common.colors import FAILURE, OBJECT, OBJECTS, SUCCESS
 from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError
+from graspbox.meshes.shapes import Floats
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hands import PosedHand
-from graspbox.pictures.solids import FAILURE, OBJECT, OBJECTS, SUCCESS, Floats, Solid, place, wall_solids
+from graspbox.pictures.solids import Solid, solids_of
 from graspbox.pictures.videos import check_video, save_video
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import Plan
 from graspbox.simulation import Hand, Outcomes, Scene, Trace
+from graspbox.simulation.neighbours import Neighbours
 
 #: Definition of kindness in the picture.
 KINDNESS = (
@@ -25,27 +27,15 @@ KINDNESS = (
 )
 #: Greatest number of rows of stages.
 _MOST_ROWS = 8
-#: Elevation of the camera, degrees: beside a hand, and above it where other objects or walls are in the way.
-_BESIDE, ABOVE = 18.0, 35.0
+#: Elevation of the camera, degrees: at the hand's side, or from above where other objects or walls occlude it.
+BESIDE, ABOVE = 18.0, 35.0
 #: Seconds of a trial from one picture of a video to the next.
 _PERIOD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One recorded trial of a plan.
-
-    Attributes
-    ----------
-    index : int
-        Index of its pose in the plan.
-    preshape : float
-        Preshape of that pose.
-    outcome : Outcomes
-        Outcome of the trial, of length 1.
-    trace : Trace
-        Samples of the trial.
-    """
+    """One recorded trial: index of its pose in the plan, preshape, outcome (of length 1) and samples."""
 
     index: int
     preshape: float
@@ -65,7 +55,7 @@ class Trial:
 
 
 def speeds(trace: Trace) -> tuple[Floats, Floats]:
-    """Return |d distance/dt|, m/s, between consecutive samples: their mean times (t - 1,), and speeds (t - 1,)."""
+    """Return the mean times (t - 1,) of consecutive samples, and |d distance/dt| (t - 1,) between them, m/s."""
     steps = np.diff(trace.time)
     return trace.time[:-1] + steps / 2, np.abs(np.diff(trace.distance)) / steps
 
@@ -103,36 +93,23 @@ def save_kindness(path: PathLike, name: str, failed: Trial, firm: Trial) -> None
     The reference study's kindness (its figures 3.17 and 3.18) is the sum of these speeds over the samples of the first
     2.5 s: near zero for a firm grasp, a spike for each slip. Both panels have the same scale.
 
-    Parameters
-    ----------
-    path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
-    name : str
-        The object's name.
-    failed, firm : Trial
-        The trials, of feasible poses.
-
     Raises
     ------
-    ConfigError
-        If the path is not that of a picture, or a trial has no samples.
-    FileError
-        If the file cannot be written.
+    ConfigError, FileError
+        As `check_path`; also for a trial of an infeasible pose, which has no samples.
     """
     target = check_path(path)
     for trial in (failed, firm):
         if len(trial.trace.time) < 2:
             raise ConfigError(f"pose {trial.index + 1} is infeasible: nothing moved, so there is no speed to plot")
     config = TrialConfig()
-    total = config.close_time + config.lift_time + config.hold_time
     top = max(1.0, *(100 * float(speeds(trial.trace)[1].max()) for trial in (failed, firm)))
     figure = Figure(figsize=(8, 6.0), dpi=110)
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
     for axes, trial, color in ((panels[0], failed, FAILURE), (panels[1], firm, SUCCESS)):
         _plot_speed(axes, trial, color, config, top)
-    panels[1].set_ylim(0, 1.2 * top)
-    panels[1].set_xlim(0, total)
-    panels[1].set_xlabel("time since closing began (s)")
+    total = config.close_time + config.lift_time + config.hold_time
+    panels[1].set(ylim=(0, 1.2 * top), xlim=(0, total), xlabel="time since closing began (s)")
     figure.suptitle(f"{name}: relative speed of hand and object", fontsize=12, weight="bold", y=0.993)
     figure.text(0.5, 0.922, KINDNESS, ha="center", va="center", fontsize=9, color="#444444")
     figure.tight_layout(rect=(0, 0, 1, 0.945))
@@ -190,10 +167,6 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
 
     Parameters
     ----------
-    path : str or PathLike
-        The picture's file; its extension is one of `graspbox.pictures.SUFFIXES`.
-    scene : Scene
-        The object and the hand.
     trials : sequence of Trial
         1 to 8 trials of this scene, of feasible poses.
     camera : Camera, optional
@@ -206,7 +179,7 @@ def save_stages(path: PathLike, scene: Scene, trials: Sequence[Trial], *, camera
     """
     target = check_path(path)
     if not 1 <= len(trials) <= _MOST_ROWS:
-        raise ConfigError(f"{len(trials)} trials; give 1 to {_MOST_ROWS}")
+        raise ConfigError(f"{len(trials)} trials; pass 1 to {_MOST_ROWS}")
     for trial in trials:
         _check_moved(trial, "there are no stages to show")
     height = 3.5 * len(trials) + 0.45
@@ -227,16 +200,10 @@ def save_trial(
     camera: Camera | None = None,
     size: tuple[int, int] = (480, 400),
 ) -> None:
-    """Save a trial as a video, 10 pictures per second: the hand, and every object and wall of its scene.
+    """Save a trial of a scene as a video, 10 pictures per second: the hand, and every object and wall.
 
     Parameters
     ----------
-    path : str or PathLike
-        The file; its extension is one of `graspbox.pictures.VIDEO_SUFFIXES`.
-    scene : Scene
-        The objects and the hand.
-    trial : Trial
-        A trial of this scene, of a feasible pose.
     camera : Camera, optional
         Viewing direction; by default across the first hand's approach.
     size : (int, int)
@@ -249,13 +216,13 @@ def save_trial(
     """
     target = check_video(path)
     if len(size) != 2 or not all(16 <= side <= 4096 for side in size):
-        raise ConfigError(f"size is {size!r}; give columns and rows, 16 to 4096 pixels")
+        raise ConfigError(f"size is {size!r}; pass columns and rows, 16 to 4096 pixels")
     _check_moved(trial, "there is no video to show")
     time = trial.trace.time
     samples = np.unique(np.searchsorted(time, np.arange(0.0, time[-1] + _PERIOD, _PERIOD)).clip(max=len(time) - 1))
     captions = [f"{scene.name}, {time[sample]:.1f} s" for sample in samples]
     captions[-1] += f": {trial.outcome.failure[0] or 'success'}"
-    save_video(target, [view.image for view in _views(scene, trial, samples, camera, size)], captions, seconds=_PERIOD)
+    save_video(target, [view.image for view in views(scene, trial, samples, camera, size)], captions, seconds=_PERIOD)
 
 
 def _check_moved(trial: Trial, so: str) -> None:
@@ -266,34 +233,30 @@ def _check_moved(trial: Trial, so: str) -> None:
 
 def objects_at(scene: Scene, trace: Trace, sample: int) -> list[Solid]:
     """Return the objects of a scene where they are at a sample of a trace: its object, the others, and its walls."""
-    solids = [Solid(scene.mesh, OBJECT, trace.world_from_object[sample])]
-    for index, (mesh, pose) in enumerate(zip(scene.others, trace.world_from_others[sample], strict=True)):
-        solids.append(Solid(mesh, OBJECTS[1 + index % (len(OBJECTS) - 1)], pose))
-    return solids + wall_solids(scene.world_from_walls, scene.wall_half_extents)
+    around = Neighbours.of(scene)._replace(world_from_objects=trace.world_from_others[sample])
+    return [Solid(scene.mesh, OBJECT, trace.world_from_object[sample]), *solids_of(around, OBJECTS[1:])]
 
 
-def _views(
-    scene: Scene, trial: Trial, samples: Sequence[int] | NDArray[np.int64], camera: Camera | None, size: tuple[int, int]
+def views(
+    scene: Scene, trial: Trial, samples: Iterable[int], camera: Camera | None, size: tuple[int, int]
 ) -> Iterator[View]:
     """Draw samples of a trial one by one, all from the same place."""
     trace = trial.trace
-    elevation = ABOVE if scene.others or len(scene.world_from_walls) else _BESIDE
+    elevation = ABOVE if scene.others or len(scene.world_from_walls) else BESIDE
     eye = camera or Camera.across(trace.world_from_hand[0, :3, 2], elevation=elevation)
-    hands = [trial.posed(scene.hand, int(sample)) for sample in samples]
-    drawn = [objects_at(scene, trace, int(sample)) for sample in samples]
-    corners = [place(solid.mesh.vertices, solid.world_from_mesh) for solids in drawn for solid in solids]
-    shown = np.concatenate([*(hand.corners() for hand in hands), *corners])
-    for solids, hand in zip(drawn, hands, strict=True):
+    drawn = [(objects_at(scene, trace, int(sample)), trial.posed(scene.hand, int(sample))) for sample in samples]
+    points = [[hand.corners(), *(solid.points for solid in solids)] for solids, hand in drawn]
+    shown = np.concatenate([part for parts in points for part in parts])
+    for solids, hand in drawn:
         yield View(solids, eye, shown=shown, size=size, hand=hand, table=shown)
 
 
 def _stages_row(row: Sequence[Any], scene: Scene, trial: Trial, camera: Camera | None) -> None:
-    trace, chosen = trial.trace, stages(trial.trace)
-    views = _views(scene, trial, [sample for _, sample in chosen], camera, pixels(row[0]))
-    for axes, (name, sample), view in zip(row, chosen, views, strict=True):
+    chosen = stages(trial.trace)
+    drawn = views(scene, trial, [sample for _, sample in chosen], camera, pixels(row[0]))
+    for axes, (name, sample), view in zip(row, chosen, drawn, strict=True):
         view.show(axes)
-        lost = name == "held" and not trial.outcome.success[0]
-        told = str(trial.outcome.failure[0]) if lost else name
-        axes.set_title(f"{told}, {trace.time[sample]:.2f} s", fontsize=10)
+        stage = (name == "held" and str(trial.outcome.failure[0])) or name
+        axes.set_title(f"{stage}, {trial.trace.time[sample]:.2f} s", fontsize=10)
     label = f"pose {trial.index + 1} of the ranking: {trial.outcome.failure[0] or 'success'}"
     row[0].annotate(label, (-0.06, 0.5), xycoords="axes fraction", rotation=90, va="center", ha="center", fontsize=10)

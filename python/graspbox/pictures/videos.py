@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from graspbox._common.extras import imported
 from graspbox._common.files import check_output, replacing, write_bytes
+from graspbox._common.imports import imported
 from graspbox.errors import ConfigError
 from graspbox.pictures.files import PathLike
 
@@ -47,18 +47,7 @@ def check_video(path: PathLike) -> Path:
 def save_video(
     path: PathLike, pictures: Sequence[NDArray[np.uint8]], captions: Sequence[str], *, seconds: float = 1.0
 ) -> None:
-    """Save pictures, one after the other, each with a caption above it.
-
-    Parameters
-    ----------
-    path : str or PathLike
-        The file; its extension is one of `VIDEO_SUFFIXES`.
-    pictures : sequence of (H, W, 3) uint8
-        One or more, all of one size.
-    captions : sequence of str
-        One for each picture.
-    seconds : float
-        Time for which each is shown.
+    """Save pictures (H, W, 3) of one size, each for some seconds, with a caption above it.
 
     Raises
     ------
@@ -68,11 +57,13 @@ def save_video(
     """
     target = check_video(path)
     if not len(pictures) or len(captions) != len(pictures):
-        raise ConfigError(f"there are {len(pictures)} pictures and {len(captions)} captions; give as many, 1 or more")
+        raise ConfigError(
+            f"there are {len(pictures)} pictures and {len(captions)} captions; pass one caption per picture"
+        )
     if len({np.shape(picture) for picture in pictures}) > 1:
-        raise ConfigError("pictures differ in size; give pictures of one size")
+        raise ConfigError("pictures differ in size; they must have one size")
     if not 0 < seconds < np.inf:
-        raise ConfigError(f"seconds is {seconds!r}; give a time above 0")
+        raise ConfigError(f"seconds is {seconds!r}; it must be above 0")
     frames = [_captioned(picture, caption) for picture, caption in zip(pictures, captions, strict=True)]
     if target.suffix.lower() == ".mp4":
         _write_mp4(target, frames, seconds)

@@ -3,7 +3,6 @@
 The renderer makes the image; matplotlib draws lines and text as vectors.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -14,8 +13,10 @@ from matplotlib.colors import to_rgb
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
+from graspbox._common.colors import TABLE
+from graspbox.meshes.shapes import Floats
 from graspbox.pictures.hands import PosedHand
-from graspbox.pictures.solids import Floats, Solid, box_mesh
+from graspbox.pictures.solids import Solid, box_mesh
 from graspbox.planning import Box
 
 #: Distance of the camera as a multiple of the scene's radius: a long focal length, with little perspective.
@@ -31,8 +32,8 @@ _LAMP = (-65.0, 70.0)
 _LIGHT = {"intensity": 0.66, "ambient": 0.45, "softness": 0.02, "sky": (1.0, 1.0, 1.0), "floor": (1.0, 1.0, 1.0)}
 #: Greatest depth, metres.
 _FAR = 100.0
-#: Colour of the table, and its thickness and border, metres.
-_TABLE, _THICKNESS, _BORDER = "#e2dacb", 0.012, 0.012
+#: Thickness and border of the table, metres.
+_THICKNESS, _BORDER = 0.012, 0.012
 #: Degrees between the table's sides and the camera's azimuth.
 _TABLE_TURN = 9.0
 #: Points at most this far behind a surface count as visible, metres.
@@ -43,13 +44,7 @@ _STEPS = 120
 
 @dataclass(frozen=True)
 class Camera:
-    """Viewing direction of a distant camera.
-
-    Attributes
-    ----------
-    azimuth, elevation : float
-        Direction from the object to the camera, degrees: at 0, 0 it looks along -x; at elevation 90 it looks down.
-    """
+    """Direction from the object to a distant camera, degrees: at 0, 0 it looks along -x; at elevation 90 down."""
 
     azimuth: float = -60.0
     elevation: float = 25.0
@@ -77,17 +72,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera with its pose and intrinsics.
-
-    Attributes
-    ----------
-    intrinsics : (3, 3) float64
-        Maps a point in the camera's frame to homogeneous pixel coordinates.
-    world_from_camera : (4, 4) float64
-        Camera frames have x right, y down, z forward.
-    size : (int, int)
-        Columns and rows.
-    """
+    """A camera: intrinsics (3, 3), pose (4, 4) of its frame (x right, y down, z forward), columns and rows."""
 
     intrinsics: Floats
     world_from_camera: Floats
@@ -122,19 +107,13 @@ class View:
 
     Parameters
     ----------
-    solids : sequence of Solid
-        The solids.
-    camera : Camera
-        Viewing direction.
-    shown : (n, 3) array_like
-        Points that the picture must contain, metres.
     size : (int, int)
         Columns and rows.
-    hand : PosedHand, optional
-        The hand.
-    table : (n, 3) array_like, optional
-        Points above a table with its top at z = 0, metres; the table extends below them and their shadows. By default
-        there is no table.
+    shown : (n, 3) array_like, optional
+        Points that the picture must contain, metres; by default all of the solids and the hand.
+    table : bool or (n, 3) array_like
+        Whether to add a table with its top at z = 0, below the solids, the hand and their shadows; or the points above
+        it, metres.
     """
 
     def __init__(
@@ -142,20 +121,24 @@ class View:
         solids: Sequence[Solid],
         camera: Camera,
         *,
-        shown: ArrayLike,
         size: tuple[int, int],
+        shown: ArrayLike | None = None,
         hand: PosedHand | None = None,
-        table: ArrayLike | None = None,
+        table: bool | ArrayLike | None = None,
     ) -> None:
         lamp = -_direction(camera.azimuth + _LAMP[0], _LAMP[1])
-        if table is not None:
-            points = np.asarray(table, dtype=np.float64).reshape(-1, 3)
-            top = _table(np.concatenate([points, points - points[:, 2:] / lamp[2] * lamp]), camera)
-            solids = [*solids, Solid(box_mesh(top, "table"), _TABLE, casts_shadow=False)]
-            shown = np.concatenate([np.asarray(shown, dtype=np.float64).reshape(-1, 3), top.corners()])
+        has_table = table is not None and table is not False
+        points = [solid.points for solid in solids] + ([] if hand is None else [hand.corners()])
+        everything = np.concatenate(points or [np.zeros((1, 3))])
+        shown = everything if shown is None else np.asarray(shown, dtype=np.float64).reshape(-1, 3)
+        if has_table:
+            above = everything if table is True else np.asarray(table, dtype=np.float64).reshape(-1, 3)
+            top = _table(np.concatenate([above, above - above[:, 2:] / lamp[2] * lamp]), camera)
+            solids = [*solids, Solid(box_mesh(top, "table"), TABLE, casts_shadow=False)]
+            shown = np.concatenate([shown, top.corners()])
         self.lens = Lens.showing(shown, camera, size)
         self.image, self.depth = self._render(solids, lamp, hand)
-        if table is not None:
+        if has_table:
             # Lower edges of objects on the table lie in its top, which must not hide them.
             self.depth[self._heights() < _ON_SURFACE] = 0.0
 
@@ -187,7 +170,7 @@ class View:
             None if hand is None else (hand.hand, hand.world_from_hand, hand.joints),
             self.lens.intrinsics,
             self.lens.world_from_camera,
-            json.dumps(config),
+            config,
             None,
         )
 

@@ -1,7 +1,7 @@
 """Geometric grasp planning: box decomposition of an object, and hand poses from the boxes."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Self, TypedDict, Unpack, overload
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox import _core
-from graspbox._common.arguments import floats, to_json, with_settings
+from graspbox._common.arguments import config_dict, floats, with_settings
 from graspbox._common.by_value import ByValue
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import ConfigError
@@ -88,34 +88,18 @@ def decompose(
     K. Huebner, S. Ruthotto, D. Kragic, "Minimum volume bounding box decomposition for shape approximation
     in robot grasping", ICRA 2008.
     """
-    text = to_json(with_settings(config, DecomposeConfig, settings))
-    return _tree(_core.decompose(as_mesh(mesh), text))
+    params = config_dict(with_settings(config, DecomposeConfig, settings))
+    return _tree(_core.decompose(as_mesh(mesh), params))
 
 
-def _tree(arrays: "_core.BoxArrays") -> BoxTree:
+def _tree(arrays: Mapping[str, Any]) -> BoxTree:
     rows = zip(arrays["center"], arrays["axes"], arrays["half_extents"], strict=True)
     return BoxTree(tuple(Box(*row) for row in rows), arrays["children"], arrays["depth"])
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp(ByValue):
-    """One candidate of a `Plan`, whose attributes explain the fields.
-
-    Attributes
-    ----------
-    pose : (4, 4) float64
-        ``object_from_hand``, metres.
-    preshape : float
-        Radians.
-    feasible : bool
-        Whether the open hand, at the pose and on the approach, collides with nothing but neighbours that it may push.
-    score : float
-        Higher is better; comparable only within one plan.
-    box, face : int
-        Box and face that the pose comes from.
-    touch, press : float
-        How far the open hand pushes neighbours on its approach, and presses them onto what carries them, metres.
-    """
+    """One candidate of a `Plan`: a row of its columns, where they are explained; `pose` is a row of ``poses``."""
 
     pose: NDArray[np.float64]
     preshape: float
@@ -144,7 +128,7 @@ class Plan(ByValue):
         Whether the open hand, at the pose and on the approach, collides with nothing but neighbours that it may push
         aside (`PlanConfig.max_press`): those of at most 6 kg, where the approach does not begin in them.
     score : (n,) float64
-        Higher is better; comparable only within this plan. It is computed from geometry alone.
+        Higher is better; comparable only within this plan. It depends only on geometry.
     box, face : (n,) int64
         Leaf of the tree that a pose comes from (the number of leaves denotes the box around the whole object), and its
         face: ``2 axis`` on the positive side of the box's axis, ``2 axis + 1`` on the negative.
@@ -220,10 +204,7 @@ class Plan(ByValue):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the plan as JSON, in the format of `graspbox.planning.plan_files`; `load` restores it bit for bit.
 
-        Parameters
-        ----------
-        path : str or PathLike
-            The file; it is replaced atomically.
+        The file is replaced atomically.
 
         Raises
         ------
@@ -245,10 +226,8 @@ class Plan(ByValue):
             If it contains no valid plan; the message names the wrong part.
         """
         facts, boxes, grasps = plan_files.read(path)
-        rows = zip(boxes["center"], boxes["axes"], boxes["half_extents"], strict=True)
-        tree = BoxTree(tuple(Box(*row) for row in rows), boxes["children"], boxes["depth"])
         columns: dict[str, Any] = {**grasps, **facts}
-        return cls(tree=tree, **columns)
+        return cls(tree=_tree(boxes), **columns)
 
 
 #: Columns of a plan, in the order of the fields of `Grasp`.
@@ -275,7 +254,7 @@ def plan(
     neighbours: Surroundings | None = None,
     **settings: Unpack[PlanSettings],
 ) -> Plan:
-    """Generate hand poses from an object's boxes, filter out collisions, and rank the rest by geometry alone.
+    """Generate hand poses from an object's boxes, filter out collisions, and rank the rest by geometry.
 
     Parameters
     ----------
@@ -309,10 +288,10 @@ def plan(
     """
     mesh, hand = as_mesh(mesh), load_hand(hand)
     chosen = {**settings} if seed is None else {**settings, "seed": seed}
-    text = to_json(with_settings(config, PlanConfig, chosen))
+    params = config_dict(with_settings(config, PlanConfig, chosen))
     pose = None if world_from_object is None else floats(world_from_object, "world_from_object")
     around, walls = placed(neighbours)
-    arrays = _core.plan(mesh, hand, text, pose, cache_folder(), num_threads, features, around, walls)
+    arrays = _core.plan(mesh, hand, params, pose, cache_folder(), num_threads, features, around, walls)
     columns: dict[str, Any] = {name: arrays[name] for name in _ROWS}  # type: ignore[literal-required]
     return Plan(
         **columns,

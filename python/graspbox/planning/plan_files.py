@@ -12,7 +12,7 @@ Version 1 of the format, with lengths in metres, angles in radians, and matrices
 | ``world_from_object`` | 4x4: resting pose of the object; the table is the plane z = 0 |
 | ``boxes`` | tree nodes, parents first: ``center``, ``axes`` (columns), ``half_extents``, ``children``, ``depth`` |
 | ``grasps`` | best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box``, ``face``, |
-| | ``touch``, ``press``: older files lack both, and have plans that touch nothing |
+| | ``touch``, ``press`` |
 | ``features`` | optional: terms of the ranking, one row per grasp; null for grasps that are not feasible |
 """
 
@@ -45,8 +45,6 @@ _GRASPS: dict[str, tuple[str, type, tuple[int, ...]]] = {
     "touch": ("touch", np.float64, ()),
     "press": ("press", np.float64, ()),
 }
-#: Columns that older files lack; their plans refuse every touch, so the values are 0.
-_LATER = frozenset({"touch", "press"})
 _BOXES: dict[str, tuple[str, type, tuple[int, ...]]] = {
     "center": ("center", np.float64, (3,)),
     "axes": ("axes", np.float64, (3, 3)),
@@ -71,16 +69,7 @@ def grasp_rows(plan: Any) -> list[dict[str, Any]]:
 
 
 def write(path: str | os.PathLike[str], facts: dict[str, Any], boxes: Arrays, grasps: Arrays) -> None:
-    """Write a plan.
-
-    Parameters
-    ----------
-    path : str or PathLike
-        The file; it is replaced atomically.
-    facts : dict
-        Attributes of the plan: ``name``, ``mesh_sha256``, ``hand_name``, ``world_from_object`` and ``features``.
-    boxes, grasps : dict of arrays
-        Columns of the boxes and of the grasps.
+    """Write a plan atomically: its other attributes, and the columns of its boxes and of its grasps.
 
     Raises
     ------
@@ -165,9 +154,6 @@ def _columns(document: dict[str, Any], key: str, keys: dict[str, tuple[str, type
         raise PlanError(f"{key} is missing or is not a list of objects")
     columns: Arrays = {}
     for name, (inside, kind, shape) in keys.items():
-        if name in _LATER and not any(inside in row for row in rows):
-            columns[name] = np.zeros((len(rows), *shape), dtype=kind)
-            continue
         if lacking := [i for i, row in enumerate(rows) if inside not in row]:
             raise PlanError(f"{key}[{lacking[0]}] lacks {inside!r}")
         columns[name] = _array([row[inside] for row in rows], f"{key}: {inside}", kind, (len(rows), *shape))

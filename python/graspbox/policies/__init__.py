@@ -9,36 +9,20 @@
 | ``planner`` | of one object | the planner's first-ranked pose; in ``Grasp-v0`` the scripted expert executes it |
 | ``expert``  | ``Grasp-v0`` | as ``planner``, at the one of its 40 best poses that takes the least motion |
 | ``partial_view_planner`` | all | as ``planner``, on the surface that one depth camera sees |
-| ``best_proposal`` | all | of grasps proposed on that surface, all over the table, the one that geometry likes best |
-| ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation finds most robust |
+| ``best_proposal`` | all | of grasps proposed on that surface, all over the table, the one that geometry ranks first |
+| ``robust_oracle`` | ``GraspPose-v0`` | of the planner's poses, the one that simulation ranks most robust |
 | a folder    | all | `DepthGrasp` or `HeadGrasp` with its networks: grasps the object in one depth image |
 | a folder    | its own | `NetworkPolicy`: one network from observations to actions, such as a clone |
 | a folder    | ``GraspPose-v0`` | a network of the study (`graspbox.study.regressor`) |
 | a folder    | ``Grasp-v0`` | `FeelThenLift`: predicts whether its grasp will hold, and retries once if not |
+| a folder    | its own | a run of ``graspbox train sb3`` (extra ``train``): its best checkpoint, or another one |
 | ``hf://owner/name`` | | such a folder, downloaded from the Hugging Face hub |
 | ``depth``, ... | | such a folder of an installed package; ``graspbox-policies`` holds the published ones |
 
-``planner``, ``expert`` and ``robust_oracle`` are **privileged**: they observe ``state`` and use the object's mesh.
-``scene_planner`` is privileged, too: it is shown the scene.
-`load` makes a policy by its name, and `available` lists names; `graspbox.evaluation.evaluate` measures one; a policy of
-your own is a subclass of `Policy`.
-
-| module | contents |
-|---|---|
-| `base`    | `Policy`, the interface, and `Task`, the environments that a policy acts in |
-| `simple`  | ``random`` and ``zero`` |
-| `planner` | ``planner`` and ``expert`` |
-| `clutter` | ``top_down``, ``scene_planner``, and `TsdfPolicy`, which does what your planner says |
-| `depth`   | `DepthPolicy`: an `Observer`, a finder and an `Executor`; `DepthGrasp`: that of published networks |
-| `feel`    | `FeelThenLift` |
-| `head`    | `HeadGrasp`: one network |
-| `network` | `NetworkPolicy` |
-| `goals` | the grasp of another policy as an observation of ``Grasp-v0`` |
-| `residual` | `ResidualGrasp`: bounded corrections of the grasps of another policy |
-| `partial_view` | `PartialViewPlanner`, `BestProposal` and `NearestGrasp`: one depth image, no scorer |
-| `grasp_image` | grasps for your own depth image |
-
-``robust_oracle`` and policies with partial ground truth are in `graspbox.evaluation.oracles`.
+``planner``, ``expert``, ``robust_oracle`` (which use ``state`` and the object's mesh) and ``scene_planner`` (which uses
+the scene) are **privileged**. `load` makes a policy by its name, and `available` lists names;
+`graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of `Policy`. Others are in modules:
+`goals`, `grasp_image` for your own depth image, and `baselines.oracles` with partial ground truth.
 
 A policy is bound to its environments once, is reset at the start of every episode, and then acts:
 
@@ -60,24 +44,24 @@ A policy is bound to its environments once, is reset at the start of every episo
 
 import os
 from collections.abc import Callable
-from importlib import import_module
 from typing import cast
 
-from graspbox.artifacts import installed
-from graspbox.artifacts.downloads import folder_of
-from graspbox.artifacts.folders import policy_of
 from graspbox.errors import ConfigError
 from graspbox.policies._executor import Executor, GraspExecutor, PoseExecutor
 from graspbox.policies._observer import Observer
 from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.baselines.oracles import RobustOracle
+from graspbox.policies.baselines.partial_view import BestProposal, PartialViewPlanner
+from graspbox.policies.baselines.planner import Expert, Planner
+from graspbox.policies.baselines.simple import Random, Zero
 from graspbox.policies.clutter import ScenePlanner, TopDown, TsdfPlan, TsdfPolicy
 from graspbox.policies.depth import DepthGrasp, DepthPolicy
 from graspbox.policies.feel import Attempt, FeelThenLift
 from graspbox.policies.head import HeadGrasp
 from graspbox.policies.network import NetworkPolicy
-from graspbox.policies.partial_view import BestProposal, NearestGrasp, PartialViewPlanner
-from graspbox.policies.planner import Expert, Planner
-from graspbox.policies.simple import Random, Zero
+from graspbox.policies.published import installed
+from graspbox.policies.published.downloads import folder_of
+from graspbox.policies.published.folders import policy_of
 
 __all__ = [
     "Actions",
@@ -90,7 +74,6 @@ __all__ = [
     "FeelThenLift",
     "GraspExecutor",
     "HeadGrasp",
-    "NearestGrasp",
     "NetworkPolicy",
     "Observer",
     "PartialViewPlanner",
@@ -110,20 +93,10 @@ __all__ = [
 ]
 
 
-def _robust_oracle() -> Policy:
-    """Make the oracle; evaluations, to which it belongs, import this module."""
-    return cast(Policy, import_module("graspbox.evaluation.oracles").RobustOracle())
-
-
 _BASELINES: dict[str, Callable[[], Policy]] = {
-    **{
-        kind.name: kind
-        for kind in (Random, Zero, Planner, Expert, PartialViewPlanner, BestProposal, TopDown, ScenePlanner)
-    },
-    "robust_oracle": _robust_oracle,
+    kind.name: kind
+    for kind in (Random, Zero, Planner, Expert, PartialViewPlanner, BestProposal, TopDown, ScenePlanner, RobustOracle)
 }
-#: Former names, still used in recorded demonstrations and runs.
-_FORMER = {"seen_planner": PartialViewPlanner.name}
 
 
 def names() -> tuple[str, ...]:
@@ -147,12 +120,10 @@ def load(name: str | os.PathLike[str], *, rehearsed: int | None = None) -> Polic
     Parameters
     ----------
     name : str or path
-        One of `available`, the folder of a published policy, or ``hf://owner/name``, with ``@revision`` for a branch, a
-        tag or a commit, of one on the Hugging Face hub: the table of the module describes each. A folder hides an
-        installed policy of the same name.
+        One of `available`, the folder of a published policy or of a run, or ``hf://owner/name``, with ``@revision`` for
+        a branch, a tag or a commit, of one on the Hugging Face hub. A folder hides an installed policy of its name.
     rehearsed : int, optional
-        For a policy of one depth image and grasps in it: how many of its best grasps are first tried in simulation on
-        the completed shape (`DepthGrasp`).
+        As of `DepthGrasp`.
 
     Raises
     ------
@@ -165,10 +136,10 @@ def load(name: str | os.PathLike[str], *, rehearsed: int | None = None) -> Polic
         If the extra ``onnx`` is not installed, ``hub`` for a policy of the hub, or ``graspbox-policies`` for the name
         of a published one.
     """
-    if isinstance(name, str) and (baseline := _FORMER.get(name, name)) in _BASELINES:
+    if isinstance(name, str) and name in _BASELINES:
         if rehearsed is not None:
             raise ConfigError(f"the policy {name!r} rehearses no grasps; take one of a depth image, with networks")
-        return _BASELINES[baseline]()
+        return _BASELINES[name]()
     folder = folder_of(name, _BASELINES)
     if not folder.is_dir():
         choices = ", ".join(available())

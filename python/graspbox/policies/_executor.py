@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from graspbox._core import Hand
 from graspbox.configs import TrialConfig
 from graspbox.envs.coding import Codec, encode_action
-from graspbox.envs.scripted import ScriptedGrasp, ScriptedMotion, ScriptedRelease
+from graspbox.envs.scripted import MotionOptions, ScriptedGrasp, ScriptedMotion, ScriptedRelease
 from graspbox.perception.finder import FoundGrasp
 from graspbox.policies._hand_view import HandView
 from graspbox.policies.base import Task
@@ -21,15 +21,7 @@ Row = Mapping[str, Any]
 
 
 class PoseExecutor:
-    """Executes grasps in ``GraspPose-v0``: each is one action.
-
-    Parameters
-    ----------
-    hand : Hand
-        The hand.
-    num_envs : int
-        Number of environments.
-    """
+    """Executes grasps in ``GraspPose-v0``: each is one action."""
 
     def __init__(self, hand: Hand, num_envs: int) -> None:
         self._hand = hand
@@ -44,14 +36,14 @@ class PoseExecutor:
         del env, row
         return True
 
-    def start(self, env: int, found: FoundGrasp | None, row: Row) -> None:
-        """Write a grasp as an action."""
+    def start(self, env: int, grasp: FoundGrasp | None, row: Row) -> None:
+        """Encode a grasp as an action."""
         del row
-        if found is not None:
-            self._next[env] = encode_action(found.world_from_hand, found.preshape, hand=self._hand)
+        if grasp is not None:
+            self._next[env] = encode_action(grasp.world_from_hand, grasp.preshape, hand=self._hand)
 
     def act(self, env: int, row: Row) -> NDArray[np.float32] | None:
-        """Give the action, once."""
+        """Return the action, once."""
         del row
         action, self._next[env] = self._next[env], None
         return action
@@ -60,20 +52,15 @@ class PoseExecutor:
 class GraspExecutor:
     """Executes grasps in ``Grasp-v0`` by scripted motions (`graspbox.envs.scripted`).
 
-    The hand first leaves the image, so that it is not mistaken for part of the object.
-
-    Parameters
-    ----------
-    task, hand : Task and Hand
-        The environments and their hand.
-    view : HandView
-        The hand in the camera's image.
+    The hand first leaves the camera's image, so that it is not mistaken for part of the object.
     """
 
     def __init__(self, task: Task, hand: Hand, view: HandView) -> None:
         self._view, self._preshape = view, hand.preshape_limits[0]
         self._proprio = Codec(task.control, hand, "proprio")
-        self._settings: dict[str, Any] = {"control": task.control, "hand": hand, "frame_skip": task.frame_skip}
+        self._options = MotionOptions(
+            control=task.control, fingers=task.fingers, hand=hand, control_freq=task.control_freq
+        )
         self._motions: list[ScriptedMotion | None] = [None] * task.num_envs
 
     def begin(self, env: int) -> None:
@@ -93,35 +80,35 @@ class GraspExecutor:
         if self._motions[env] is None:
             hand, preshape = self.hand_pose(row), self._preshape_of(row)
             if stops := self._view.leave(hand, preshape):
-                self._motions[env] = ScriptedMotion([hand, *stops], preshape, **self._settings)
+                self._motions[env] = ScriptedMotion([hand, *stops], preshape, **self._options)
         motion = self._motions[env]
         return motion is None or motion.finished
 
-    def start(self, env: int, found: FoundGrasp | None, row: Row) -> None:
+    def start(self, env: int, grasp: FoundGrasp | None, row: Row) -> None:
         """Begin to execute a grasp, if there is one."""
-        self._motions[env] = None if found is None else self.grasping(found, self.hand_pose(row))
+        self._motions[env] = None if grasp is None else self.grasping(grasp, self.hand_pose(row))
 
     def act(self, env: int, row: Row) -> NDArray[np.float32] | None:
         """Choose the next action of the current motion."""
         motion = self._motions[env]
         return None if motion is None else motion.follow(self.hand_pose(row))
 
-    def grasping(self, found: FoundGrasp, world_from_hand: NDArray[np.float64]) -> ScriptedGrasp:
+    def grasping(self, grasp: FoundGrasp, world_from_hand: NDArray[np.float64]) -> ScriptedGrasp:
         """Make the motion from ``world_from_hand`` (4, 4) to a grasp, which then closes and lifts."""
-        return ScriptedGrasp(world_from_hand, found.world_from_hand, found.preshape, found.top, **self._settings)
+        return ScriptedGrasp(world_from_hand, grasp.world_from_hand, grasp.preshape, grasp.top, **self._options)
 
     def closing_time(self, env: int) -> float | None:
-        """Give the seconds since the hand began to close, negative before; None if no grasp is being executed."""
+        """Return the seconds since the hand began to close, negative before; None if no grasp is being executed."""
         motion = self._motions[env]
         return motion.time - motion.closes_at if isinstance(motion, ScriptedGrasp) else None
 
-    def release(self, env: int, found: FoundGrasp, row: Row) -> None:
+    def release(self, env: int, grasp: FoundGrasp, row: Row) -> None:
         """Begin to release a grasp: lower the hand, open it, back off and leave the image."""
-        goal = found.world_from_hand
+        goal = grasp.world_from_hand
         behind = goal.copy()
         behind[:3, 3] -= TrialConfig().standoff * behind[:3, 2]
-        stops = self._view.leave(behind, found.preshape)
-        self._motions[env] = ScriptedRelease(self.hand_pose(row), goal, found.preshape, stops, **self._settings)
+        stops = self._view.leave(behind, grasp.preshape)
+        self._motions[env] = ScriptedRelease(self.hand_pose(row), goal, grasp.preshape, stops, **self._options)
 
     def _preshape_of(self, row: Row) -> float:
         """Read the hand's current preshape; without a preshape actuator it is the lower limit."""

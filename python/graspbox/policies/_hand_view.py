@@ -20,19 +20,7 @@ _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 class HandView:
-    """A hand in the image of a camera fixed in the world.
-
-    Parameters
-    ----------
-    hand : Hand
-        The hand.
-    world_from_camera : (4, 4) array_like
-        The camera: z forward, x right, y down.
-    intrinsics : (3, 3) array_like
-        Pixels.
-    image_size : pair of int
-        Rows and columns.
-    """
+    """A hand in the image of a fixed camera with the pose ``world_from_camera`` (4, 4) and a lens (3, 3), pixels."""
 
     def __init__(
         self, hand: Hand, world_from_camera: ArrayLike, intrinsics: ArrayLike, image_size: tuple[int, int]
@@ -65,22 +53,9 @@ class HandView:
     def leave(self, world_from_hand: ArrayLike, preshape: float) -> list[NDArray[np.float64]]:
         """Find the way out of the image: straight up if that is enough, else up and aside; never down.
 
-        Parameters
-        ----------
-        world_from_hand : (4, 4) array_like
-            The hand's pose, metres.
-        preshape : float
-            See `graspbox.Hand.preshape_limits`.
-
-        Returns
-        -------
-        list of (4, 4) float64
-            Waypoints ``world_from_hand``; none if the hand is not in the image.
-
-        Raises
-        ------
-        ConfigError
-            If the hand is in the image at every pose in the workspace.
+        Returns waypoints ``world_from_hand`` (4, 4), none if the hand is not in the image. Raises ConfigError if the
+        hand is in
+        the image at every pose in the workspace.
         """
         start = np.asarray(world_from_hand, dtype=np.float64)
         shapes, halves, _, _ = self._hand.shapes(self._hand.open(preshape))

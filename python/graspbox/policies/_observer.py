@@ -20,26 +20,8 @@ __all__ = ["Observer"]
 class Observer:
     """Takes depth images of the table with one of the environments' cameras, which must be fixed in the world.
 
-    Parameters
-    ----------
-    task, hand : Task and Hand
-        The environments and their hand.
-    noise : DepthNoise
-        Noise that is added to the depth that the environments render.
-    camera : int
-        Index of the camera.
-
-    Attributes
-    ----------
-    image : str
-        Name of its depth image in observations.
-    hand_view : HandView
-        The hand in the camera's image.
-
-    Raises
-    ------
-    ConfigError
-        If the camera is mounted on the hand.
+    `noise` is added to the depth that the environments render. `image` is the name of the depth image in observations,
+    `hand_view` the hand in it. Raises ConfigError if the camera is mounted on the hand.
     """
 
     def __init__(
@@ -57,15 +39,7 @@ class Observer:
         self.hand_view = HandView(hand, self._world_from_camera, self._intrinsics, size)
 
     def look(self, row: Mapping[str, Any], seed: int) -> DepthView:
-        """Return the depth image with simulated noise.
-
-        Parameters
-        ----------
-        row : mapping
-            An environment's row of the observation: the image (H, W, 1), metres.
-        seed : int
-            Seed of the noise.
-        """
+        """Return the depth image (H, W, 1), metres, of an environment's row, with simulated noise of a seed."""
         clean = np.asarray(row[self.image])[None, :, :, 0]
         depth = add_depth_noise(clean, self._intrinsics, seed, self._noise)[0]
         return DepthView(depth, self._intrinsics, self._world_from_camera)

@@ -4,7 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self, cast
+from types import MappingProxyType
+from typing import Any, ClassVar, Self, cast
 
 import gymnasium
 import numpy as np
@@ -17,21 +18,20 @@ from graspbox._common.arguments import config_of
 from graspbox.configs.cameras import CamerasConfig
 from graspbox.envs import IDS, SINGLE_OBJECT_IDS
 from graspbox.envs.settings import (
-    OBJECTS,
-    ClearSettings,
-    GraspSettings,
+    ClearConfig,
+    GraspConfig,
     HandArgument,
     ObjectsArgument,
-    Settings,
-    keywords,
 )
 from graspbox.errors import ConfigError
-from graspbox.layouts import Arrangement, SceneLayout
+from graspbox.simulation.layouts import Arrangement, SceneLayout
 
-__all__ = ["Actions", "Policy", "Task", "cameras_of"]
+__all__ = ["SCRIPTED", "Actions", "Policy", "SeededPolicy", "Task", "cameras_of", "is_closed_loop"]
 
 #: (num_envs, k) float32.
 Actions = NDArray[np.float32]
+#: Keywords of ``Grasp-v0`` for policies that move the hand by scripted motions: `Policy.closed_loop_settings`.
+SCRIPTED: Mapping[str, Any] = MappingProxyType({"fingers": "each", "control_freq": 20.0, "max_episode_steps": 200})
 
 
 @dataclass(frozen=True)
@@ -44,30 +44,17 @@ class Task:
         Registered id: one of `graspbox.envs.IDS`.
     num_envs : int
         Number of environments; rows of observations and actions.
-    observation_space : Space
-        Of one environment.
-    action_space : Box
+    observation_space, action_space : Space
         Of one environment.
     obs : str or tuple of str
-        Keyword ``obs`` of the environments: names of the observations. Several names give a mapping.
+        Keyword ``obs`` of the environments: names of the observations. Several names make a mapping.
     sets : str, Path, ObjectSet or sequence of str
         Keyword ``objects`` of the environments.
-    scale, mass, split
-        Keywords of the environments that choose from the sets.
-    control : str
-        Control mode of ``Grasp-v0``.
-    frame_skip : int
-        Control periods per action of ``Grasp-v0``.
-    hand : str, Hand or pair of paths
-        See `graspbox.load_hand`.
-    cameras : CamerasConfig
-        Keyword ``cameras`` of the environments, with the size of their images.
-    layout : str
-        Keyword ``layout`` of the environments: with ``single`` there is one object.
-    bin_size : sequence of float, optional
-        Sides of the floor of the bin along x and y, and height of its walls, metres; None for other layouts.
+    scale, mass, split, control, fingers, control_freq, hand, cameras, layout, bin_size
+        Keywords of the environments; `cameras` with the size of their images, `bin_size` None for layouts without a
+        bin.
     scenes : callable, optional
-        Shows the scene of each environment by its index, for **privileged** policies; None for a single object in
+        Returns the scene of each environment by its index, for **privileged** policies; None for a single object in
         ``GraspPose-v0`` or ``Grasp-v0``, and for observations that come from a client.
     """
 
@@ -81,7 +68,8 @@ class Task:
     mass: float | None
     split: object_sets.Split | None
     control: str
-    frame_skip: int
+    fingers: str
+    control_freq: float
     hand: HandArgument
     cameras: CamerasConfig
     layout: SceneLayout = "single"
@@ -92,7 +80,7 @@ class Task:
     def of(cls, envs: VectorEnv[Any, Any, Any] | gymnasium.Env[Any, Any]) -> Self:
         """Describe environments that ``gymnasium.make_vec`` or ``gymnasium.make`` made.
 
-        A single environment counts as one row: give the policy ``observation[None]`` and step ``action[0]``.
+        A single environment counts as one row: pass the policy ``observation[None]`` and step ``action[0]``.
 
         Raises
         ------
@@ -101,8 +89,8 @@ class Task:
         """
         spec = envs.spec
         if spec is None or spec.id not in IDS:
-            found = "no registered id" if spec is None else f"the id {spec.id!r}"
-            raise ConfigError(f"the environments have {found}; make one of {', '.join(IDS)} by its id")
+            shown = "no registered id" if spec is None else f"the id {spec.id!r}"
+            raise ConfigError(f"the environments have {shown}; make one of {', '.join(IDS)} by its id")
         if isinstance(envs, VectorEnv):
             num_envs, observation_space = envs.num_envs, envs.single_observation_space
             action_space = envs.single_action_space
@@ -110,15 +98,15 @@ class Task:
             num_envs, observation_space, action_space = 1, envs.observation_space, envs.action_space
         if not isinstance(action_space, spaces.Box):
             raise ConfigError(f"the action space is {action_space}; policies need a Box")
-        names = ("obs", "scale", "mass", "split", "control", "frame_skip", "hand")
-        values = {name: spec.kwargs.get(name, keywords(Settings)[name].default) for name in names}
+        names = ("obs", "scale", "mass", "split", "control", "fingers", "control_freq", "hand")
+        values = {name: spec.kwargs.get(name, getattr(GraspConfig, name)) for name in names}
         values["obs"] = values["obs"] if isinstance(values["obs"], str) else tuple(values["obs"])
-        values |= {"sets": spec.kwargs.get("objects", OBJECTS.default), "cameras": cameras_of(spec.kwargs)}
+        values |= {"sets": spec.kwargs.get("objects", "procedural"), "cameras": cameras_of(spec.kwargs)}
         clears = spec.id not in SINGLE_OBJECT_IDS
-        layout = spec.kwargs.get("layout", keywords(ClearSettings if clears else GraspSettings)["layout"].default)
+        layout = spec.kwargs.get("layout", (ClearConfig if clears else GraspConfig).layout)
         values["layout"] = layout
         if layout == "bin":
-            values["bin_size"] = spec.kwargs.get("bin_size", keywords(ClearSettings)["bin_size"].default)
+            values["bin_size"] = spec.kwargs.get("bin_size", ClearConfig.bin_size)
         scenes = _Scenes(envs) if clears or layout != "single" else None
         return cls(spec.id, num_envs, observation_space, action_space, **values, scenes=scenes)
 
@@ -129,25 +117,11 @@ class Task:
 
     @cached_property
     def objects(self) -> object_sets.ObjectSet:
-        """The objects that may appear; ``info["object"]`` names one of them.
-
-        Those of a server are looked up on this machine.
-
-        Raises
-        ------
-        ObjectSetError, MissingExtraError
-            If they are not on this machine.
-        """
+        """The objects that may appear; raises as `graspbox.object_sets.load` if they are not on this machine."""
         return object_sets.load(self.sets, scale=self.scale, mass=self.mass, split=self.split)
 
     def scene(self, env: int, policy: str) -> Arrangement:
-        """Show the scene of an environment; **privileged**.
-
-        Raises
-        ------
-        ConfigError
-            If it cannot be seen, as for environments on a server; the message names the policy.
-        """
+        """Return an environment's scene for the named policy, **privileged**; raises ConfigError if unknown."""
         if self.scenes is None:
             raise ConfigError(
                 f"the policy {policy!r} sees no scene; bind it to several objects in environments of this process"
@@ -157,7 +131,12 @@ class Task:
     @property
     def closed_loop(self) -> bool:
         """Whether an episode is many actions (``Grasp-v0``), not one decision (``GraspPose-v0``)."""
-        return self.env_id.startswith("graspbox/Grasp-")
+        return is_closed_loop(self.env_id)
+
+
+def is_closed_loop(env_id: str) -> bool:
+    """Whether an episode of these environments is many actions, not one decision or several."""
+    return env_id.removeprefix("graspbox:").startswith("graspbox/Grasp-")
 
 
 @dataclass(frozen=True)
@@ -173,17 +152,13 @@ class _Scenes:
 
 
 def cameras_of(arguments: Mapping[str, Any]) -> CamerasConfig:
-    """Read the cameras of environments off their keywords, ``cameras`` and ``image_size``.
+    """Return the cameras that the keywords ``cameras`` and ``image_size`` of environments describe.
 
-    Raises
-    ------
-    ConfigError
-        If ``cameras`` is a mapping with a wrong entry.
+    Raises ConfigError if ``cameras`` is a mapping with a wrong entry.
     """
-    rows = keywords(Settings)
-    found = arguments.get("cameras", rows["cameras"].default)
-    cameras: CamerasConfig = config_of(CamerasConfig, found, "cameras") if isinstance(found, Mapping) else found
-    size = arguments.get("image_size", rows["image_size"].default)
+    given = arguments.get("cameras", GraspConfig.cameras)
+    cameras: CamerasConfig = config_of(CamerasConfig, given, "cameras") if isinstance(given, Mapping) else given
+    size = arguments.get("image_size", GraspConfig.image_size)
     if size is not None:
         rows_columns = (size, size) if np.ndim(size) == 0 else tuple(size)
         cameras = replace(cameras, image_size=rows_columns)
@@ -209,15 +184,20 @@ class Policy(ABC):
     obs : str, tuple of str or None
         Observations that the policy needs (as the keyword ``obs`` of the environments names them); None: any.
     target_obs : tuple of str
-        Further observations that it needs where one of several objects is the target (`Task.has_target`).
+        Further observations that it needs if one of several objects is the target (`Task.has_target`).
     settings : mapping
-        Other keywords of environments that suit it; `graspbox.evaluation.evaluate` gives them where its caller does
-        not.
+        Other keywords of environments that suit it, the defaults of `graspbox.evaluation.evaluate`.
+    closed_loop_settings : mapping
+        Further keywords that suit it in ``Grasp-v0``.
     env_id : str or None
         The one environment that it acts in, one of `graspbox.envs.IDS`; None: any.
     learned_from : tuple of str
-        Object sets from which it learned, ``NAME`` or ``NAME/SPLIT``; `graspbox.evaluation.evaluate` leaves their
-        objects out.
+        Object sets from which it learned, ``NAME`` or ``NAME/SPLIT``, whose objects `graspbox.evaluation.evaluate`
+        leaves
+        out.
+    held_out : pair of tuple of str and str, or None
+        Object sets of its training, and the split of them on which `graspbox.evaluation.evaluate` measures it by
+        default; None: all of ``procedural``.
     base : Policy or None
         A policy that this one builds on. Episodes begin in it too; `_bind` binds it.
     """
@@ -226,30 +206,37 @@ class Policy(ABC):
     obs: str | tuple[str, ...] | None = None
     target_obs: tuple[str, ...] = ()
     settings: Mapping[str, Any] = {}
+    closed_loop_settings: Mapping[str, Any] = {}
     env_id: str | None = None
     learned_from: tuple[str, ...] = ()
+    held_out: tuple[tuple[str, ...], object_sets.Split] | None = None
     base: "Policy | None" = None
     _task: Task | None = None
+    #: Whether depth must be in metres.
+    _needs_metres: ClassVar[bool] = True
 
     @property
     def task(self) -> Task:
-        """The environments that it is bound to.
-
-        Raises
-        ------
-        ConfigError
-            If `bind` has not been called.
-        """
+        """The environments that it is bound to; raises ConfigError before `bind`."""
         if self._task is None:
             raise ConfigError(f"the policy {self.name!r} is not bound to environments; call bind(Task.of(envs)) first")
         return self._task
 
     def needed_obs(self, *, target: bool) -> str | tuple[str, ...] | None:
-        """Return the observations that it needs: `obs`, and where one of several objects is the target `target_obs`."""
+        """Return the observations that it needs: `obs`, and `target_obs` if one of several objects is the target."""
         more = self.target_obs or (() if self.base is None else self.base.target_obs)
         if not target or not more:
             return self.obs
         return (*((self.obs,) if isinstance(self.obs, str) else self.obs or ()), *more)
+
+    def settings_in(self, env_id: str) -> dict[str, Any]:
+        """Return the keywords of environments with this id that suit it."""
+        return {**(self.closed_loop_settings if is_closed_loop(env_id) else {}), **self.settings}
+
+    def default_objects(self, split: object_sets.Split | None = None) -> tuple[list[str], object_sets.Split | None]:
+        """Return the object sets, and their split, where none are named: `held_out`, else ``procedural``."""
+        objects, other = self.held_out or (("procedural",), None)
+        return list(objects), split or other
 
     def bind(self, task: Task) -> None:
         """Prepare for environments; binding to others forgets everything about the former ones.
@@ -261,8 +248,14 @@ class Policy(ABC):
         """
         observed = (task.obs,) if isinstance(task.obs, str) else task.obs
         needed = self.needed_obs(target=task.has_target)
-        if not set((needed,) if isinstance(needed, str) else needed or ()) <= set(observed):
-            raise ConfigError(f"the policy {self.name!r} needs obs={needed!r}; the environments give obs={task.obs!r}")
+        names = set((needed,) if isinstance(needed, str) else needed or ())
+        if not names <= set(observed):
+            raise ConfigError(f"the policy {self.name!r} needs obs={needed!r}; the environments have obs={task.obs!r}")
+        space = task.observation_space
+        boxes = space.spaces if isinstance(space, spaces.Dict) else {observed[0]: space}
+        seen_as_bytes = (name for name in names if name.partition("_")[0] == "depth" and boxes[name].dtype == np.uint8)
+        if self._needs_metres and any(seen_as_bytes):
+            raise ConfigError(f"the policy {self.name!r} needs depth in metres; make environments without depth_limits")
         self._task = task
         self._bind(task)
 
@@ -278,8 +271,9 @@ class Policy(ABC):
         Parameters
         ----------
         seed : int or sequence of int, optional
-            As for the reset of a vector environment: the first environment's, the others' follow by ones; or one per
-            environment. A random policy restarts an environment's stream with a seed and continues it without one.
+            As for the reset of a vector environment: one per environment, or the first one's, from which the others
+            follow by
+            ones. A random policy restarts an environment's stream with a seed and continues it without one.
         mask : (num_envs,) bool array, optional
             Which environments begin an episode; by default all.
         info : mapping, optional
@@ -293,7 +287,7 @@ class Policy(ABC):
         """
         count = self.task.num_envs
         if mask is not None and (np.shape(mask) != (count,) or np.asarray(mask).dtype != np.bool_):
-            raise ConfigError(f"mask is {mask!r}; give an array of {count} bool")
+            raise ConfigError(f"mask is {mask!r}; pass an array of {count} bool")
         seeds: list[int | None]
         if seed is None:
             seeds = [None] * count
@@ -302,12 +296,12 @@ class Policy(ABC):
         else:
             seeds = [None if one is None else int(one) for one in seed]
         if len(seeds) != count:
-            raise ConfigError(f"there are {len(seeds)} seeds; give one for each of the {count} environments")
+            raise ConfigError(f"there are {len(seeds)} seeds; pass one for each of the {count} environments")
         columns = {name: np.atleast_1d(np.asarray(value)) for name, value in _columns(info or {}).items()}
         for name, values in columns.items():
             if len(values) != count:
                 raise ConfigError(
-                    f"info[{name!r}] has {len(values)} rows; give one for each of the {count} environments"
+                    f"info[{name!r}] has {len(values)} rows; pass one for each of the {count} environments"
                 )
         for env in range(count) if mask is None else np.flatnonzero(mask).tolist():
             self._begin(env, seeds[env], {name: values[env] for name, values in columns.items()})
@@ -321,8 +315,8 @@ class Policy(ABC):
         Parameters
         ----------
         observation : (num_envs, ...) array, or mapping of them
-            As the vector environment gives it. Rows of environments whose episode is over mean nothing, nor do their
-            actions.
+            As the vector environment returns it. Rows of environments whose episode is over, and their actions, have no
+            meaning.
 
         Returns
         -------
@@ -339,14 +333,15 @@ class Policy(ABC):
         del env, seed, info
 
     def confidence(self, env: int) -> float | None:
-        """Give the stated probability that the last grasp of an environment succeeds; None where there is none."""
+        """Return the stated probability that the last grasp of an environment succeeds; None without one."""
         del env
         return None
 
     def found_nothing(self, env: int) -> bool:
         """Whether its last look at an environment found no grasp, so that its action is zeros.
 
-        False before the first look, and of policies that do not tell. Rounds of clearing end there without an attempt
+        False before the first look, and of policies that do not state it. Rounds of clearing end there without an
+        attempt
         (`graspbox.evaluation.rounds`).
         """
         del env
@@ -356,8 +351,22 @@ class Policy(ABC):
         return np.zeros((self.task.num_envs, *self.task.action_space.shape), dtype=np.float32)
 
 
+class SeededPolicy(Policy):
+    """A policy with a random stream per environment, which the seed of an episode restarts."""
+
+    def bind(self, task: Task) -> None:
+        """Prepare for environments: see `Policy.bind`."""
+        self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
+        super().bind(task)
+
+    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
+        del info
+        if seed is not None:
+            self._streams[env] = np.random.default_rng(seed)
+
+
 def _columns(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Entries of an info, without masks, nested entries and those of the last episode."""
+    """Return the entries of an info, without masks, nested entries and those of the last episode."""
     return {
         name: value
         for name, value in info.items()

@@ -1,7 +1,4 @@
-"""Policies for scenes of several objects.
-
-`TopDown` grasps at the highest point, `ScenePlanner` is privileged, and `TsdfPolicy` does what your planner says.
-"""
+"""Policies for scenes of several objects."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
@@ -16,16 +13,16 @@ from graspbox._core import Hand
 from graspbox.configs import CamerasConfig
 from graspbox.envs.coding import codec, encode_action
 from graspbox.errors import ConfigError
-from graspbox.exchange.conventions import frame_from_hand
-from graspbox.exchange.tsdf import VOXEL_SIZE, WORLD_FROM_WORKSPACE, cameras_around, tsdf_of
+from graspbox.hands.conventions import frame_from_hand
 from graspbox.hands.geometry import corners_of
-from graspbox.layouts import Arrangement
 from graspbox.perception.configs import CropConfig, DepthNoise
 from graspbox.perception.depth_views import DepthView
+from graspbox.perception.shapes.tsdf import VOXEL_SIZE, WORLD_FROM_WORKSPACE, cameras_around, tsdf_of
 from graspbox.policies._observer import Observer
-from graspbox.policies.base import Actions, Policy, Task
-from graspbox.policies.planner import MAX_PRESS
+from graspbox.policies.base import Actions, SeededPolicy, Task
+from graspbox.policies.baselines.planner import MAX_PRESS
 from graspbox.simulation import load_hand
+from graspbox.simulation.layouts import Arrangement
 
 __all__ = ["ScenePlanner", "TopDown", "TsdfPlan", "TsdfPolicy"]
 
@@ -36,7 +33,7 @@ TsdfPlan = Callable[[NDArray[np.float32], float], tuple[ArrayLike, ArrayLike, Ar
 #: ``world_from_hand`` (4, 4), metres, and preshape.
 _Pose = tuple[NDArray[np.float64], float]
 
-#: Poses of an object that are compared with those that were tried.
+#: Poses of an object that are compared with earlier attempts.
 _RANKED = 16
 #: Distance (m) and angle (rad) up to which two poses are about the same grasp.
 _SAME = (0.01, 0.2)
@@ -48,11 +45,11 @@ _OVER_TABLE = 0.003
 _ORTHONORMAL = 1e-3
 #: A pose that an action names is at most this far from the one it was made of, metres.
 _NAMED = 1e-4
-#: Distance from the highest point within which others tell its long axis, metres.
+#: Distance from the highest point within which others determine its long axis, metres.
 _AROUND = 0.05
 
 
-class _OneLook(Policy):
+class _OneLook(SeededPolicy):
     """Looks before each attempt, and chooses one pose or none."""
 
     #: Whether the last look at each environment found no grasp.
@@ -60,6 +57,8 @@ class _OneLook(Policy):
 
     def bind(self, task: Task) -> None:
         """Prepare for environments, at which it has not looked yet."""
+        if task.closed_loop:
+            raise ConfigError(f"the policy {self.name!r} chooses poses; it does not act in {task.env_id!r}")
         super().bind(task)
         self._nothing = (False,) * task.num_envs
 
@@ -89,16 +88,8 @@ class TopDown(_OneLook):
     obs: str | tuple[str, ...] | None = ("depth", "proprio")
 
     def _bind(self, task: Task) -> None:
-        if task.closed_loop:
-            raise ConfigError(f"the policy 'top_down' chooses poses; it does not act in {task.env_id!r}")
         self._hand = load_hand(task.hand)
         self._observer = Observer(task, self._hand)
-        self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
-
-    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
-        del info
-        if seed is not None:
-            self._streams[env] = np.random.default_rng(seed)
 
     def _choose(self, env: int, observation: Any) -> NDArray[np.float32] | None:
         row, seed = {"depth": observation["depth"][env]}, int(self._streams[env].integers(2**62))
@@ -111,10 +102,10 @@ class TopDown(_OneLook):
 class ScenePlanner(_OneLook):
     """Plans for every object among its neighbours, and takes the first-ranked pose of all; **privileged**.
 
-    A pose may push neighbours aside where they give way (`graspbox.PlanConfig.max_press`). Poses near ones that it has
-    tried in the same episode come last.
-
-    It sees the scenes, which no observation holds, in environments of this process (`Task.scenes`).
+    A pose may push neighbours aside where they yield (`graspbox.PlanConfig.max_press`). Poses near ones that it has
+    tried in
+    the same episode rank last. It uses the scenes, which no observation holds, in environments of this process
+    (`Task.scenes`).
     """
 
     name = "scene_planner"
@@ -130,15 +121,15 @@ class ScenePlanner(_OneLook):
 
     def _choose(self, env: int, observation: Any) -> NDArray[np.float32] | None:
         del observation
-        found = self._best(self.task.scene(env, self.name), self._tried[env])
-        if found is None:
+        chosen = self._best(self.task.scene(env, self.name), self._tried[env])
+        if chosen is None:
             return None
-        self._tried[env].append(found)
-        return encode_action(*found, hand=self._hand)
+        self._tried[env].append(chosen)
+        return encode_action(*chosen, hand=self._hand)
 
     def _best(self, scene: Arrangement, tried: Sequence[_Pose]) -> _Pose | None:
         """Find the first-ranked pose of all objects, and its preshape."""
-        best, found = (False, -np.inf), None
+        best, chosen = (False, -np.inf), None
         for index, (mesh, pose) in enumerate(zip(scene.meshes, scene.world_from_objects, strict=True)):
             around = scene.without(index)
             plan = planning.plan(
@@ -148,12 +139,12 @@ class ScenePlanner(_OneLook):
                 one = (pose @ plan.poses[row], float(plan.preshape[row]))
                 rank = (not any(_is_near(one, other) for other in tried), float(plan.score[row]))
                 if rank > best:
-                    best, found = rank, one
-        return found
+                    best, chosen = rank, one
+        return chosen
 
 
 def _is_near(one: _Pose, other: _Pose) -> bool:
-    """Tell whether two poses of the hand are about the same grasp."""
+    """Return whether two poses of the hand are about the same grasp."""
     (first, preshape), (second, other_preshape) = one, other
     way = np.linalg.norm(first[:3, 3] - second[:3, 3])
     cosine = (np.sum(first[:3, :3] * second[:3, :3]) - 1.0) / 2.0
@@ -164,15 +155,16 @@ class TsdfPolicy(_OneLook):
     """Grasps where a function plans in a truncated signed distance field of the table, as VGN does.
 
     Before each attempt it fuses depth images from VGN's cameras, and executes the grasp with the highest score that is
-    in reach and no wider than the hand opens. Where none is, its actions are zeros, and it has found nothing.
+    in reach and no wider than the hand opens. Without one, its actions are zeros.
 
     Parameters
     ----------
     plan : callable
         Called with a field (1, 40, 40, 40) float32, 0 to 1, and the side of its voxels, metres: see
-        `graspbox.exchange.tsdf`. Returns n grasps: poses (n, 4, 4) in the frame of the workspace, metres; widths (n,)
-        between the fingers, metres; scores (n,), greater is better. The frame of a pose has its origin on the palm, z
-        along the approach and y along which the fingers close (``graspbox.exchange.frame_from_hand(hand, "vgn")``).
+        `graspbox.perception.shapes.tsdf`. Returns n grasps: poses (n, 4, 4) in the frame of the workspace, metres;
+        widths (n,) between the fingers, metres; scores (n,), greater is better. The frame of a pose has its origin
+        on the palm, z along the approach and y along which the fingers close
+        (``graspbox.hands.conventions.frame_from_hand(hand, "vgn")``).
     views : int
         Number of cameras, evenly around the table.
     name : str
@@ -201,8 +193,6 @@ class TsdfPolicy(_OneLook):
         self.settings = {"cameras": CamerasConfig(cameras=cameras), "image_size": (480, 640)}
 
     def _bind(self, task: Task) -> None:
-        if task.closed_loop:
-            raise ConfigError(f"the policy {self.name!r} chooses poses; it does not act in {task.env_id!r}")
         if len(task.cameras.cameras) < self._views:
             raise ConfigError(
                 f"cameras has {len(task.cameras.cameras)} cameras; the policy {self.name!r} needs {self._views}"
@@ -210,12 +200,6 @@ class TsdfPolicy(_OneLook):
         self._hand = load_hand(task.hand)
         self._vgn_from_hand = frame_from_hand(self._hand, "vgn")
         self._observers = [Observer(task, self._hand, self._noise, camera) for camera in range(self._views)]
-        self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
-
-    def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
-        del info
-        if seed is not None:
-            self._streams[env] = np.random.default_rng(seed)
 
     def _choose(self, env: int, observation: Any) -> NDArray[np.float32] | None:
         seeds = self._streams[env].integers(2**62, size=self._views)
@@ -229,12 +213,12 @@ class TsdfPolicy(_OneLook):
         return self._best(*self._planned(field))
 
     def _planned(self, field: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Plan, and check; poses (n, 4, 4) in the frame ``vgn``, of grasps that fit the hand, and scores (n,)."""
-        found = self._plan(field, VOXEL_SIZE)
-        if not isinstance(found, tuple) or len(found) != 3:
-            raise ConfigError(f"plan returns {shown(found)}; give a tuple of poses, widths and scores")
+        """Plan, check, and return poses (n, 4, 4) in the frame ``vgn`` and scores (n,) of grasps that fit the hand."""
+        planned = self._plan(field, VOXEL_SIZE)
+        if not isinstance(planned, tuple) or len(planned) != 3:
+            raise ConfigError(f"plan returns {shown(planned)}; return a tuple of poses, widths and scores")
         poses, widths, scores = (
-            floats(values, name) for values, name in zip(found, ("poses", "widths", "scores"), strict=True)
+            floats(values, name) for values, name in zip(planned, ("poses", "widths", "scores"), strict=True)
         )
         # An empty list has no shape to check.
         poses = poses if poses.size else poses.reshape(0, 4, 4)
@@ -242,7 +226,7 @@ class TsdfPolicy(_OneLook):
         if poses.shape != (count, 4, 4) or widths.shape != (count,) or scores.shape != (count,):
             raise ConfigError(
                 f"plan returns poses {poses.shape}, widths {widths.shape} and scores {scores.shape}; "
-                "give (n, 4, 4), (n,) and (n,)"
+                "return (n, 4, 4), (n,) and (n,)"
             )
         if not all(np.isfinite(values).all() for values in (poses, widths, scores)):
             raise ConfigError("plan returns numbers that are not finite; leave such grasps out")
@@ -251,7 +235,7 @@ class TsdfPolicy(_OneLook):
         wrong = (errors > _ORTHONORMAL) | (np.linalg.det(turns) < 0) | (poses[:, 3] != (0, 0, 0, 1)).any(axis=1)
         if wrong.any():
             raise ConfigError(
-                f"plan returns poses[{int(np.argmax(wrong))}], which is no pose; give a rotation and (0, 0, 0, 1)"
+                f"plan returns poses[{int(np.argmax(wrong))}], which is no pose; return a rotation and (0, 0, 0, 1)"
             )
         fits = widths <= self._hand.widest
         return poses[fits], scores[fits]
@@ -267,7 +251,7 @@ class TsdfPolicy(_OneLook):
         if len(scores):
             raise ConfigError(
                 f"plan returns {len(scores)} grasps, all of them out of reach, such as at {poses[0, :3, 3]}; "
-                "give metres in the frame of the workspace"
+                "return metres in the frame of the workspace"
             )
         return None
 

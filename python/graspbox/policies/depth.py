@@ -1,29 +1,28 @@
-"""Grasps from one depth image, without mesh or true pose: `DepthPolicy`, and `DepthGrasp` with published networks."""
+"""Grasps from one depth image: `DepthPolicy`, and `DepthGrasp` with published networks."""
 
+import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
-import numpy as np
-
 from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
-from graspbox.artifacts.configs import DepthPolicyConfig
-from graspbox.artifacts.folders import hand_of, read_depth_policy
-from graspbox.artifacts.runtimes import Backend, load_parts
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
-from graspbox.layouts import bin_points
 from graspbox.perception.configs import DepthNoise, FinderConfig
-from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder
+from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder, Query
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies._executor import Executor, GraspExecutor, executor_of
 from graspbox.policies._hand_view import HandView
 from graspbox.policies._observer import Observer
-from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.base import SCRIPTED, Actions, SeededPolicy, Task
+from graspbox.policies.published.configs import DepthPolicyConfig, PolicyConfig
+from graspbox.policies.published.folders import hand_of, read_depth_policy
+from graspbox.policies.published.runtimes import Backend, load_parts
 from graspbox.simulation import load_hand
+from graspbox.simulation.layouts import bin_points
 
 __all__ = ["DepthGrasp", "DepthPolicy", "load_finder"]
 
@@ -33,40 +32,38 @@ _TARGET = 2
 _REMEMBERED = 5
 
 
-class DepthPolicy(Policy):
+class DepthPolicy(SeededPolicy):
     """Grasps the object in one depth image: an observer looks, a finder chooses, an executor moves the hand.
 
-    Where one of several objects is the target, its pixels in the segmentation (label 2) tell which. A bin's place and
-    size are known, and grasps keep off its walls where they can. It looks once per episode, and before every attempt in
-    ``Clear-v0``. There and in ``GraspPose-v0`` the grasp is the
-    action. In ``Grasp-v0`` the hand first leaves the image, and then moves to the grasp as the scripted expert does.
-    Where no object is seen or no grasp is found, its actions are zeros.
+    If one of several objects is the target, its pixels in the segmentation (label 2) mark it. A bin's place and size
+    are
+    known, and grasps keep off its walls if any can. It looks once per episode, and before every attempt in
+    ``Clear-v0``.
+    There and in ``GraspPose-v0`` the grasp is the action. In ``Grasp-v0`` the hand first leaves the image, and then
+    moves
+    to the grasp as the scripted expert does. Without an object or a grasp, its actions are zeros.
 
     Parameters
     ----------
-    observer : callable
-        Makes an `Observer` of `Task` and `Hand`, such as the class itself. All three are called when the policy is
-        bound.
-    finder : callable
-        Makes a `graspbox.perception.Finder` of `Hand`.
-    executor : callable
-        Makes an executor of `Task`, `Hand` and `Observer.hand_view`; by default a `PoseExecutor` in ``GraspPose-v0``,
-        and a `GraspExecutor` in ``Grasp-v0``.
+    observer, finder, executor : callable
+        Make, when the policy is bound, an `Observer` of `Task` and `Hand`, a `graspbox.perception.Finder` of `Hand`,
+        and
+        an executor of `Task`, `Hand` and `Observer.hand_view`: by default a `PoseExecutor` in ``GraspPose-v0``, and a
+        `GraspExecutor` in ``Grasp-v0``. The parts are attributes once it is bound.
 
     Attributes
     ----------
-    hand, observer, finder, executor
-        The parts, once the policy is bound.
     needed : tuple of str
         Observations that it reads, once the policy is bound.
     found : list of FoundGrasp or None
-        The last grasp found in each environment; None where none was.
+        The last grasp in each environment; None without one.
     """
 
     name = "depth"
     obs: tuple[str, ...] = ("depth", "proprio")
     target_obs = ("segmentation",)
     settings: Mapping[str, Any] = {"image_size": 128}
+    closed_loop_settings = SCRIPTED
     hand: Hand
     needed: tuple[str, ...]
     observer: Observer
@@ -82,40 +79,43 @@ class DepthPolicy(Policy):
         self._make_observer, self._make_finder, self._make_executor = observer, finder, executor
         self.found: list[FoundGrasp | None] = []
 
+    def _describe(self, folder: str | os.PathLike[str], published: PolicyConfig) -> None:
+        """Take name, training sets and hand of a published policy."""
+        self.name, self.learned_from = published.name, published.learned_from
+        self.settings = {**self.settings, "hand": hand_of(folder, published)}
+
     def _bind(self, task: Task) -> None:
         self.hand = load_hand(task.hand)
         self.observer = self._make_observer(task, self.hand)
         self.finder = self._make_finder(self.hand)
-        if task.bin_size is not None:
-            self.finder = self.finder.keeping_off(bin_points(task.bin_size))
+        self._walls = None if task.bin_size is None else bin_points(task.bin_size)
         self.executor = self._make_executor(task, self.hand, self.observer.hand_view)
         self.found = [None] * task.num_envs
-        self._streams = [np.random.default_rng() for _ in range(task.num_envs)]
-        #: Seed of each environment's pending look, and the finder that then chooses.
+        #: Seed of each environment's pending look, and the attempts in its scene that failed.
         self._waiting: list[int | None] = [None] * task.num_envs
-        self._finders = [self.finder] * task.num_envs
-        self._tried: list[tuple[FoundGrasp, ...]] = [()] * task.num_envs
+        self._failed: list[tuple[FoundGrasp, ...]] = [()] * task.num_envs
         self._clears = task.env_id == IDS[2]
         self.needed = (*self.obs, *(self.target_obs if task.has_target else ()))
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
-        if seed is not None:
-            self._streams[env] = np.random.default_rng(seed)
-        del info
+        super()._begin(env, seed, info)
         self.executor.begin(env)
-        self._tried[env] = ()
-        self._wait(env, self.finder)
+        self._failed[env] = ()
+        self._wait(env)
 
-    def _wait(self, env: int, finder: Finder) -> None:
+    def _wait(self, env: int) -> None:
         """Schedule another look, as soon as the executor is ready."""
-        self._waiting[env], self._finders[env] = int(self._streams[env].integers(2**62)), finder
+        self._waiting[env] = int(self._streams[env].integers(2**62))
 
     def act(self, observation: Any) -> Actions:
         """Choose grasps in environments that are ready; continue the motion in the others."""
         actions = self._zeros()
         for env in range(self.task.num_envs):
             if self._clears and self._waiting[env] is None:
-                self._wait(env, self._other_than(env))
+                # What failed would fail again; where an attempt succeeded, nothing is left.
+                if (last := self.found[env]) is not None:
+                    self._failed[env] = (*self._failed[env], last)[-_REMEMBERED:]
+                self._wait(env)
             row = {name: observation[name][env] for name in self.needed}
             if self._waiting[env] is not None and self.executor.ready(env, row):
                 self.executor.start(env, self._look(env, row), row)
@@ -124,24 +124,14 @@ class DepthPolicy(Policy):
                 actions[env] = action
         return actions
 
-    def _other_than(self, env: int) -> Finder:
-        """Give a finder for the attempt after others in the same scene.
-
-        What failed would fail again; where an attempt succeeded, nothing is left.
-        """
-        last = self.found[env]
-        if last is None or not isinstance(self.finder, GraspFinder):
-            return self.finder
-        self._tried[env] = (*self._tried[env], last)[-_REMEMBERED:]
-        return self.finder.avoiding(*self._tried[env])
-
     def find(self, env: int, seed: int, row: Mapping[str, Any]) -> FoundGrasp | None:
-        """Look and choose in one environment, without moving; None where no grasp is found.
+        """Look and choose in one environment, without moving; None without a grasp.
 
         `seed` is that of the camera's noise and of the refinement, `row` the environment's row of the observations.
         """
         target = row["segmentation"][..., 0] == _TARGET if self.task.has_target else None
-        return self._finders[env].find(self.observer.look(row, seed), seed=seed, target=target)
+        query = Query(seed, target, self._walls, self._failed[env])
+        return self.finder.find(self.observer.look(row, seed), query)
 
     def _look(self, env: int, row: Mapping[str, Any]) -> FoundGrasp | None:
         """Look with the pending seed."""
@@ -160,20 +150,32 @@ class DepthPolicy(Policy):
         if not self.has_looked(env) and not self.executor.sees_hand(row):
             self._look(env, row)
 
-    def retry(self, env: int, row: Mapping[str, Any], finder: Finder) -> None:
-        """Release the current grasp in ``Grasp-v0``, look again, and execute the choice of another finder."""
-        found = self.found[env]
+    @property
+    def looks(self) -> tuple[Any, ...]:
+        """What it has seen in the current episodes of ``Grasp-v0`` without moving, and its random streams."""
+        return self._streams, self._waiting, self.found, self._failed
+
+    @looks.setter
+    def looks(self, saved: tuple[Any, ...]) -> None:
+        self._streams, self._waiting, self.found, self._failed = saved
+
+    def retry(self, env: int, row: Mapping[str, Any]) -> None:
+        """Release the current grasp in ``Grasp-v0``, look again, and execute a grasp unlike it."""
+        grasp = self.found[env]
         assert isinstance(self.executor, GraspExecutor)
-        assert found is not None
-        self.executor.release(env, found, row)
-        self._wait(env, finder)
+        assert grasp is not None
+        self.executor.release(env, grasp, row)
+        self._failed[env] = (grasp,)
+        self._wait(env)
 
     def confidence(self, env: int) -> float | None:
-        """Give the finder's probability of success; 0 where no grasp was found, None where it has none."""
-        return self.finder.confidence(self.found[env])
+        """Return the probability that the grasp succeeds: 0 without a grasp, None if the finder states none."""
+        if (grasp := self.found[env]) is None:
+            return 0.0 if self.finder.states_success else None
+        return grasp.success
 
     def found_nothing(self, env: int) -> bool:
-        """Whether its last look at an environment saw no object or found no grasp."""
+        """Whether its last look at an environment found no grasp."""
         return self.has_looked(env) and self.found[env] is None
 
 
@@ -185,7 +187,7 @@ class DepthGrasp(DepthPolicy):
     Parameters
     ----------
     folder : Path
-        A policy's folder (`graspbox.artifacts.folders`).
+        A policy's folder (`graspbox.policies.published.folders`).
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
     config : FinderConfig, optional
@@ -209,6 +211,8 @@ class DepthGrasp(DepthPolicy):
         For an unknown backend, or if the folder is wrong or lacks a file.
     """
 
+    #: The class of its ``config.json``, `graspbox.policies.published.registry`.
+    config_class = DepthPolicyConfig
     finder: GraspFinder
 
     def __init__(
@@ -224,15 +228,10 @@ class DepthGrasp(DepthPolicy):
     ) -> None:
         _check_backend(backend)
         published = read_depth_policy(Path(folder))
-        settings = config or published.finder
-        if hand_error is not None:
-            settings = settings.tolerating(hand_error)
-        if rehearsed is not None:
-            settings = settings.rehearsing(rehearsed)
+        settings = Query(hand_error=hand_error, rehearsed=rehearsed).settings(config or published.finder)
         load = partial(load_finder, Path(folder), published, config=settings, backend=backend, num_threads=num_threads)
         super().__init__(partial(Observer, noise=noise), MadeOnce(load))
-        self.name, self.learned_from = published.name, published.learned_from
-        self.settings = {**self.settings, "hand": hand_of(folder, published)}
+        self._describe(folder, published)
 
     def _bind(self, task: Task) -> None:
         super()._bind(task)
@@ -254,10 +253,7 @@ def load_finder(
 ) -> GraspFinder:
     """Load the finder of a published policy; `published` is its config, other parameters are those of `DepthGrasp`.
 
-    Raises
-    ------
-    ConfigError
-        For a hand other than the policy's, or an unknown backend.
+    Raises ConfigError for a hand other than the policy's, or an unknown backend.
     """
     settings, finder = published.settings_for(hand, config)
     _check_backend(backend)

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.artifacts.configs import FeelPolicyConfig
-from graspbox.artifacts.folders import hand_of, load, used_folder
-from graspbox.artifacts.runtimes import Backend, load_stability
 from graspbox.errors import ConfigError
-from graspbox.models.stability.inputs import StabilityInputs, StabilityReading
 from graspbox.perception.configs import DepthNoise
 from graspbox.perception.finder import FoundGrasp
 from graspbox.perception.outputs import check_finite
 from graspbox.policies._executor import GraspExecutor
-from graspbox.policies.base import Actions, Policy, Task
+from graspbox.policies.base import SCRIPTED, Actions, Policy, Task
 from graspbox.policies.depth import DepthGrasp
+from graspbox.policies.published.configs import FeelPolicyConfig
+from graspbox.policies.published.folders import hand_of, load, used_folder
+from graspbox.policies.published.runtimes import Backend, load_stability
+from graspbox.policies.stability_inputs import StabilityInputs, StabilityReading
 from graspbox.simulation import load_hand
 
 __all__ = ["Attempt", "FeelThenLift"]
@@ -33,7 +33,8 @@ class Attempt:
     found : FoundGrasp
         The grasp.
     readings : (k,) float32
-        Inputs of the network: facts known before, and readings (`graspbox.models.stability.inputs.StabilityReading`).
+        Inputs of the network: facts known before, and readings
+        (`graspbox.policies.stability_inputs.StabilityReading`).
     probability : float
         Predicted probability that it holds.
     released : bool
@@ -49,26 +50,22 @@ class Attempt:
 class FeelThenLift(Policy):
     """Grasps the object in one depth image, predicts from touch whether the grasp will hold, and lifts or retries.
 
-    It acts in ``Grasp-v0`` alone. The first grasp is that of `DepthGrasp`. As the fingers close, and by default through
+    It acts only in ``Grasp-v0``. The first grasp is that of `DepthGrasp`. As the fingers close, and by default through
     the first half second of the lift, it reads joints, loads and tactile forces; a network predicts from these, and
     from facts known before, the probability that the grasp holds. If that is below the threshold, the hand moves back
     down, opens, backs off and leaves the image; then the policy looks again, and grasps score lower the nearer they are
-    to the one that failed. The second grasp is lifted in any case.
+    to the failed one. The second grasp is lifted in any case.
 
     Parameters
     ----------
     folder : Path
-        A policy's folder (`graspbox.artifacts`); it names that of the policy that chooses the grasps.
+        A policy's folder (`graspbox.policies.published`); it names that of the policy that chooses the grasps.
     threshold : float, optional
         The hand opens below this probability: 0 never, more than 1 always. By default the folder's.
-    noise : DepthNoise
-        Noise that is added to the depth that the environments render.
-    rehearsed : int, optional
+    noise, rehearsed, num_threads
         As of `DepthGrasp`.
     backend : {"onnx", "torch"}
         Runs the networks of `DepthGrasp`; onnxruntime runs the grasp-stability networks.
-    num_threads : int, optional
-        Threads of a decision; by default one per core.
 
     Attributes
     ----------
@@ -76,8 +73,6 @@ class FeelThenLift(Policy):
         Looks, chooses and moves.
     attempts : list of list of Attempt
         Grasps of the current or last episode in each environment whose stability was predicted.
-    threshold : float
-        The same.
 
     Raises
     ------
@@ -85,9 +80,12 @@ class FeelThenLift(Policy):
         If the folder is wrong, or lacks a file.
     """
 
+    #: The class of its ``config.json``, `graspbox.policies.published.registry`.
+    config_class = FeelPolicyConfig
     base: DepthGrasp
     obs: tuple[str, ...] = ("depth", "proprio")
     env_id = "graspbox/Grasp-v0"
+    closed_loop_settings = SCRIPTED
     # Two attempts took up to 395 steps.
     settings: Mapping[str, Any] = {"image_size": 128, "max_episode_steps": 450}
 
@@ -107,7 +105,7 @@ class FeelThenLift(Policy):
         self.base = DepthGrasp(chooser, noise=noise, rehearsed=rehearsed, backend=backend, num_threads=num_threads)
         self.name, self.learned_from = self._feel.name, (*self.base.learned_from, *self._feel.learned_from)
         self.threshold = self._feel.threshold if threshold is None else float(threshold)
-        # A hand without tactile sensors has joints and loads alone.
+        # A hand without tactile sensors has only joints and loads.
         inputs = StabilityInputs(load_hand(hand_of(folder, self._feel)), self._feel.times)
         self.obs = ("depth", *inputs.obs)
         self.settings = {**self.settings, "hand": self.base.settings["hand"]}
@@ -115,7 +113,7 @@ class FeelThenLift(Policy):
 
     @property
     def found(self) -> list[FoundGrasp | None]:
-        """The last grasp found in each environment; None where none was."""
+        """The last grasp in each environment; None without one."""
         return self.base.found
 
     def _bind(self, task: Task) -> None:
@@ -135,13 +133,13 @@ class FeelThenLift(Policy):
         self.attempts[env], self._readings[env] = [], None
 
     def act(self, observation: Any) -> Actions:
-        """Read the sensors where the fingers close, and act as `DepthGrasp` does."""
+        """Read the sensors as the fingers close, and act as `DepthGrasp` does."""
         for env in range(self.task.num_envs):
             self._sense(env, {name: observation[name][env] for name in self.obs})
         return self.base.act(observation)
 
     def confidence(self, env: int) -> float | None:
-        """Give the scorer's probability of success; 0 where no grasp was found."""
+        """Return the scorer's probability of success; 0 without a grasp."""
         return self.base.confidence(env)
 
     def found_nothing(self, env: int) -> bool:
@@ -150,20 +148,20 @@ class FeelThenLift(Policy):
 
     def _sense(self, env: int, row: Mapping[str, Any]) -> None:
         """Record sensor readings during a grasp; when complete, keep or release it."""
-        executor, found = self.base.executor, self.found[env]
+        executor, grasp = self.base.executor, self.found[env]
         assert isinstance(executor, GraspExecutor)
         since = executor.closing_time(env)
-        if since is None or found is None:
+        if since is None or grasp is None:
             return
         reading = self._readings[env]
-        if reading is None or reading.found is not found:
-            reading = self._readings[env] = StabilityReading(self._inputs, found)
+        if reading is None or reading.grasp is not grasp:
+            reading = self._readings[env] = StabilityReading(self._inputs, grasp)
         if not reading.add(since, row):
             return
         vector = reading.vector()
         probability = self._stability(vector)
         check_finite(np.array([probability]), "grasp-stability networks")
         released = not self.attempts[env] and probability < self.threshold
-        self.attempts[env].append(Attempt(found, vector, probability, released))
+        self.attempts[env].append(Attempt(grasp, vector, probability, released))
         if released:
-            self.base.retry(env, row, self.base.finder.avoiding(found))
+            self.base.retry(env, row)

@@ -1,25 +1,17 @@
-"""The grasp that a policy finds in one depth image, as an observation of ``Grasp-v0``: where the hand shall go.
+"""The grasp that a policy finds in one depth image, as an observation of ``Grasp-v0``: the goal of the hand.
 
 A policy that acts in every step, such as a clone tuned by rewards, need not look at images itself. Another one
 (`DepthGrasp`, `HeadGrasp`) looks once, as soon as the hand is out of the camera's image, and from then on the
 observation ``goal`` is the pose of its grasp relative to the hand. Nothing of it is privileged. Until then, and
-where no grasp was found, ``goal`` is zero.
-
-| name | purpose |
-|---|---|
-| `GOAL`       | the entries of the observation |
-| `Goals`      | makes it, for some environments |
-| `GoalPolicy` | a policy that observes it, for `graspbox.evaluation.evaluate` |
-
-`graspbox.sb3.goal_env` makes environments of it, in which rewards teach.
+without a grasp, ``goal`` is zero. `graspbox.sb3.goal_env` makes environments of it, in which rewards teach.
 
 >>> from graspbox import evaluation, policies
 >>> from graspbox.policies.goals import GoalPolicy
 >>> def down(seen):
-...     return np.tile(np.float32([0, 0, -0.1, *6 * [0], 1 / 3]), (len(seen["goal"]), 1))
+...     return np.tile(np.float32([0, 0, -0.1, *4 * [0], 1 / 3]), (len(seen["goal"]), 1))
 >>> policy = GoalPolicy(policies.load("partial_view_planner"), down)
->>> found = evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:0", trials=1, max_episode_steps=5)
->>> found.trials[0].steps
+>>> results = evaluation.evaluate(policy, "graspbox/Grasp-v0", "procedural:can:0", trials=1, max_episode_steps=5)
+>>> results.trials[0].steps
 5
 """
 
@@ -30,13 +22,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox.artifacts.configs import GOAL_NAME
-from graspbox.envs.spaces import tables
 from graspbox.errors import ConfigError
 from graspbox.perception.finder import FoundGrasp
 from graspbox.policies._executor import GraspExecutor
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.depth import DepthPolicy
+from graspbox.policies.published.configs import GOAL_NAME
 
 __all__ = ["GOAL", "GOAL_NAME", "GoalPolicy", "Goals", "goal_space", "plain_settings"]
 
@@ -56,27 +47,14 @@ _LOW, _HIGH = (np.repeat([row[i] for row in GOAL], [row[1] for row in GOAL]).ast
 
 
 def goal_space() -> spaces.Box:
-    """Give the space of the observation of one environment: (14,) float32."""
+    """Return the space of the observation of one environment: (14,) float32."""
     return spaces.Box(_LOW, _HIGH)
 
 
 class Goals:
-    """The grasps that a policy finds with one look, seen from the hands of environments of ``Grasp-v0``.
+    """The goals of a policy that looks once, in environments of ``Grasp-v0``.
 
-    Parameters
-    ----------
-    base : DepthPolicy
-        The policy that looks: `DepthGrasp`, `HeadGrasp` or another policy of one depth image, without oracles.
-
-    Attributes
-    ----------
-    base
-        The same.
-
-    Raises
-    ------
-    ConfigError
-        For another policy.
+    `base` is a policy of one depth image without oracles, such as `DepthGrasp`; another one raises ConfigError.
     """
 
     def __init__(self, base: Policy) -> None:
@@ -93,43 +71,52 @@ class Goals:
             raise ConfigError(f"goals are for graspbox/Grasp-v0, not for {task.env_id!r}")
         self.base.bind(task)
         self._since = np.zeros(task.num_envs)
-        self._period = float(tables(self.base.hand)["control_period"]) * task.frame_skip
+        self._period = 1.0 / task.control_freq
         self._shown: list[FoundGrasp | None] = [None] * task.num_envs
 
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """The goals of the current episodes; another one of these continues them."""
+        return self._since, self._shown, self.base.looks
+
+    @state.setter
+    def state(self, saved: tuple[Any, ...]) -> None:
+        self._since, self._shown, self.base.looks = saved
+
     def look(self, observation: Mapping[str, NDArray[Any]]) -> None:
-        """Let the policy look where it has not and the hand is out of the image."""
+        """Take the pending image once the hand is out of view."""
         for env in range(len(self._since)):
             if not self.base.has_looked(env):
                 self.base.look(env, {name: observation[name][env] for name in self.base.needed})
 
     def show(self, proprio: NDArray[Any], *, stepped: bool = True) -> NDArray[np.float32]:
-        """Show the goals (n, 14), for the observation ``proprio`` (n, k).
+        """Return the goals (n, 14), for the observation ``proprio`` (n, k).
 
         Call it once after every step of the environments, or with ``stepped=False`` if they have not moved since.
         """
         rows = np.zeros((len(self._since), len(_LOW)), dtype=np.float32)
         for env in range(len(rows)):
-            found = self.base.found[env] if self.base.has_looked(env) else None
-            same = found is not None and self._shown[env] is found
+            grasp = self.base.found[env] if self.base.has_looked(env) else None
+            same = grasp is not None and self._shown[env] is grasp
             self._since[env] = self._since[env] + stepped * self._period if same else 0.0
-            self._shown[env] = found
+            self._shown[env] = grasp
             rows[env] = self._row(env, proprio[env], self._since[env])
         return rows
 
     def after(self, env: int, proprio: NDArray[Any]) -> NDArray[np.float32]:
-        """Show the goal (14,) of one environment after a step that ends its episode, for ``proprio`` (k,)."""
+        """Return the goal (14,) of one environment after a step that ends its episode, for ``proprio`` (k,)."""
         return self._row(env, proprio, self._since[env] + self._period)
 
     def _row(self, env: int, proprio: NDArray[Any], since: float) -> NDArray[np.float32]:
-        found = self._shown[env]
-        if found is None:
+        grasp = self._shown[env]
+        if grasp is None:
             return np.zeros_like(_LOW)
         assert isinstance(self.base.executor, GraspExecutor)
-        goal = np.linalg.inv(self.base.executor.hand_pose({"proprio": proprio})) @ found.world_from_hand
+        goal = np.linalg.inv(self.base.executor.hand_pose({"proprio": proprio})) @ grasp.world_from_hand
         low, high = self.base.hand.preshape_limits
-        share = (found.preshape - low) / (high - low) if high > low else 0.0
-        shift, top = goal[:3, 3] / _LENGTH, found.top / _LENGTH
-        row = [*shift, *goal[:3, 0], *goal[:3, 1], share, top, found.score, since / _TIME, 1.0]
+        share = (grasp.preshape - low) / (high - low) if high > low else 0.0
+        shift, top = goal[:3, 3] / _LENGTH, grasp.top / _LENGTH
+        row = [*shift, *goal[:3, 0], *goal[:3, 1], share, top, grasp.score, since / _TIME, 1.0]
         return np.clip(np.array(row, dtype=np.float32), _LOW, _HIGH)
 
 
@@ -147,11 +134,6 @@ class GoalPolicy(Policy):
         Its other observations.
     name : str
         Name in results.
-
-    Raises
-    ------
-    ConfigError
-        For a base policy that does not find its grasp in a depth image.
     """
 
     env_id = "graspbox/Grasp-v0"
@@ -173,15 +155,15 @@ class GoalPolicy(Policy):
         self.goals.bind(task)
 
     def act(self, observation: Any) -> Actions:
-        """Look where it is time to, and decide."""
+        """Look if an episode has begun, and decide."""
         self.goals.look(observation)
         seen = {name: observation[name] for name in self._names}
-        found = self._decide({**seen, GOAL_NAME: self.goals.show(observation["proprio"])})
-        return np.asarray(found, dtype=np.float32)
+        actions = self._decide({**seen, GOAL_NAME: self.goals.show(observation["proprio"])})
+        return np.asarray(actions, dtype=np.float32)
 
 
 def plain_settings(settings: Mapping[str, Any], base: Policy) -> dict[str, Any]:
-    """Give the keywords of environments that show all that a policy with goals and its base observe, but no goal."""
+    """Return the keywords of environments that show all that a policy with goals and its base observe, but no goal."""
     names = [name for name in settings["obs"] if name != GOAL_NAME]
     needed = (base.obs,) if isinstance(base.obs, str) else base.obs or ()
     kept = {name: value for name, value in settings.items() if name != "goal_from"}

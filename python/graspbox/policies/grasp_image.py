@@ -1,45 +1,71 @@
-"""Ranked grasps for your own depth image, by a published policy.
-
-| name | purpose |
-|---|---|
-| `grasp_image`  | grasps for one image |
-| `ImageGrasper` | the same for many: networks are loaded once |
-| `ImageGrasps`  | the result |
-"""
+"""Ranked grasps for your own depth image, by a published policy; `ImageGrasper` loads the networks once for many."""
 
 import os
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox.artifacts.configs import DepthPolicyConfig
-from graspbox.artifacts.downloads import folder_of
-from graspbox.artifacts.folders import hand_of, read_depth_policy
-from graspbox.artifacts.runtimes import Backend
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
-from graspbox.perception.crops import Crops
 from graspbox.perception.depth_images import (
     check_intrinsics,
     check_points,
     check_pose,
-    check_table,
     fit_table,
     thinned,
 )
 from graspbox.perception.depth_views import DepthView
-from graspbox.perception.finder import Clock, GraspFinder, Ranked, TrainedScore
-from graspbox.perception.outputs import check_finite
+from graspbox.perception.finder import Query, grasps
+from graspbox.perception.outputs import NONE_JUDGED
 from graspbox.perception.perturbations import PoseNoise
-from graspbox.perception.shapes import rehearsed_success
+from graspbox.perception.scoring import Ranked
 from graspbox.policies.depth import load_finder
+from graspbox.policies.published.configs import DepthPolicyConfig
+from graspbox.policies.published.downloads import folder_of
+from graspbox.policies.published.folders import hand_of, read_depth_policy
+from graspbox.policies.published.runtimes import Backend
 
-__all__ = ["ImageGrasper", "ImageGrasps", "grasp_image"]
+__all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "grasp_image"]
 
 #: Grasps nearer than both to a better one are omitted, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
+
+
+class ImageOptions(TypedDict, total=False):
+    """Options of `grasp_image` and `ImageGrasper.find`.
+
+    Attributes
+    ----------
+    count : int
+        Most grasps, by default 5; near-duplicates of a better grasp are omitted.
+    region : (int, int, int, int)
+        Columns and rows, left, top, right and bottom, within which the object is searched; by default it is the
+        largest object on the table.
+    mask : (H, W) bool array
+        Pixels of one of several objects: grasps are of this one, and keep off the others. For policies that learned
+        among several objects.
+    keep_off : (k, 3) array
+        Points of known obstacles, such as the walls of a bin (`graspbox.simulation.layouts.bin_points`), close
+        together, in the table's frame, metres; needs `table_from_camera`. Grasps keep off them if any can.
+    hand_error : PoseNoise
+        Expected error of your hand's pose: grasps are then ranked by their mean score under such errors. The
+        probabilities remain those of a hand without error.
+    rehearsed : int
+        How many of the best grasps are first tried in simulation on the completed shape, for a single object
+        (`graspbox.perception.configs.RehearsalConfig`); by default as in the policy's folder.
+    seed : int
+        Seed of the refinement, by default 0.
+    """
+
+    count: int
+    region: tuple[int, int, int, int] | None
+    mask: NDArray[np.bool_] | None
+    keep_off: ArrayLike | None
+    hand_error: PoseNoise | None
+    rehearsed: int | None
+    seed: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +75,11 @@ class ImageGrasps:
     Attributes
     ----------
     policy : DepthPolicyConfig
-        The policy that found them.
+        The policy.
     hand : Hand
         The hand.
-    depth : (h, w) float64
-        The image given to the networks, metres.
-    intrinsics : (3, 3) float64
-        Its intrinsics, pixels.
+    depth, intrinsics : (h, w) and (3, 3) float64
+        The input image of the networks, metres, and its intrinsics, pixels.
     table_from_camera : (4, 4) float64
         Pose of the camera, metres, corrected; the table is the plane z = 0.
     object : (h, w) bool
@@ -63,7 +87,7 @@ class ImageGrasps:
     table_from_crop : (4, 4) float64
         Pose of the occupancy's frame.
     occupancy : (N, N, N) uint8
-        The object's occupancy as the policy completes it, 0 to 255 for 0 to 1.
+        The completed object, 0 to 255 for 0 to 1.
     table_from_hand : (k, 4, 4) float64
         Hand poses, metres.
     preshape : (k,) float64
@@ -125,7 +149,7 @@ class ImageGrasper:
     policy : str or PathLike
         The folder of a published policy of one depth image, the name of an installed one, or ``hf://owner/name``.
     hand : str, Hand or pair of paths, optional
-        As for `grasp_image`.
+        The hand, for a policy that grasps with any; by default that of the policy.
     backend : {"onnx", "torch"}
         Runs the networks.
     num_threads : int, optional
@@ -134,7 +158,7 @@ class ImageGrasper:
     Raises
     ------
     ConfigError, MissingExtraError
-        If the folder holds no such policy, lacks a file, or onnxruntime or the package of the policy is not installed.
+        If the folder holds no such policy or lacks a file, or a package is not installed.
     """
 
     def __init__(
@@ -164,48 +188,68 @@ class ImageGrasper:
         rehearsed: int | None = None,
         seed: int = 0,
     ) -> ImageGrasps:
-        """Find grasps of the object that a depth image shows; arguments and errors as `grasp_image`."""
+        """Find grasps of the object that a depth image shows; further arguments are those of `ImageOptions`.
+
+        Parameters
+        ----------
+        depth : (H, W) array
+            Metres along the optical axis, of any size; 0 where nothing was measured.
+        intrinsics : (3, 3) array
+            Pixels.
+        table_from_camera : (4, 4) array, optional
+            Pose of the camera: z forward, x right, y down; the table is the plane z = 0, metres. Small errors of height
+            and tilt are corrected (`graspbox.perception.leveling.level`). By default the table is the largest plane in
+            the image (`graspbox.perception.depth_images.fit_table`).
+
+        Raises
+        ------
+        ConfigError
+            If no object is found, the pose does not fit the image, an output of the networks is not finite, or an
+            argument is wrong.
+        """
         image = np.asarray(depth, dtype=np.float64)
         if image.ndim != 2:
-            raise ConfigError(f"depth has shape {image.shape}; give one image (H, W)")
+            raise ConfigError(f"depth has shape {image.shape}; pass one image (H, W)")
         if count < 1:
-            raise ConfigError(f"count is {count}; give 1 or more")
+            raise ConfigError(f"count is {count}; pass 1 or more")
         lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
+        if keep_off is not None and table_from_camera is None:
+            raise ConfigError(
+                "keep_off is in the table's frame, which a table found in the image does not fix; pass "
+                "table_from_camera"
+            )
         pose = fit_table(image, lens) if table_from_camera is None else check_pose(table_from_camera)
         small, lens, step = thinned(image, lens)
-        view = DepthView(small, lens, pose).leveled()
-        pose = np.asarray(view.world_from_camera)
-        check_table(small, lens, pose)
-        within = None if region is None else _thin(_within(region, image.shape), step, small.shape)
-        crops = view.crops(self.config.crop, within=within)
-        _check_object(crops, small)
-        finder = self._finder if hand_error is None else self._finder.tolerating(hand_error)
-        finder = finder if rehearsed is None else finder.rehearsing(rehearsed)
-        if keep_off is not None:
-            if table_from_camera is None:
-                raise ConfigError(
-                    "keep_off is in the table's frame, which a table found in the image does not fix; give "
-                    "table_from_camera"
-                )
-            finder = finder.keeping_off(check_points(keep_off))
-        if mask is not None:
-            pixels = _thin(_checked(mask, image.shape), step, small.shape)
-            finder = _targeting(finder, view.voxels(pixels, crops.world_from_crop[0], finder.crop))
-        ranked, success, secure = _ranked(finder, crops, count, seed)
+        query = Query(
+            seed,
+            target=None if mask is None else _thin(_checked(mask, image.shape), step, small.shape),
+            keep_off=None if keep_off is None else check_points(keep_off),
+            hand_error=hand_error,
+            rehearsed=rehearsed,
+            within=None if region is None else _thin(_within(region, image.shape), step, small.shape),
+            strict=True,
+        )
+        seen, ranked, _ = grasps(DepthView(small, lens, pose), query, self._finder)
+        assert ranked is not None
+        assert seen.view is not None
+        erring = query.settings(self._finder.config).hand_error is not None
+        ranked = _distinct(ranked, count, erring)
+        judged = NONE_JUDGED if ranked.judged is None else ranked.judged
+        frame = seen.crops.world_from_crop[0]
         return ImageGrasps(
             policy=self.config,
             hand=self.hand,
             depth=small,
             intrinsics=lens,
-            table_from_camera=pose,
-            object=crops.object[0],
-            table_from_crop=crops.world_from_crop[0],
+            table_from_camera=np.asarray(seen.view.world_from_camera),
+            object=seen.crops.object[0],
+            table_from_crop=frame,
             occupancy=ranked.volume[0],
-            table_from_hand=crops.world_from_crop[0] @ ranked.poses,
+            table_from_hand=frame @ ranked.poses,
             preshape=ranked.preshapes,
             choice=ranked.scores,
-            success=success,
-            secure=secure,
+            success=judged.success,
+            secure=judged.secure,
         )
 
 
@@ -216,130 +260,31 @@ def grasp_image(
     policy: str | os.PathLike[str],
     *,
     hand: HandLike | None = None,
-    count: int = 5,
-    region: tuple[int, int, int, int] | None = None,
-    mask: NDArray[np.bool_] | None = None,
-    keep_off: ArrayLike | None = None,
-    hand_error: PoseNoise | None = None,
-    rehearsed: int | None = None,
     backend: Backend = "onnx",
-    seed: int = 0,
+    **options: Unpack[ImageOptions],
 ) -> ImageGrasps:
-    """Find grasps of the object that a depth image shows.
+    """Find grasps of the object that a depth image shows: `ImageGrasper.find` for a single image.
 
-    Parameters
-    ----------
-    depth : (H, W) array
-        Metres along the optical axis, of any size; 0 where nothing was measured.
-    intrinsics : (3, 3) array
-        Pixels.
-    table_from_camera : (4, 4) array or None
-        Pose of the camera: z forward, x right, y down; the table is the plane z = 0, metres. Small errors of height and
-        tilt are corrected (`graspbox.perception.leveling.level`). None: the table is the largest plane in the image
-        (`graspbox.perception.depth_images.fit_table`).
-    policy : str or PathLike
-        The folder of a published policy of one depth image, the name of an installed one, or ``hf://owner/name``.
-    hand : str, Hand or pair of paths, optional
-        The hand, for a policy that grasps with any; by default that of the policy.
-    count : int
-        Most grasps; near-duplicates of a better grasp are omitted.
-    region : (int, int, int, int), optional
-        Columns and rows, left, top, right and bottom, within which the object is searched; by default it is the
-        largest object on the table.
-    mask : (H, W) bool array, optional
-        Pixels of one of several objects: grasps are of this one, and keep off the others. For policies that learned
-        among several objects.
-    keep_off : (k, 3) array, optional
-        Points of what is known to stand there, such as the walls of a bin (`graspbox.layouts.bin_points`), close
-        together, in the table's frame, metres; needs `table_from_camera`. Grasps keep off them where any can.
-    hand_error : PoseNoise, optional
-        Expected error of your hand's pose: grasps are then ranked by their mean score under such errors. The
-        probabilities remain those of a hand without error.
-    rehearsed : int, optional
-        How many of the best grasps are first tried in simulation on the completed shape, for a single object
-        (`graspbox.perception.configs.RehearsalConfig`); by default as in the policy's folder.
-    backend : {"onnx", "torch"}
-        Runs the networks.
-    seed : int
-        Seed of the refinement.
-
-    Raises
-    ------
-    ConfigError
-        If no object is found, the pose does not fit the image, an output of the networks is not finite, an
-        argument is wrong, or the policy lacks a file.
-    MissingExtraError
-        If onnxruntime or the package of the policy is not installed.
+    `policy`, `hand` and `backend` are those of `ImageGrasper`, whose errors it raises too.
     """
-    grasper = ImageGrasper(policy, hand=hand, backend=backend)
-    return grasper.find(
-        depth,
-        intrinsics,
-        table_from_camera,
-        count=count,
-        region=region,
-        mask=mask,
-        keep_off=keep_off,
-        hand_error=hand_error,
-        rehearsed=rehearsed,
-        seed=seed,
-    )
-
-
-def _ranked(
-    finder: GraspFinder, crops: Crops, count: int, seed: int
-) -> tuple[Ranked, NDArray[np.float64], NDArray[np.float64]]:
-    """Rank the grasps that differ, the best first, with their probabilities of success and of a secure hold."""
-    ranked = finder.rank(crops, seed, Clock())
-    ranked = ranked.kept(_distinct(ranked, count))
-    assert isinstance(finder.score, TrainedScore)
-    judged = finder.score.judge(ranked.volume, ranked.poses, ranked.preshapes)
-    for values in (judged.choice, judged.success, judged.secure):
-        check_finite(values, "scorer")
-    success = judged.success
-    if ranked.rehearsed is not None and finder.config.rehearsal is not None:
-        success = rehearsed_success(success, ranked.rehearsed, finder.config.rehearsal)
-    elif finder.config.hand_error is None:
-        ranked = ranked._replace(scores=judged.choice)
-    order = ranked.best(count)
-    return ranked.kept(order), success[order], judged.secure[order]
-
-
-def _check_object(crops: Crops, depth: NDArray[np.float64]) -> None:
-    """Refuse an image (h, w) in which no object was found."""
-    if not crops.found[0]:
-        measured = depth[depth > 0]
-        raise ConfigError(
-            f"no object stands out of the table, at depths of {measured.min():.3g} to {measured.max():.3g} m; check "
-            "the camera's pose,  the intrinsics and the depth scale, or give another region"
-        )
+    return ImageGrasper(policy, hand=hand, backend=backend).find(depth, intrinsics, table_from_camera, **options)
 
 
 def _within(region: tuple[int, int, int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Mark the pixels of a region in an image."""
     left, top, right, bottom = region
     if not (0 <= left < right <= shape[1] and 0 <= top < bottom <= shape[0]):
-        raise ConfigError(f"region is {region}; give left < right <= {shape[1]} and top < bottom <= {shape[0]}")
+        raise ConfigError(f"region is {region}; pass left < right <= {shape[1]} and top < bottom <= {shape[0]}")
     full = np.zeros(shape, dtype=np.bool_)
     full[top:bottom, left:right] = True
     return full
 
 
 def _checked(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    found = np.asarray(mask)
-    if found.shape != shape or found.dtype != np.bool_:
-        raise ConfigError(f"mask is {found.dtype} of shape {found.shape}; give bool {shape}, as the image")
-    return found
-
-
-def _targeting(finder: GraspFinder, visible: NDArray[np.bool_]) -> GraspFinder:
-    """Give a finder for the object that is seen in these voxels (N, N, N) of the crop."""
-    if not visible.any():
-        raise ConfigError(
-            f"the mask shows nothing in the {finder.crop.side:.2f} m around the objects on the table; give the mask of "
-            "one of them, or a region around it"
-        )
-    return finder.targeting(visible)
+    pixels = np.asarray(mask)
+    if pixels.shape != shape or pixels.dtype != np.bool_:
+        raise ConfigError(f"mask is {pixels.dtype} of shape {pixels.shape}; pass bool {shape}, as the image")
+    return pixels
 
 
 def _thin(full: NDArray[np.bool_], step: int, small: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -347,8 +292,8 @@ def _thin(full: NDArray[np.bool_], step: int, small: tuple[int, ...]) -> NDArray
     return np.ascontiguousarray(full[step // 2 :: step, step // 2 :: step][: small[0], : small[1]])
 
 
-def _distinct(ranked: Ranked, count: int) -> NDArray[np.int64]:
-    """Choose the best grasps that differ, by index."""
+def _distinct(ranked: Ranked, count: int, erring: bool) -> Ranked:
+    """Keep the best grasps that differ, best first."""
     chosen: list[int] = []
     for index in ranked.best(len(ranked.scores)).tolist():
         pose, kept = ranked.poses[index], ranked.poses[chosen]
@@ -359,4 +304,8 @@ def _distinct(ranked: Ranked, count: int) -> NDArray[np.int64]:
             chosen.append(index)
         if len(chosen) == count:
             break
-    return np.array(chosen, dtype=np.int64)
+    ranked = ranked.kept(np.array(chosen, dtype=np.int64))
+    if ranked.judged is not None and ranked.rehearsed is None and not erring:
+        # By the choice of the scorer, without the penalties by which these were selected.
+        ranked = ranked._replace(scores=ranked.judged.choice)
+    return ranked.kept(ranked.best(count))

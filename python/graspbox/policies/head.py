@@ -5,9 +5,6 @@ from pathlib import Path
 
 from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
-from graspbox.artifacts.configs import HeadPolicyConfig
-from graspbox.artifacts.folders import hand_of, load
-from graspbox.artifacts.runtimes import AnchorHead, onnx_network
 from graspbox.errors import ConfigError
 from graspbox.perception import HeadFinder
 from graspbox.perception.anchors import Anchors
@@ -15,24 +12,23 @@ from graspbox.perception.configs import DepthNoise
 from graspbox.perception.hand_grids import HandGrid
 from graspbox.policies._observer import Observer
 from graspbox.policies.depth import DepthPolicy
+from graspbox.policies.published.configs import HeadPolicyConfig
+from graspbox.policies.published.folders import load
+from graspbox.policies.published.runtimes import AnchorHead, onnx_network
 
-__all__ = ["HEAD", "HeadGrasp"]
-
-#: File of a folder in which a head was trained; a published one has ``config.json`` instead.
-HEAD = "head.json"
+__all__ = ["HeadGrasp"]
 
 
 class HeadGrasp(DepthPolicy):
-    """Grasps of one network: crop and head (`graspbox.models.head.heads`), and a collision filter.
+    """Grasps of one network: crop and head (`graspbox.learn.models.head.network`), and a collision filter.
 
     Parameters
     ----------
     folder : Path
-        A published head, which onnxruntime runs (`graspbox.artifacts`); or one that
-        `graspbox.models.head.training.train_head` trained, which torch runs.
+        The folder of a published head, which onnxruntime runs (`graspbox.policies.published`).
     filtered : bool, optional
-        Take its best grasp that does not collide with the visible surface, instead of its best. By default as the
-        published folder asks for it; else not.
+        Take its best grasp that does not collide with the visible surface, instead of its best; by default as in the
+        folder.
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
     num_threads : int, optional
@@ -46,6 +42,9 @@ class HeadGrasp(DepthPolicy):
 
     name = "head"
 
+    #: The class of its ``config.json``, `graspbox.policies.published.registry`.
+    config_class = HeadPolicyConfig
+
     def __init__(
         self,
         folder: Path,
@@ -56,22 +55,10 @@ class HeadGrasp(DepthPolicy):
     ) -> None:
         folder = Path(folder)
         observer = partial(Observer, noise=noise)
-        if (folder / HEAD).is_file():
-            super().__init__(observer, partial(_trained, folder, bool(filtered), num_threads))
-            return
         published = load(folder, HeadPolicyConfig)
         chosen = published.filtered if filtered is None else filtered
         super().__init__(observer, MadeOnce(partial(_published, folder, published, chosen, num_threads)))
-        self.name, self.learned_from = published.name, published.learned_from
-        self.settings = {**self.settings, "hand": hand_of(folder, published)}
-
-
-def _trained(folder: Path, filtered: bool, num_threads: int | None, hand: Hand) -> HeadFinder:
-    """Load a head that was not published, which needs torch."""
-    from graspbox.models.head.training import load_head
-
-    grid = HandGrid(hand, num_threads=num_threads)
-    return HeadFinder(grid, load_head(folder, len(grid.preshapes), grid.crop), filtered=filtered)
+        self._describe(folder, published)
 
 
 def _published(

@@ -1,6 +1,6 @@
-"""`NetworkPolicy`: a published network from the observations of an environment to actions, such as a clone."""
+"""Networks from the observations of an environment to actions, such as a clone; `NetworkPolicy`: a published one."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -8,82 +8,88 @@ from typing import Any
 import numpy as np
 
 from graspbox._common.made_once import MadeOnce
-from graspbox.artifacts.configs import ACTING, NetworkInput, NetworkPolicyConfig
-from graspbox.artifacts.folders import hand_of, load, policy_of, used_folder
-from graspbox.artifacts.runtimes import Network, onnx_network, output
-from graspbox.envs.settings import Settings, keywords
+from graspbox.envs.settings import GraspConfig
 from graspbox.errors import ConfigError
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.policies.goals import GOAL_NAME, Goals, goal_space, plain_settings
+from graspbox.policies.published.configs import ACTING, Environment, NetworkInput, NetworkPolicyConfig
+from graspbox.policies.published.folders import hand_of, load, policy_of, used_folder
+from graspbox.policies.published.runtimes import Network, onnx_network, output
 from graspbox.simulation import load_hand
 
-__all__ = ["NetworkPolicy"]
+__all__ = ["ActingNetwork", "NetworkPolicy"]
 
 
-class NetworkPolicy(Policy):
-    """Maps observations to actions by a network; onnxruntime runs it, without torch.
+class ActingNetwork(Policy):
+    """Maps observations to actions by a network, which has no other inputs than `obs`.
 
-    `graspbox.sb3.export` writes such folders. The network has no other inputs than `obs`: with ``state`` among them it
-    is privileged.
+    With ``state`` among them it is privileged.
 
     Parameters
     ----------
-    folder : Path
-        A policy's folder (`graspbox.artifacts`).
-    num_threads : int
-        Threads of a decision; the networks are small.
-
-    Raises
-    ------
-    ConfigError
-        If the folder is wrong, or lacks a file.
-
-    Attributes
-    ----------
-    config : NetworkPolicyConfig
-        The folder's ``config.json``.
+    name : str
+        Name in results.
+    environment : Environment
+        The environments in which it acts.
+    hand : str or pair of str
+        Its hand, as environments take it.
+    inputs : sequence of NetworkInput
+        Observations that the network needs.
+    actions : int
+        Length of an action.
+    network : MadeOnce
+        Makes the network: observations of n environments by their names to ``action`` (n, `actions`).
+    learned_from : sequence of str
+        As of `graspbox.policies.Policy`, without those of `base`.
+    base : Policy, optional
+        The policy whose grasps are the observation ``goal``.
     """
 
-    def __init__(self, folder: Path, *, num_threads: int = 1) -> None:
-        self.config = load(folder, NetworkPolicyConfig)
-        environment, roles = self.config.environment, self.config.roles
-        self.name, self.obs, self.env_id = self.config.name, environment.obs, environment.id
-        self.settings = {**self.config.settings, "hand": hand_of(folder, self.config)}
-        base: Policy | None = policy_of(used_folder(folder, self.config, "goal")) if roles else None
-        self.learned_from = (*self.config.learned_from, *(base.learned_from if base else ()))
-        self._file = Path(folder) / "policy.onnx"
-        self._network: MadeOnce[Network] = MadeOnce(partial(onnx_network, self._file, num_threads))
-        self._goals = self._make_goals(base)
-        self.base = self._goals.base if self._goals else None
+    #: The inputs state the types of the observations.
+    _needs_metres = False
 
-    def _make_goals(self, base: Policy | None) -> Goals | None:
-        """Make the source of the observation ``goal``."""
-        if base is None:
-            return None
-        plain = plain_settings({**self.settings, "obs": self.config.environment.obs}, base)
-        self.obs, self.settings = plain.pop("obs"), plain
-        return Goals(base)
+    def __init__(
+        self,
+        name: str,
+        environment: Environment,
+        hand: str | tuple[str, str],
+        inputs: Sequence[NetworkInput],
+        actions: int,
+        network: MadeOnce[Network],
+        *,
+        learned_from: Sequence[str] = (),
+        base: Policy | None = None,
+    ) -> None:
+        self.name, self.obs, self.env_id = name, environment.obs, environment.id
+        self.settings = {**environment.settings, "hand": hand}
+        self.learned_from = (*learned_from, *(base.learned_from if base else ()))
+        self._hand, self._inputs, self._actions, self._network = hand, tuple(inputs), actions, network
+        self._goals: Goals | None = None
+        if base is not None:
+            plain = plain_settings({**self.settings, "obs": environment.obs}, base)
+            self.obs, self.settings, self._goals = plain.pop("obs"), plain, Goals(base)
+        self.base = self._goals.base if self._goals else None
 
     def _bind(self, task: Task) -> None:
         if task.env_id != self.env_id:
             raise ConfigError(f"the policy {self.name!r} acts in {self.env_id!r}, not in {task.env_id!r}")
-        hand, known = load_hand(task.hand).name, self.config.hand
+        hand, known = load_hand(task.hand).name, load_hand(self._hand).name
         if hand != known:
             raise ConfigError(f"the policy {self.name!r} was trained for the hand {known!r}, not {hand!r}")
         for name in ACTING:
-            default = keywords(Settings)[name].default
-            wanted, found = self.settings.get(name, default), getattr(task, name)
-            if wanted != found:
+            default = getattr(GraspConfig, name)
+            wanted, actual = self.settings.get(name, default), getattr(task, name)
+            if wanted != actual:
                 raise ConfigError(
-                    f"the policy {self.name!r} needs {name}={wanted!r}; the environments have {name}={found!r}"
+                    f"the policy {self.name!r} needs {name}={wanted!r}; the environments have {name}={actual!r}"
                 )
-        for one in self.config.inputs:
+        for one in self._inputs:
             self._check(one, task)
         shape = task.action_space.shape
-        if shape != (self.config.actions,):
+        if shape != (self._actions,):
             raise ConfigError(
                 f"the actions of the environments have shape {shape}; those of the policy {self.name!r} have "
-                f"({self.config.actions},)"
+                f"({self._actions},)"
             )
         if self._goals is not None:
             self._goals.bind(task)
@@ -107,12 +113,45 @@ class NetworkPolicy(Policy):
         """Run the network for each environment separately: its bits must not depend on the others."""
         actions = self._zeros()
         network = self._network()
-        names = [one.name for one in self.config.inputs]
+        names = [one.name for one in self._inputs]
         rows: Mapping[str, Any] = observation if isinstance(observation, Mapping) else {names[0]: observation}
         if self._goals is not None:
             self._goals.look(observation)
             rows = {**rows, GOAL_NAME: self._goals.show(rows["proprio"])}
         for i in range(len(actions)):
             inputs = {name: np.ascontiguousarray(rows[name][i : i + 1]) for name in names}
-            actions[i] = output(network(inputs), "action", (1, actions.shape[1]), str(self._file))[0]
+            actions[i] = output(network(inputs), "action", (1, actions.shape[1]), self.name)[0]
         return actions
+
+
+class NetworkPolicy(ActingNetwork):
+    """A published network; onnxruntime runs it, without torch. `graspbox.learn.sb3.export` writes such folders.
+
+    Parameters
+    ----------
+    folder : Path
+        A policy's folder (`graspbox.policies.published`), whose ``config.json`` is the attribute `config`.
+    num_threads : int
+        Threads of a decision; the networks are small.
+
+    Raises
+    ------
+    ConfigError
+        If the folder is wrong, or lacks a file.
+    """
+
+    #: The class of its ``config.json``, `graspbox.policies.published.registry`.
+    config_class = NetworkPolicyConfig
+
+    def __init__(self, folder: Path, *, num_threads: int = 1) -> None:
+        self.config = config = load(folder, NetworkPolicyConfig)
+        super().__init__(
+            config.name,
+            config.environment,
+            hand_of(folder, config),
+            config.inputs,
+            config.actions,
+            MadeOnce(partial(onnx_network, Path(folder) / "policy.onnx", num_threads)),
+            learned_from=config.learned_from,
+            base=policy_of(used_folder(folder, config, "goal")) if config.roles else None,
+        )

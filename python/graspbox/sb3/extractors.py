@@ -23,6 +23,7 @@ of the space.
 >>> model = PPO("MultiInputPolicy", env, policy_kwargs=policy, n_steps=8, batch_size=16, device="cpu").learn(16)
 """  # noqa: E501
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -77,16 +78,26 @@ class _Unit(nn.Module):  # type: ignore[misc]
         self.channels = own * (self.labels or 1)
 
     def forward(self, observation: Tensor) -> Tensor:
-        if self.labels is None:
-            # Stable-Baselines3 has already scaled colours.
-            found = observation if self._colour else (observation - self.low) / self.span
-        else:
-            found = observation
+        # Stable-Baselines3 has already scaled colours.
+        scaled = self.labels is None and not self._colour
+        found = (observation - self.low) / self.span if scaled else observation
         found = found.unsqueeze(1) if self._axis is None else found.movedim(self._axis + 1, 1)
         if self.labels is None:
             return found
         ones = nn.functional.one_hot(found.long(), self.labels).movedim(-1, 2)
         return ones.flatten(1, 2).to(observation.dtype)
+
+
+def _convolutions(
+    conv: type[nn.Module], before: int, sizes: Sequence[tuple[int, int]], pool: nn.Module, features: int
+) -> list[nn.Module]:
+    """Make strided convolutions of (channels, kernel size) with the last feature map `pool`, and a linear layer."""
+    layers: list[nn.Module] = []
+    for channels, size in sizes:
+        layers += [conv(before, channels, size, stride=2, padding=(size - 1) // 2), nn.ReLU()]
+        before = channels
+    cells = pool.output_size ** (3 if conv is nn.Conv3d else 2)
+    return [*layers, pool, nn.Flatten(), nn.Linear(before * cells, features), nn.ReLU()]
 
 
 class ImageNet(nn.Module):  # type: ignore[misc]
@@ -104,13 +115,8 @@ class ImageNet(nn.Module):  # type: ignore[misc]
         super().__init__()
         axis = 0 if space.shape[0] < space.shape[2] else 2
         self.unit = _Unit(space, axis)
-        layers: list[nn.Module] = []
-        before = self.unit.channels
-        for channels, size in ((16, 5), (32, 3), (64, 3), (64, 3)):
-            layers += [nn.Conv2d(before, channels, size, stride=2, padding=size // 2), nn.ReLU()]
-            before = channels
-        layers += [nn.AdaptiveAvgPool2d(_MAP_2D), nn.Flatten(), nn.Linear(before * _MAP_2D**2, features), nn.ReLU()]
-        self.net = nn.Sequential(*layers)
+        sizes, pool = ((16, 5), (32, 3), (64, 3), (64, 3)), nn.AdaptiveAvgPool2d(_MAP_2D)
+        self.net = nn.Sequential(*_convolutions(nn.Conv2d, self.unit.channels, sizes, pool, features))
 
     def forward(self, observation: Tensor) -> Tensor:
         """Features (rows, features) of images (rows, *shape)."""
@@ -132,13 +138,8 @@ class VoxelNet(nn.Module):  # type: ignore[misc]
     def __init__(self, space: Box, features: int) -> None:
         super().__init__()
         self.unit = _Unit(space, None)
-        layers: list[nn.Module] = []
-        before = self.unit.channels
-        for channels, size in ((16, 5), (32, 3), (64, 3)):
-            layers += [nn.Conv3d(before, channels, size, stride=2, padding=size // 2), nn.ReLU()]
-            before = channels
-        layers += [nn.AdaptiveAvgPool3d(_MAP_3D), nn.Flatten(), nn.Linear(before * _MAP_3D**3, features), nn.ReLU()]
-        self.net = nn.Sequential(*layers)
+        sizes, pool = ((16, 5), (32, 3), (64, 3)), nn.AdaptiveAvgPool3d(_MAP_3D)
+        self.net = nn.Sequential(*_convolutions(nn.Conv3d, self.unit.channels, sizes, pool, features))
 
     def forward(self, observation: Tensor) -> Tensor:
         """Features (rows, features) of voxels (rows, N, N, N)."""
@@ -149,7 +150,8 @@ class VoxelNet(nn.Module):  # type: ignore[misc]
 class VolumeNet(nn.Module):  # type: ignore[misc]
     """Features of voxels with channels (C, X, Y, Z) in a frame that is the same in every observation.
 
-    Layers along x become channels of two strided convolutions over y and z, as in `graspbox.models.scorer.network`.
+    Layers along x become channels of two strided convolutions over y and z, as in
+    `graspbox.learn.models.scorer.network`.
 
     Parameters
     ----------
@@ -169,13 +171,9 @@ class VolumeNet(nn.Module):  # type: ignore[misc]
             raise ConfigError(f"the bounds of {space} define the scaling; give finite ones, low below high")
         self.register_buffer("low", torch.tensor(low), persistent=False)
         self.register_buffer("span", torch.tensor(high - low), persistent=False)
-        layers: list[nn.Module] = [nn.Flatten(1, 2)]
-        before = space.shape[0] * space.shape[1]
-        for channels, size in ((32, 4), (48, 3), (64, 3)):
-            layers += [nn.Conv2d(before, channels, size, stride=2, padding=1), nn.ReLU()]
-            before = channels
-        layers += [nn.AdaptiveAvgPool2d(_MAP_3D), nn.Flatten(), nn.Linear(before * _MAP_3D**2, features), nn.ReLU()]
-        self.net = nn.Sequential(*layers)
+        sizes, pool = ((32, 4), (48, 3), (64, 3)), nn.AdaptiveAvgPool2d(_MAP_3D)
+        layers = _convolutions(nn.Conv2d, space.shape[0] * space.shape[1], sizes, pool, features)
+        self.net = nn.Sequential(nn.Flatten(1, 2), *layers)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Features (rows, features) of voxels (rows, C, X, Y, Z)."""
@@ -228,7 +226,7 @@ class PointNet(nn.Module):  # type: ignore[misc]
         return pooled
 
 
-class _Vector(nn.Module):  # type: ignore[misc]
+class _VectorInput(nn.Module):  # type: ignore[misc]
     def __init__(self, space: Box) -> None:
         super().__init__()
         self.size = space.shape[0]
@@ -247,7 +245,7 @@ def network(space: gymnasium.Space[Any], features: int) -> tuple[nn.Module, int]
     """
     if isinstance(space, Box):
         if len(space.shape) == 1:
-            return _Vector(space), space.shape[0]
+            return _VectorInput(space), space.shape[0]
         if _is_points(space):
             return PointNet(space, features), features
         if len(space.shape) == 3:

@@ -4,16 +4,10 @@ That policy decides once per episode, as soon as the hand has left the camera's 
 agent acts in every step. Rewards, infos and seeds are those of the environment. The keyword ``goal_from`` names the
 folder of the goal policy.
 
-| name | purpose |
-|---|---|
-| `make_vec`      | environments for training, from the keywords of a run |
-| `GoalVectorEnv` | the same, from environments and a goal policy |
-| `with_goals`    | a policy for evaluation, from the keywords of a run |
-
 >>> from graspbox.sb3.goal_env import make_vec
 >>> envs = make_vec(
 ...     "graspbox/Grasp-v0", 2, objects="procedural:can:0-3", obs=("proprio", "goal"),
-...     goal_from="partial_view_planner", frame_skip=4, autoreset_mode="SameStep",
+...     goal_from="partial_view_planner", control_freq=5, autoreset_mode="SameStep",
 ... )
 >>> seen, info = envs.reset(seed=0)
 >>> sorted(seen), seen["goal"].shape
@@ -65,11 +59,13 @@ def make_vec(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any,
     if base is None:
         return gymnasium.make_vec(env_id, num_envs=num_envs, **settings)
     envs = gymnasium.make_vec(env_id, num_envs=num_envs, **plain_settings(settings, base))
-    return GoalVectorEnv(envs, base, settings["obs"])
+    return GoalVectorEnv(envs, base, settings["obs"], str(settings["goal_from"]))
 
 
 class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
     """Environments of ``Grasp-v0`` whose agent observes the grasp of another policy.
+
+    A pickle, which is at the same step of the same episodes, names the goal policy and does not hold it.
 
     Parameters
     ----------
@@ -80,6 +76,8 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         The goal policy; see `graspbox.policies.goals.Goals`.
     names : sequence of str
         The agent's observations, ``"goal"`` among them.
+    source : str
+        Folder or name of `base`, for `graspbox.policies.load`.
 
     Attributes
     ----------
@@ -92,8 +90,9 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         For other environments, or a base policy that cannot decide there.
     """
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], base: Policy, names: Sequence[str]) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], base: Policy, names: Sequence[str], source: str) -> None:
         super().__init__(env)
+        self._source = source
         if env.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
             raise ConfigError("goals need environments with autoreset_mode='SameStep'")
         self.goals = Goals(base)
@@ -104,11 +103,20 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         self.single_observation_space = spaces.Dict(boxes)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {"made_of": (self.env, (*self._names, GOAL_NAME), self._source), "goals": self.goals.state}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        env, names, source = saved["made_of"]
+        self.__init__(env, policies.load(source), names, source)  # type: ignore[misc]
+        self.goals.state = saved["goals"]
+
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Begin episodes, as the environment does."""
-        observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
+        # A copy: wrappers such as `RecordEpisodeStatistics` remove the mask from the options.
+        observation, info = self.env.reset(seed=seed, options=dict(options or {}))  # type: ignore[arg-type]
         self.goals.base.reset(seed, mask=(options or {}).get("reset_mask"), info=info)
         return self._observe(observation, stepped=False), info
 

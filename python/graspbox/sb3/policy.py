@@ -28,11 +28,6 @@ class ModelPolicy(Policy):
         Scales the observations; its statistics are read, not updated.
     name : str
         Name in results.
-
-    Attributes
-    ----------
-    model, statistics
-        The arguments.
     """
 
     def __init__(self, model: BaseAlgorithm, statistics: VecNormalize | None = None, name: str = "policy") -> None:
@@ -79,19 +74,9 @@ def summary(found: Evaluation) -> dict[str, Any]:
 
 
 def evaluate_baselines(env_id: str, num_envs: int, episodes: int, seed: int, **settings: Any) -> dict[str, Any]:
-    """Evaluate random actions, zero actions and the planner on the trials of a policy.
+    """Return the `summary` of random actions, zero actions and the planner on the trials of a policy, by name.
 
-    Parameters
-    ----------
-    env_id, num_envs, **settings
-        As for `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``.
-    episodes, seed : int
-        Number and seed of the trials.
-
-    Returns
-    -------
-    dict
-        `summary` by name of the policy.
+    `settings` are those of `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``.
     """
     settings.pop("goal_from", None)
     keywords = {**settings, "obs": "state", "trials": episodes, "seed": seed, "num_envs": num_envs}

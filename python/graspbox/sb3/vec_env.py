@@ -9,6 +9,7 @@ puts the last observation in the info, and lists infos as dictionaries. This ada
 >>> model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, device="cpu").learn(16)
 """
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,8 +18,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from graspbox.envs._vector_parts import EnvView
 from graspbox.envs.core import row
+from graspbox.envs.vector import EnvView
 from graspbox.errors import ConfigError, MissingExtraError
 
 try:
@@ -33,14 +34,18 @@ __all__ = ["VecEnv"]
 
 #: Methods of a single environment.
 _PER_ENV = ("get_state", "set_state", "cameras", "render")
+#: The method that `HerReplayBuffer` calls, of environments with goals.
+_REWARD = "compute_reward"
 
 
 class VecEnv(_VecEnv):  # type: ignore[misc]
     """A native vector environment for Stable-Baselines3.
 
     Infos are those of the single environment, with ``TimeLimit.truncated``, and in the last step of an episode
-    ``terminal_observation``. ``set_options`` takes options for all environments, or a list with one dictionary per
-    environment. It can be pickled, as its environment can.
+    ``terminal_observation`` and ``episode``: its return ``r``, its length ``l`` and the time ``t`` in seconds since
+    this environment was made, as ``Monitor`` writes them, so that logs have ``rollout/ep_rew_mean``. ``set_options``
+    takes options for all environments, or a list with one dictionary per environment. It can be pickled, as its
+    environment can.
 
     Parameters
     ----------
@@ -70,6 +75,9 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
             )
         self.env = env
         self._actions: NDArray[np.float32] | None = None
+        self._returns = np.zeros(env.num_envs)
+        self._lengths = np.zeros(env.num_envs, dtype=np.int64)
+        self._began = time.time()
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata = env.metadata
 
@@ -86,6 +94,8 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         self.reset_infos = _listed(infos, self.num_envs)
         self._reset_seeds()
         self._reset_options()
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -104,15 +114,25 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
             raise ConfigError("call step_async before step_wait")
         observations, rewards, terminated, truncated, found = self.env.step(self._actions)
         self._actions = None
+        self._returns += rewards
+        self._lengths += 1
         infos = _listed(found, self.num_envs)
         dones = terminated | truncated
         for i in np.flatnonzero(dones).tolist():
             self.reset_infos[i] = infos[i]
             infos[i] = row(_unmasked(found["final_info"]), i)
             infos[i]["terminal_observation"] = found["final_obs"][i]
+            infos[i]["episode"] = self._finished(i)
         for info, late in zip(infos, (truncated & ~terminated).tolist(), strict=True):
             info["TimeLimit.truncated"] = late
         return observations, rewards.astype(np.float32), dones, infos
+
+    def _finished(self, i: int) -> dict[str, Any]:
+        """Return the statistics of the episode that ended in an environment, and begin those of the next."""
+        took = time.time() - self._began
+        found = {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": round(took, 6)}
+        self._returns[i], self._lengths[i] = 0.0, 0
+        return found
 
     def close(self) -> None:
         """Close the environment."""
@@ -141,16 +161,17 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
                 raise ConfigError(f"{attr_name!r} is shared by all environments; give it to VecEnv.make") from None
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call ``get_state``, ``set_state``, ``cameras`` or ``render`` of some environments.
+        """Call ``get_state``, ``set_state``, ``cameras``, ``render`` or a goal task's ``compute_reward``.
 
         Raises
         ------
         ConfigError
             For a method that single environments do not have.
         """
-        if method_name not in _PER_ENV:
-            raise ConfigError(f"an environment has no method {method_name!r} here; choose from {', '.join(_PER_ENV)}")
         views = [self._views[i] for i in self._get_indices(indices)]
+        known = (*_PER_ENV, *([_REWARD] if all(hasattr(view, _REWARD) for view in views) else []))
+        if method_name not in known:
+            raise ConfigError(f"an environment has no method {method_name!r} here; choose from {', '.join(known)}")
         return [getattr(view, method_name)(*method_args, **method_kwargs) for view in views]
 
     @property
@@ -159,7 +180,7 @@ class VecEnv(_VecEnv):  # type: ignore[misc]
         return found
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Report no wrappers: wrap this environment in ``VecMonitor`` and the like."""
+        """Report no wrappers: those of Stable-Baselines3, such as ``VecMonitor``, go around this environment."""
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[Any]:

@@ -1,10 +1,8 @@
 """Table 3.1 of the reference study, compared with graspbox.
 
-`StudyRow` is a row of the study's table, `Comparison` compares it with the counts of
-`graspbox.evaluation.planner_trials`; `save_comparison` plots it (extra ``cli``).
+`save_comparison` and the command need the extra ``cli``.
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Mapping
@@ -16,7 +14,9 @@ import numpy as np
 
 from graspbox import object_sets
 from graspbox._common.files import check_output, write_text
+from graspbox._common.options import parse
 from graspbox.configs import TrialConfig
+from graspbox.errors import ConfigError
 from graspbox.evaluation.planner_trials import SetResult, try_set
 
 #: YCB cups assumed to be the study's two cups. YCB's ten nested cups run from a (smallest) to j (largest);
@@ -26,17 +26,7 @@ CUP_GUESS = "stacking cups 7 and 9 are assumed to be 065-g and 065-i, counting Y
 
 @dataclass(frozen=True)
 class StudyRow:
-    """One object of the study's table 3.1.
-
-    Attributes
-    ----------
-    study_name : str
-        Name in the study.
-    succeeded, tried : int
-        Number of poses that succeeded and that were tried.
-    ycb_name : str or None
-        The corresponding YCB mesh; None if YCB has none.
-    """
+    """One object of the study's table 3.1: its name there, counts of poses, and its YCB mesh, None if YCB has none."""
 
     study_name: str
     succeeded: int
@@ -70,13 +60,7 @@ def study_objects() -> list[str]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Our counts, to compare with the study's.
-
-    Attributes
-    ----------
-    ours : mapping
-        Row of `SetResult.table` by YCB name, for the objects that were evaluated.
-    """
+    """Our counts, to compare with the study's: rows of `SetResult.table` by YCB name, of the evaluated objects."""
 
     ours: Mapping[str, Mapping[str, Any]]
 
@@ -96,34 +80,27 @@ class Comparison:
 
         Objects that neither the study nor we tried are left out.
         """
-        rows = [self._row(row) for row in TABLE_3_1 if row.tried or row.ycb_name is not None]
-        study = (sum(r.succeeded for r in TABLE_3_1), sum(r.tried for r in TABLE_3_1))
-        sums = {key: sum(row[key] for row in self.ours.values()) for key in ("succeeded", "tried", "legacy_succeeded")}
-        first = sum(bool(row["first_succeeded"]) for row in self.ours.values())
-        ours = (sums["succeeded"], sums["tried"])
-        legacy = f"{sums['legacy_succeeded']}/{sums['tried']}"
-        total = ("total", _share(*study), _rate(*study), f"{len(self.ours)} objects", _share(*ours), _rate(*ours))
-        won = sum(r.succeeded > 0 for r in TABLE_3_1), sum(row["succeeded"] > 0 for row in self.ours.values())
-        objects = ("objects with a success", f"{won[0]}/{len(TABLE_3_1)}", "", "", f"{won[1]}/{len(self.ours)}", "")
-        return [*rows, (*total, legacy, f"{first}/{len(self.ours)}"), (*objects, "", "")]
+        study, ours = [(row.succeeded, row.tried) for row in TABLE_3_1], list(self.ours.values())
+        counts = [(row["succeeded"], row["tried"]) for row in ours]
+        legacy, first = (sum(row[key] for row in ours) for key in ("legacy_succeeded", "first_succeeded"))
+        tried, objects = _sum(counts)[1], len(ours)
+        won = [f"{sum(s > 0 for s, _ in each)}/{len(each)}" for each in (study, counts)]
+        total = (*_cells(*_sum(study)), f"{objects} objects", *_cells(*_sum(counts)), f"{legacy}/{tried}")
+        return [
+            *(self._row(row) for row in TABLE_3_1 if row.tried or row.ycb_name is not None),
+            ("total", *total, f"{first}/{objects}"),
+            ("objects with a success", won[0], "", "", won[1], "", "", ""),
+        ]
 
     def _row(self, row: StudyRow) -> tuple[str, ...]:
-        left = (row.study_name, _share(row.succeeded, row.tried), _rate(row.succeeded, row.tried))
+        left = (row.study_name, *_cells(row.succeeded, row.tried))
         if row.ycb_name is None:
             return (*left, "unavailable", "", "", "", "")
         ours = self.ours.get(row.ycb_name)
         if ours is None:
             return (*left, row.ycb_name, "not run", "", "", "")
-        counts = (ours["succeeded"], ours["tried"])
-        legacy = _share(ours["legacy_succeeded"], ours["tried"])
-        return (
-            *left,
-            row.ycb_name,
-            _share(*counts),
-            _rate(*counts),
-            legacy,
-            "yes" if ours["first_succeeded"] else "no",
-        )
+        right = (f"{ours['legacy_succeeded']}/{ours['tried']}", "yes" if ours["first_succeeded"] else "no")
+        return (*left, row.ycb_name, *_cells(ours["succeeded"], ours["tried"]), *right)
 
     def markdown(self) -> str:
         """Write the table as Markdown, with the note on the cups."""
@@ -131,12 +108,9 @@ class Comparison:
         return "".join(f"| {' | '.join(line)} |\n" for line in lines) + f"\nsucceeded/tried poses; {CUP_GUESS}.\n"
 
 
-def _share(succeeded: int, tried: int) -> str:
-    return f"{succeeded}/{tried}"
-
-
-def _rate(succeeded: int, tried: int) -> str:
-    return f"{succeeded / tried:.0%}" if tried else ""
+def _cells(succeeded: int, tried: int) -> tuple[str, str]:
+    """Format a count and its rate."""
+    return f"{succeeded}/{tried}", f"{succeeded / tried:.0%}" if tried else ""
 
 
 #: Counts of successes and of trials.
@@ -147,21 +121,7 @@ _STUDY_COLOR, _OUR_COLOR = "#9aa5b1", "#0072b2"
 def save_comparison(path: str | Path, comparison: Comparison) -> None:
     """Write a bar chart: the share of poses that succeed per object, the study's and ours, labelled with the counts.
 
-    Rows of the table that neither the study nor we tried are left out.
-
-    Parameters
-    ----------
-    path : str or Path
-        Image file; its extension, one of `graspbox.pictures.SUFFIXES`, names the format.
-    comparison : Comparison
-        The counts.
-
-    Raises
-    ------
-    ConfigError
-        If the path does not name an image file.
-    FileError
-        If the file cannot be written.
+    The extension of `path` is one of `graspbox.pictures.SUFFIXES`. Rows that neither the study nor we tried are absent.
     """
     from graspbox.pictures.files import Figure, check_path, write
 
@@ -203,22 +163,29 @@ def _bars(axes: Any, at: np.ndarray[Any, Any], counts: list[Count], color: str, 
         axes.text(rate + 1, y, f"{s}/{t}" if t else "not tried", va="center", fontsize=8, color="#333333")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m graspbox.validation study", description=__doc__)
-    parser.add_argument("--poses", type=int, default=20, help="poses to try per object, best first (20)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the plans (0)")
-    parser.add_argument("--threads", type=int, default=None, help="threads to use; all by default")
-    parser.add_argument("--out", type=Path, default=None, help="folder for table_3_1.md and table_3_1.png")
-    parser.add_argument("--json", action="store_true", help="print our counts as JSON")
-    return parser
+@dataclass(frozen=True)
+class Settings:
+    """Try the objects of the study, and compare the success of the poses with its table 3.1."""
+
+    poses: int = 20
+    """Poses to try per object, best first."""
+    seed: int = 0
+    """Seed of the plans."""
+    threads: int | None = None
+    """Threads to use; all by default."""
+    out: Path | None = None
+    """Folder for table_3_1.md and table_3_1.png."""
+    json: bool = False
+    """Print our counts as JSON."""
+
+    def __post_init__(self) -> None:
+        if self.poses < 1:
+            raise ConfigError(f"--poses is {self.poses}; give 1 or more")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Try the study's objects and print both tables; the exit status is 1 if an object could not be tried."""
-    parser = _parser()
-    args = parser.parse_args(arguments)
-    if args.poses < 1:
-        parser.error(f"--poses is {args.poses}; give 1 or more")
+    args = parse(Settings, arguments, "python tests/validate.py study")
     if args.out is not None:
         check_output(args.out / "table_3_1.md")
     result = try_set(
@@ -233,7 +200,7 @@ def main(arguments: list[str] | None = None) -> int:
         write_text(args.out / "table_3_1.md", comparison.markdown())
         save_comparison(args.out / "table_3_1.png", comparison)
     print(json.dumps(dict(comparison.ours)) if args.json else comparison.markdown())
-    errors = [f"{found.name}: {found.error}" for found in result.objects if found.error]
+    errors = [f"{row.name}: {row.error}" for row in result.objects if row.error]
     for error in errors:
         print(error, file=sys.stderr)
     return 1 if errors else 0

@@ -18,48 +18,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._common.rotations import poses_from, quaternion_from_rotation, rotation_from_quaternion
-from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet
-from graspbox.outcomes import Outcomes
 from graspbox.simulation import Scene
 from graspbox.study.grasps import executed
 from graspbox.study.samples import Samples
 
-__all__ = ["BASELINES", "Scenes", "Score", "average_pose", "execute"]
+__all__ = ["BASELINES", "ObjectScenes", "Score", "average_pose", "execute"]
 
 #: Distance between positions that counts as much as an angle of one radian, metres.
-_ASIDE = 0.1
+_METRES_PER_RADIAN = 0.1
 
 
-class Scenes:
-    """Scenes of objects by name, each prepared once.
+class ObjectScenes:
+    """Scenes of objects by name, each prepared once."""
 
-    Parameters
-    ----------
-    objects : ObjectSet
-        The objects.
-    hand : str
-        See `graspbox.load_hand`.
-    physics : PhysicsConfig
-        Settings of the physics engine.
-    """
-
-    def __init__(
-        self,
-        objects: ObjectSet,
-        hand: str = "reflex",
-        physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
-    ) -> None:
-        self._specs = {spec.name: spec for spec in objects}
-        self._hand, self._physics = hand, physics
+    def __init__(self, objects: ObjectSet, hand: str = "reflex") -> None:
+        self._specs, self._hand = {spec.name: spec for spec in objects}, hand
         self._made: dict[str, Scene] = {}
 
     def __getitem__(self, name: str) -> Scene:
         if name not in self._specs:
             raise ConfigError(f"there is no object {name!r} among {', '.join(self._specs)}")
         if name not in self._made:
-            self._made[name] = Scene(self._specs[name].load(), hand=self._hand, physics=self._physics)
+            self._made[name] = Scene(self._specs[name].load(), hand=self._hand)
         return self._made[name]
 
 
@@ -67,14 +50,8 @@ class Scenes:
 class Score:
     """Counts of executed predictions.
 
-    Attributes
-    ----------
-    tried : int
-        Number of predictions.
-    success, secure, legacy : int
-        Numbers that succeeded, that held without shifting, and that are successes by the study's own criterion.
-    infeasible : int
-        Number that collide with the object or the table before the hand closes.
+    `secure` ones held without shifting, `legacy` ones succeeded by the study's own criterion, and `infeasible` ones
+    collide with the object or the table before the hand closes.
     """
 
     tried: int
@@ -83,50 +60,20 @@ class Score:
     legacy: int
     infeasible: int
 
-    @classmethod
-    def of(cls, outcomes: Outcomes) -> "Score":
-        """Count outcomes of trials with ``TrialConfig(legacy=True)``."""
-        found = (outcomes.success, outcomes.secure, outcomes.legacy_success, outcomes.failure == "infeasible")
-        success, secure, legacy, infeasible = (int(one.sum()) for one in found)
-        return cls(len(outcomes), success, secure, legacy, infeasible)
 
-
-def execute(
-    scenes: Scenes,
-    samples: Samples,
-    base_from_hand: NDArray[np.float64],
-    *,
-    num_threads: int | None = None,
-) -> Score:
-    """Try a pose for every sample, on that sample's object and with its preshape.
-
-    Parameters
-    ----------
-    scenes : Scenes
-        Scenes of the objects.
-    samples : Samples
-        Samples of the predictions.
-    base_from_hand : (n, 4, 4) float64
-        Predicted poses in the base frame.
-    num_threads : int, optional
-        Threads to use; the result does not depend on it.
-
-    Raises
-    ------
-    ConfigError
-        If the number of poses differs from that of the samples.
-    """
+def execute(scenes: ObjectScenes, samples: Samples, base_from_hand: NDArray[np.float64]) -> Score:
+    """Try a pose ``base_from_hand`` (n, 4, 4) for every sample, on that sample's object and with its preshape."""
     if base_from_hand.shape != (len(samples), 4, 4):
-        raise ConfigError(f"base_from_hand has shape {base_from_hand.shape}; give ({len(samples)}, 4, 4)")
-    counts = np.zeros(5, dtype=np.int64)
+        raise ConfigError(f"base_from_hand has shape {base_from_hand.shape}; it must be ({len(samples)}, 4, 4)")
+    counts = np.zeros(4, dtype=np.int64)
     for i in np.unique(samples.object):
         rows = samples.object == i
         scene = scenes[samples.names[i]]
         poses = executed(scene, base_from_hand[rows])
-        config = TrialConfig(legacy=True)
-        outcomes = scene.simulate(poses, samples.preshape[rows], config=config, num_threads=num_threads)
-        counts += list(vars(Score.of(outcomes)).values())
-    return Score(*counts.tolist())
+        out = scene.simulate(poses, samples.preshape[rows], config=TrialConfig(legacy=True))
+        flags = (out.success, out.secure, out.legacy_success, out.failure == "infeasible")
+        counts += [flag.sum() for flag in flags]
+    return Score(len(samples), *counts.tolist())
 
 
 def average_pose(poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -137,18 +84,13 @@ def average_pose(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(poses_from(poses[:, :3, 3].mean(axis=0)[None], rotation)[0])
 
 
-def _label(train: Samples, test: Samples) -> NDArray[np.float64]:
-    del train
-    return test.base_from_hand
-
-
 def _nearest(train: Samples, test: Samples) -> NDArray[np.float64]:
     known = train.inputs.reshape(len(train), -1)
-    chosen = []
-    for one in test.inputs.reshape(len(test), -1):
-        # Row by row: float arrays of all images would take 4 times their memory.
-        apart = [float(np.square(row.astype(np.float32) - one).sum()) for row in known]
-        chosen.append(int(np.argmin(apart)))
+    # Row by row: float arrays of all images would take 4 times their memory.
+    chosen = [
+        int(np.argmin([float(np.square(row.astype(np.float32) - one).sum()) for row in known]))
+        for one in test.inputs.reshape(len(test), -1)
+    ]
     return train.base_from_hand[chosen]
 
 
@@ -163,14 +105,14 @@ def _constant(train: Samples, test: Samples) -> NDArray[np.float64]:
     q = quaternion_from_rotation(poses[:, :3, :3])
     angles = 2 * np.arccos(np.clip(np.abs(q @ q.T), 0, 1))
     positions = poses[:, :3, 3]
-    aside = np.linalg.norm(positions[:, None] - positions[None], axis=2) / _ASIDE
-    middle = int(np.argmin((angles + aside).mean(axis=1)))
+    offsets = np.linalg.norm(positions[:, None] - positions[None], axis=2) / _METRES_PER_RADIAN
+    middle = int(np.argmin((angles + offsets).mean(axis=1)))
     return np.broadcast_to(poses[middle], (len(test), 4, 4)).copy()
 
 
 #: Baselines by name: functions from training and test samples to poses (n, 4, 4) for the latter.
 BASELINES: Mapping[str, Callable[[Samples, Samples], NDArray[np.float64]]] = {
-    "label": _label,
+    "label": lambda _, test: test.base_from_hand,
     "nearest": _nearest,
     "average": _average,
     "constant": _constant,

@@ -1,4 +1,4 @@
-"""Export of a trained network of the study: weights as safetensors, and the network as one ONNX file."""
+"""Export of a trained network of the study as one ONNX file."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -8,18 +8,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from graspbox.artifacts.exports import Traced, export
-from graspbox.artifacts.onnx_files import PARITY
-from graspbox.artifacts.runtimes import onnx_network
-from graspbox.artifacts.weight_files import restore_weights, round_weights
 from graspbox.errors import ConfigError
+from graspbox.learn.export.exports import Traced, export
+from graspbox.learn.export.onnx_files import PARITY
+from graspbox.learn.export.weight_files import restore_weights, round_weights
+from graspbox.policies.published.runtimes import onnx_network
 from graspbox.study.losses import normalized
 from graspbox.study.model import PoseModel
 from graspbox.study.pose_folders import PosePolicyConfig, PublishedPoses, predicted
 
 __all__ = ["PoseGraph", "export_pose_model", "load_pose_model"]
 
-_NETWORK, _WEIGHTS = "pose.onnx", "pose.safetensors"
+_NETWORK = "pose.onnx"
 
 
 class PoseGraph(nn.Module):  # type: ignore[misc]
@@ -34,11 +34,11 @@ class PoseGraph(nn.Module):  # type: ignore[misc]
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Return the poses of `PoseModel.predict`, in single precision."""
-        found = self.model(inputs)
-        angles = found[:, 3:]
-        quaternions = normalized(angles) if self.model.loss.size == 4 else _quaternions(angles)
-        rows = torch.cat([_rotations(quaternions), found[:, :3, None]], dim=2)
-        last = torch.tensor([0.0, 0.0, 0.0, 1.0]).expand(found.shape[0], 1, 4)
+        outputs = self.model(inputs)
+        orientation = outputs[:, 3:]
+        quaternions = normalized(orientation) if self.model.loss.size == 4 else _quaternions(orientation)
+        rows = torch.cat([_rotations(quaternions), outputs[:, :3, None]], dim=2)
+        last = torch.tensor([0.0, 0.0, 0.0, 1.0]).expand(outputs.shape[0], 1, 4)
         return torch.cat([rows, last], dim=1)
 
 
@@ -71,45 +71,28 @@ def export_pose_model(
     hand: str = "reflex",
     licence: Path | None = None,
 ) -> PosePolicyConfig:
-    """Export a network of the study.
+    """Export a trained network of the study, whose weights are rounded to half precision.
 
-    Parameters
-    ----------
-    folder, name, learned_from, hand, licence
-        As for `graspbox.artifacts.exports.export_depth_policy`.
-    model : PoseModel
-        A trained network; its weights are rounded to half precision.
-    examples : (n, ...) uint8
-        Typical inputs, two or more, on which the ONNX file must predict the network's poses.
-
-    Raises
-    ------
-    ConfigError
-        If the network is too large to be published, or has diverged, or the ONNX file predicts other poses.
+    `examples` (n, ...) uint8 are typical inputs, two or more, on which the ONNX file must predict the network's poses;
+    the other parameters are those of `graspbox.learn.export.exports.export_depth_policy`. A `ConfigError` says if the
+    network is too large to be published, or has diverged.
     """
     if len(examples) < 2:
-        raise ConfigError(f"there are {len(examples)} examples; give two or more")
+        raise ConfigError(f"there are {len(examples)} examples; pass two or more")
     round_weights(model)
 
     def compare(path: Path) -> None:
-        found = predicted(onnx_network(path), examples, str(path))
-        worst = float(np.abs(found - model.predict(examples)).max())
+        worst = float(np.abs(predicted(onnx_network(path), examples, str(path)) - model.predict(examples)).max())
         if not worst <= PARITY:
             raise ConfigError(f"{path} differs from the network by {worst:.2g}; do not use it")
 
     config = PosePolicyConfig(name=name, hand=hand, learned_from=tuple(learned_from), model=model.config)
     network = Traced(PoseGraph(model), [torch.from_numpy(examples[:2].copy())], compare=compare)
-    return export(folder, config, {_NETWORK: network}, {_WEIGHTS: model}, licence)
+    return export(folder, config, {_NETWORK: network}, licence)
 
 
 def load_pose_model(folder: Path) -> PoseModel:
-    """Load a published network from its weights.
-
-    Raises
-    ------
-    ConfigError
-        As `graspbox.artifacts.load`, or if the weights belong to another network.
-    """
+    """Load a published network from its weights, which must belong to it."""
     model = PoseModel(PublishedPoses(folder).config)
-    restore_weights(model, Path(folder) / _WEIGHTS)
+    restore_weights(model, Path(folder) / _NETWORK, "model.")
     return model

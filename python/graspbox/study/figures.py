@@ -7,13 +7,14 @@ with one loss. `normalized_figure` is 3.27: the orientation errors of all losses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.runs import Rows
 from graspbox.errors import ConfigError
 from graspbox.pictures.files import Figure, check_path, write
-from graspbox.training.runs import Rows
 
 __all__ = ["Curve", "normalized_figure", "read_curve", "training_figure"]
 
@@ -30,26 +31,14 @@ _TRAIN, _VALIDATION = "#0072b2", "#d55e00"
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Logs of a training run.
-
-    Attributes
-    ----------
-    train, validation : mapping of str to (n,) float64
-        Losses of the iterations and metrics of the validations by name, and ``step``, the number of the iteration.
-    """
+    """Logs of a training run: losses (n,) of iterations, metrics of validations, by name; ``step`` is the iteration."""
 
     train: Mapping[str, NDArray[np.float64]]
     validation: Mapping[str, NDArray[np.float64]]
 
 
 def read_curve(folder: Path) -> Curve:
-    """Read the log of a training's folder.
-
-    Raises
-    ------
-    ConfigError
-        If there is none, or it has no validation yet.
-    """
+    """Read the log of a training's folder, which must have a validation."""
     rows = list(Rows(folder / "losses.jsonl"))
     tests = [row for row in rows if "loss" in row]
     if not tests:
@@ -69,17 +58,14 @@ def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((sums[high] - sums[low]) / (high - low))
 
 
-def training_figure(path: Path, title: str, curves: Mapping[str, Curve]) -> None:
-    """Plot training, translation and orientation error over iterations.
+def _style(axes: Any) -> None:
+    axes.tick_params(labelsize=8)
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
 
-    Parameters
-    ----------
-    path : Path
-        Image file.
-    title : str
-        Title of the figure.
-    curves : mapping of str to Curve
-        Curves by title; each has its own column of panels.
+
+def training_figure(path: Path, title: str, curves: Mapping[str, Curve]) -> None:
+    """Plot training, translation and orientation error over iterations; each curve has its own column of panels.
 
     Raises
     ------
@@ -99,9 +85,7 @@ def training_figure(path: Path, title: str, curves: Mapping[str, Curve]) -> None
             axes.plot(curve.validation["step"], held, color=_VALIDATION, marker=".", label="validation")
             axes.set_ylabel(f"{label}\n({unit})", fontsize=8)
             axes.set_ylim(bottom=0.0)
-            axes.tick_params(labelsize=8)
-            axes.grid(alpha=0.3)
-            axes.spines[["top", "right"]].set_visible(False)
+            _style(axes)
         grid[0, column].set_title(name, fontsize=10)
         grid[-1, column].set_xlabel("iteration", fontsize=9)
     grid[0, -1].legend(fontsize=8, frameon=False)
@@ -112,17 +96,7 @@ def training_figure(path: Path, title: str, curves: Mapping[str, Curve]) -> None
 def normalized_figure(path: Path, panels: Mapping[str, Sequence[tuple[str, float, Curve]]]) -> None:
     """Plot the orientation errors of all losses in one figure, each divided by its greatest value.
 
-    Parameters
-    ----------
-    path : Path
-        Image file.
-    panels : mapping of str to sequence of (name, greatest value, Curve)
-        The losses of each panel, by its title.
-
-    Raises
-    ------
-    ConfigError, FileError
-        If the path does not name an image file, or cannot be written.
+    `panels` are the losses of each panel by its title: name, greatest value and curve. Raises as `training_figure`.
     """
     target = check_path(path)
     wide = min(2, len(panels))
@@ -140,9 +114,7 @@ def normalized_figure(path: Path, panels: Mapping[str, Sequence[tuple[str, float
         axes.set_title(title, fontsize=10)
         axes.set_xlabel("iteration", fontsize=9)
         axes.set_ylim(0.0, 1.0)
-        axes.tick_params(labelsize=8)
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
+        _style(axes)
         axes.legend(fontsize=8, frameon=False, ncols=2)
     for axes in grid[:, 0]:
         axes.set_ylabel("orientation error / greatest value", fontsize=9)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._common.by_value import ByValue
-from graspbox.configs import PhysicsConfig, TrialConfig
+from graspbox.configs import TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet
 from graspbox.planning import plan
@@ -33,18 +33,8 @@ _MOST_PLANS = 12
 class Grasps(ByValue):
     """Successful grasps: n rows grouped by object; each object's in the order of the planner's ranking.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the objects.
-    object : (n,) int64
-        Index into `names`.
-    base_from_hand : (n, 4, 4) float64
-        Pose of the grasp frame in the base frame, metres.
-    preshape : (n,) float64
-        See `graspbox.Hand.preshape_limits`.
-    secure : (n,) bool
-        Whether the object was held without shifting (`graspbox.simulation`).
+    `object` indexes `names`; `base_from_hand` (n, 4, 4) are poses in the base frame, metres; `secure` tells whether the
+    object was held without shifting (`graspbox.simulation`).
     """
 
     names: tuple[str, ...]
@@ -70,7 +60,11 @@ class Grasps(ByValue):
 def base_pose(scene: Scene) -> NDArray[np.float64]:
     """``world_from_base`` (4, 4) of the object of a scene."""
     rest = scene.world_from_object
-    points = scene.mesh.vertices @ rest[:3, :3].T + rest[:3, 3]
+    return base_under(scene.mesh.vertices @ rest[:3, :3].T + rest[:3, 3])
+
+
+def base_under(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """``world_from_base`` (4, 4) under points of an object (n, 3), world, metres."""
     pose = np.eye(4)
     pose[:2, 3] = (points[:, :2].min(axis=0) + points[:, :2].max(axis=0)) / 2
     return pose
@@ -113,48 +107,25 @@ def collect(
     preshape: float = PRESHAPE,
     seed: int = 0,
     hand: str = "reflex",
-    physics: PhysicsConfig = PhysicsConfig(),  # noqa: B008 (frozen)
     num_threads: int | None = None,
     done: Callable[[int], None] = lambda _: None,
 ) -> Grasps:
-    """Collect successful grasps, distributed as evenly over the objects as their poses allow.
+    """Collect `count` successful grasps, distributed as evenly over the objects as their poses allow.
 
-    Each object starts with an equal share; a shortfall of some is made up by the others.
-
-    Parameters
-    ----------
-    objects : ObjectSet
-        The objects.
-    count : int
-        Number of grasps.
-    preshape : float
-        Only planner poses with this preshape are tried.
-    seed : int
-        Seed of the first plan of each object.
-    hand : str
-        See `graspbox.load_hand`.
-    physics : PhysicsConfig
-        Settings of the physics engine.
-    num_threads : int, optional
-        Threads to use; the grasps do not depend on it.
-    done : callable
-        Called with the number of grasps found so far.
-
-    Raises
-    ------
-    ConfigError
-        If `count` is below 1, or the objects have fewer successful poses.
+    Each object starts with an equal share; the others make up a shortfall. Only planner poses with this preshape are
+    tried; `seed` is that of the first plan of each object. The grasps do not depend on `num_threads`. `done` is called
+    with the number of grasps so far. Too few successful poses are a `ConfigError`.
     """
     if count < 1:
-        raise ConfigError(f"count is {count}; give the number of grasps, 1 or more")
-    found: list[list[Grasps]] = [[] for _ in objects]
+        raise ConfigError(f"count is {count}; it must be 1 or more")
+    batches: list[list[Grasps]] = [[] for _ in objects]
     searches: dict[int, Iterator[Grasps]] = {}
     for i, spec in enumerate(objects):
-        scene = Scene(spec.load(), hand=hand, physics=physics)
+        scene = Scene(spec.load(), hand=hand)
         searches[i] = _successes(scene, preshape, seed, num_threads)
 
     def have(i: int) -> int:
-        return sum(map(len, found[i]))
+        return sum(map(len, batches[i]))
 
     level = 0
     while searches and sum(min(have(i), level) if i in searches else have(i) for i in range(len(objects))) < count:
@@ -167,14 +138,14 @@ def collect(
                 if batch is None:
                     del searches[i]
                     break
-                found[i].append(batch)
+                batches[i].append(batch)
                 done(min(count, sum(map(have, range(len(objects))))))
-    return _joined(objects, found, count)
+    return _joined(objects, batches, count)
 
 
-def _joined(objects: ObjectSet, found: list[list[Grasps]], count: int) -> Grasps:
+def _joined(objects: ObjectSet, batches: list[list[Grasps]], count: int) -> Grasps:
     """Concatenate the batches of all objects, and remove the surplus from the objects with the most grasps."""
-    sizes = np.array([sum(map(len, parts)) for parts in found])
+    sizes = np.array([sum(map(len, parts)) for parts in batches])
     if sizes.sum() < count:
         raise ConfigError(
             f"count is {count}, but the planner's poses of {len(objects)} objects with this preshape give "
@@ -182,8 +153,8 @@ def _joined(objects: ObjectSet, found: list[list[Grasps]], count: int) -> Grasps
         )
     while sizes.sum() > count:
         sizes[np.argmax(sizes)] -= 1
-    rows = [(i, part) for i, parts in enumerate(found) for part in parts]
-    kept = np.concatenate([np.arange(sum(map(len, parts))) < size for parts, size in zip(found, sizes, strict=True)])
+    rows = [(i, part) for i, parts in enumerate(batches) for part in parts]
+    kept = np.concatenate([np.arange(sum(map(len, parts))) < size for parts, size in zip(batches, sizes, strict=True)])
     return Grasps(
         objects.names,
         np.concatenate([np.full(len(part), i, dtype=np.int64) for i, part in rows])[kept],

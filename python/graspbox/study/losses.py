@@ -25,9 +25,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from graspbox.errors import ConfigError
-
-__all__ = ["LOSSES", "Errors", "Loss", "LossWeights", "loss_named", "normalized"]
+__all__ = ["LOSSES", "Errors", "Loss", "LossWeights", "normalized"]
 
 #: Added to the first entry of a quaternion before it is normalized, so that zero has a direction (algorithm 7).
 DELTA = 1e-12
@@ -50,32 +48,32 @@ def _angle(first: Tensor, second: Tensor) -> Tensor:
     return 2 * torch.atan2(_distance(first, second), _distance(first, -second))
 
 
-def _posenet(true: Tensor, found: Tensor) -> Tensor:
-    return _distance(true, normalized(found))
+def _posenet(true: Tensor, predicted: Tensor) -> Tensor:
+    return _distance(true, normalized(predicted))
 
 
-def _psi1(true: Tensor, found: Tensor) -> Tensor:
-    q = normalized(found)
+def _psi1(true: Tensor, predicted: Tensor) -> Tensor:
+    q = normalized(predicted)
     return torch.minimum(_distance(true, q), _distance(true, -q))
 
 
-def _psi2(true: Tensor, found: Tensor) -> Tensor:
-    angle = _angle(true, normalized(found))
+def _psi2(true: Tensor, predicted: Tensor) -> Tensor:
+    angle = _angle(true, normalized(predicted))
     return torch.minimum(angle, math.pi - angle)
 
 
-def _psi3(true: Tensor, found: Tensor) -> Tensor:
-    q = normalized(found)
+def _psi3(true: Tensor, predicted: Tensor) -> Tensor:
+    q = normalized(predicted)
     opposite = (true * q).sum(dim=1, keepdim=True) < 0
     return _angle(true, torch.where(opposite, -q, q))
 
 
-def _psi4(true: Tensor, found: Tensor) -> Tensor:
-    return 1 - (true * normalized(found)).sum(dim=1).abs()
+def _psi4(true: Tensor, predicted: Tensor) -> Tensor:
+    return 1 - (true * normalized(predicted)).sum(dim=1).abs()
 
 
-def _euler(true: Tensor, found: Tensor) -> Tensor:
-    difference = (true - found).abs().remainder(2 * math.pi)
+def _euler(true: Tensor, predicted: Tensor) -> Tensor:
+    difference = (true - predicted).abs().remainder(2 * math.pi)
     return torch.linalg.vector_norm(torch.minimum(difference, 2 * math.pi - difference), dim=1)
 
 
@@ -83,18 +81,9 @@ def _euler(true: Tensor, found: Tensor) -> Tensor:
 class Loss:
     """An orientation error.
 
-    Attributes
-    ----------
-    name : str
-        Its name.
-    error : callable
-        Maps true orientations (n, k) and a network's outputs (n, k) to nonnegative errors (n,). k is 4 for
-        quaternions (w, x, y, z), where the true ones are unit and the outputs are normalized, and 3 for Euler angles
-        (roll, pitch, yaw), radians.
-    size : int
-        k.
-    greatest : float
-        The greatest possible error.
+    `error` maps true orientations (n, k) and a network's outputs (n, k) to nonnegative errors (n,), at most `greatest`.
+    `size` is k: 4 for quaternions (w, x, y, z), where the true ones are unit and the outputs are normalized, and 3 for
+    Euler angles (roll, pitch, yaw), radians.
     """
 
     name: str
@@ -121,30 +110,9 @@ LOSSES = {
 }
 
 
-def loss_named(name: str) -> Loss:
-    """Find a loss by its name.
-
-    Raises
-    ------
-    ConfigError
-        If there is none of that name.
-    """
-    if name not in LOSSES:
-        raise ConfigError(f"there is no loss {name!r}; choose from {', '.join(LOSSES)}")
-    return LOSSES[name]
-
-
 @dataclass(frozen=True)
 class LossWeights:
-    """Weights of the two errors; the defaults are those of the study's program.
-
-    Attributes
-    ----------
-    rotation : float
-        Weight of the orientation error.
-    position : float
-        Weight of the distance between the positions, 1/m.
-    """
+    """Weights of the orientation error and of the position error, 1/m; by default those of the study's program."""
 
     rotation: float = 0.031
     position: float = 0.005
@@ -152,15 +120,7 @@ class LossWeights:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a batch.
-
-    Attributes
-    ----------
-    position : (n,) Tensor
-        Distances between true and predicted positions, metres.
-    rotation : (n,) Tensor
-        Orientation errors, in the unit of the loss.
-    """
+    """Position errors (n,) of a batch, metres, and orientation errors (n,), in the unit of the loss."""
 
     position: Tensor
     rotation: Tensor

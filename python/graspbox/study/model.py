@@ -15,9 +15,9 @@ from torch import Tensor, nn
 from graspbox._common.arguments import config_of
 from graspbox._common.files import read_bounded, replacing, write_text
 from graspbox.errors import ConfigError, FileError
-from graspbox.study.losses import Loss, loss_named, normalized
+from graspbox.study.losses import LOSSES, Loss, normalized
 from graspbox.study.model_configs import ModelConfig
-from graspbox.study.networks import network_named
+from graspbox.study.networks import NETWORKS
 from graspbox.study.samples import poses_of_labels
 
 __all__ = ["ModelConfig", "PoseModel", "moved"]
@@ -33,19 +33,8 @@ class PoseModel(nn.Module):  # type: ignore[misc]
     """Predicts the pose of a grasp from an image or a voxel grid.
 
     The input is scaled to [0, 1], shifted and scaled, and goes through the network; the network's positions are scaled
-    and shifted to metres. Until `fit_scaling` is called, these shifts are 0 and the scales 1, as in the study.
-
-    Parameters
-    ----------
-    config : ModelConfig
-        Network, loss and input.
-    seed : int
-        Seed of the weights.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown name, or a network that does not take this kind of input.
+    and shifted to metres. Until `fit_scaling` is called, these shifts are 0 and the scales 1, as in the study. `seed`
+    determines the initial weights. A network that does not take this kind of input is a `ConfigError`.
     """
 
     input_shift: Tensor
@@ -55,9 +44,9 @@ class PoseModel(nn.Module):  # type: ignore[misc]
 
     def __init__(self, config: ModelConfig, seed: int = 0) -> None:
         super().__init__()
-        made = network_named(config.network)
+        made = NETWORKS[config.network]
         self.config = config
-        self.loss: Loss = loss_named(config.loss)
+        self.loss: Loss = LOSSES[config.loss]
         if (made.axes == 2) != (config.kind == "image"):
             raise ConfigError(f"the network {config.network!r} takes {made.axes} axes; kind {config.kind!r} has not")
         self.network = made(
@@ -68,24 +57,13 @@ class PoseModel(nn.Module):  # type: ignore[misc]
             fully_connected=config.fully_connected,
             generator=torch.Generator().manual_seed(seed),
         )
-        # In the channels-last format a training step of Cnn2d takes 1.8 s of CPU time instead of 2.8, one of Cnn3d 0.22
-        # instead of 0.69 (batches of 10 and 6).
-        self.network.to(memory_format=torch.channels_last if made.axes == 2 else torch.channels_last_3d)
         self.register_buffer("input_shift", torch.zeros(()))
         self.register_buffer("input_scale", torch.ones(()))
         self.register_buffer("position_shift", torch.zeros(3))
         self.register_buffer("position_scale", torch.ones(()))
 
     def fit_scaling(self, inputs: NDArray[np.uint8], labels: NDArray[np.float32]) -> None:
-        """Set shifts and scales so that the inputs and positions of training samples have mean 0 and variance 1.
-
-        Parameters
-        ----------
-        inputs : (n, ...) uint8
-            Images or voxels.
-        labels : (n, 7 or 6) float32
-            See `graspbox.study.samples.labels_of`.
-        """
+        """Scale inputs (n, ...) and the positions of labels (n, 7 or 6) to mean 0 and variance 1."""
         # float64 sums over all images would take 8 times their memory; histograms do not.
         counts = np.bincount(inputs.reshape(-1), minlength=256) / inputs.size
         values = np.arange(256) / 255
@@ -101,25 +79,17 @@ class PoseModel(nn.Module):  # type: ignore[misc]
     def forward(self, inputs: Tensor) -> Tensor:
         """Predict outputs (n, 7 or 6), positions in metres, from inputs (n, ...) uint8; no quaternion is normalized."""
         scaled = (inputs.to(torch.float32) / 255 - self.input_shift) / self.input_scale
-        found = self.network(scaled.unsqueeze(1))
-        positions = found[:, :3] * self.position_scale + self.position_shift
-        return torch.cat([positions, found[:, 3:]], dim=1)
+        outputs = self.network(scaled.unsqueeze(1))
+        positions = outputs[:, :3] * self.position_scale + self.position_shift
+        return torch.cat([positions, outputs[:, 3:]], dim=1)
 
     def labels(self, inputs: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Predict labels (n, 7 or 6) of inputs (n, ...) uint8; quaternions are normalized.
-
-        Raises
-        ------
-        ConfigError
-            For inputs of another shape or type.
-        """
+        """Predict labels (n, 7 or 6) of inputs (n, ...) uint8; quaternions are normalized."""
         shape = self.network.input_shape[1:]
         if inputs.ndim != len(shape) + 1 or inputs.shape[1:] != shape or inputs.dtype != np.uint8:
-            raise ConfigError(
-                f"the inputs have shape {inputs.shape} and type {inputs.dtype}; give (n, {', '.join(map(str, shape))}) "
-                "uint8"
-            )
-        was, found = self.training, []
+            wanted = f"(n, {', '.join(map(str, shape))}) uint8"
+            raise ConfigError(f"the inputs have shape {inputs.shape} and type {inputs.dtype}; they must be {wanted}")
+        was, batches = self.training, []
         self.eval()
         with torch.inference_mode():
             for start in range(0, len(inputs), _BATCH):
@@ -127,47 +97,27 @@ class PoseModel(nn.Module):  # type: ignore[misc]
                 outputs = self(batch.to(self.input_shift.device))
                 if self.loss.size == 4:
                     outputs[:, 3:] = normalized(outputs[:, 3:])
-                found.append(outputs.cpu().numpy())
+                batches.append(outputs.cpu().numpy())
         self.train(was)
-        return np.concatenate(found)
+        return np.concatenate(batches)
 
     def predict(self, inputs: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Predict ``base_from_hand`` (n, 4, 4) for inputs (n, ...) uint8.
-
-        Raises
-        ------
-        ConfigError
-            As `labels`, or if the network has diverged and its outputs are not finite.
-        """
+        """Predict ``base_from_hand`` (n, 4, 4) for inputs (n, ...) uint8; refuses outputs that are not finite."""
         return poses_of_labels(self.labels(inputs))
 
     def save(self, folder: Path) -> None:
-        """Write ``model.json`` and ``weights.pt``.
-
-        Raises
-        ------
-        FileError
-            If they cannot be written.
-        """
+        """Write ``model.json`` and ``weights.pt``."""
         self.describe(folder)
         with replacing(folder / _WEIGHTS) as path:
             torch.save(self.state_dict(), path)
 
     def describe(self, folder: Path) -> None:
-        """Write ``model.json`` alone, as `save` does."""
+        """Write only ``model.json``."""
         write_text(folder / _CONFIG, json.dumps(asdict(self.config), indent=2) + "\n")
 
     @classmethod
     def load(cls, folder: Path) -> "PoseModel":
-        """Read the files of `save`.
-
-        Raises
-        ------
-        FileError
-            If a file is missing.
-        ConfigError
-            If a file has other contents, or the files do not belong together.
-        """
+        """Read the files of `save`; refuses files that are missing, damaged or do not belong together."""
         try:
             settings: Any = json.loads(read_bounded(folder / _CONFIG, _LARGEST_CONFIG))
             model = cls(config_of(ModelConfig, settings, _CONFIG))

@@ -21,31 +21,19 @@ _LARGEST, _WIDEST = 1024, 1 << 16
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """Configuration of a `graspbox.study.model.PoseModel`.
+    """Configuration of a `graspbox.study.model.PoseModel`; refuses unknown names and numbers out of range.
 
     Attributes
     ----------
-    network : str
-        One of `graspbox.study.networks.NETWORKS`.
-    loss : str
-        One of `graspbox.study.losses.LOSSES`; it determines whether outputs are quaternions or Euler angles.
-    kind : {"image", "binary", "ternary"}
-        Its input (`graspbox.study.samples`).
-    units : {"relu", "sigmoid"}
-        Activation functions of the network.
+    network, loss, kind, units : str
+        The network, its loss, which determines whether outputs are quaternions or Euler angles, its input
+        (`graspbox.study.samples`) and its activation functions.
     zero_output : bool
         Whether its last layer is initialized with zeros.
     preshape : float
         The preshape of its training grasps, which it does not predict; within the limits of the hand.
-    size : int or None
-        Side of its inputs, 1 to 1024; None for the study's.
-    fully_connected : tuple of int or None
-        Units of the fully connected layers before the last, at least one; None for the study's.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown name, or a number out of range.
+    size, fully_connected : int and tuple of int, or None
+        Side of its inputs, 1 to 1024, and units of the fully connected layers before the last; None for the study's.
     """
 
     network: NetworkName
@@ -62,7 +50,7 @@ class ModelConfig:
             if (value := getattr(self, name)) not in get_args(known):
                 raise ConfigError(f"{name} is {shown(value)}; choose from {', '.join(get_args(known))}")
         if not math.isfinite(self.preshape):
-            raise ConfigError(f"preshape is {self.preshape}; give a finite number")
+            raise ConfigError(f"preshape is {self.preshape}; it must be finite")
         if self.size is not None:
             natural(self.size, "size")
             check_range(self, "size", 1, _LARGEST)
@@ -71,4 +59,4 @@ class ModelConfig:
             widths = tuple(natural(width, "fully_connected") for width in self.fully_connected)
             object.__setattr__(self, "fully_connected", widths)
             if not widths or not all(0 < width <= _WIDEST for width in widths):
-                raise ConfigError(f"fully_connected is {shown(widths)}; give integers from 1 to {_WIDEST}")
+                raise ConfigError(f"fully_connected is {shown(widths)}; they must be integers from 1 to {_WIDEST}")

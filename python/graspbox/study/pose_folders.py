@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._common.made_once import MadeOnce
-from graspbox.artifacts.configs import PolicyConfig
-from graspbox.artifacts.folders import load
-from graspbox.artifacts.runtimes import Network, onnx_network, output
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand
+from graspbox.policies.published.configs import PolicyConfig
+from graspbox.policies.published.folders import load
+from graspbox.policies.published.runtimes import Network, onnx_network, output
 from graspbox.study.model_configs import ModelConfig
 
 __all__ = ["PosePolicyConfig", "PublishedPoses"]
@@ -24,13 +24,7 @@ __all__ = ["PosePolicyConfig", "PublishedPoses"]
 
 @dataclass(frozen=True, kw_only=True)
 class PosePolicyConfig(PolicyConfig):
-    """A published network of the study.
-
-    Attributes
-    ----------
-    model : ModelConfig
-        The network.
-    """
+    """A published network of the study."""
 
     kind: ClassVar[str] = "study"
 
@@ -39,8 +33,8 @@ class PosePolicyConfig(PolicyConfig):
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """Names of its files: network, then weights."""
-        return "pose.onnx", "pose.safetensors"
+        """Names of the files of its networks."""
+        return ("pose.onnx",)
 
     def check(self, hand: Hand) -> None:
         """Check the preshape too; raises as `PolicyConfig.check`."""
@@ -55,40 +49,17 @@ class PosePolicyConfig(PolicyConfig):
 class PublishedPoses:
     """A published network of the study, run by onnxruntime; predicts as `graspbox.study.model.PoseModel` does.
 
-    Parameters
-    ----------
-    folder : Path
-        Its folder.
-    num_threads : int, optional
-        Threads of a prediction; by default one per core.
-
-    Raises
-    ------
-    ConfigError
-        As `graspbox.artifacts.load`.
-
-    Attributes
-    ----------
-    published : PosePolicyConfig
-        The description.
-    config : ModelConfig
-        The network.
+    `published` describes the folder, and `config` the network. Raises as `graspbox.policies.published.load`.
     """
 
-    def __init__(self, folder: Path, num_threads: int | None = None) -> None:
+    def __init__(self, folder: Path) -> None:
         self.published = load(folder, PosePolicyConfig)
         self.config = self.published.model
         self._file = Path(folder) / "pose.onnx"
-        self._network: MadeOnce[Network] = MadeOnce(partial(onnx_network, self._file, num_threads))
+        self._network: MadeOnce[Network] = MadeOnce(partial(onnx_network, self._file))
 
     def predict(self, inputs: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Predict ``base_from_hand`` (n, 4, 4) for inputs (n, ...) uint8, one by one.
-
-        Raises
-        ------
-        ConfigError
-            If the network does not take the inputs, or predicts poses that are not finite.
-        """
+        """Predict ``base_from_hand`` (n, 4, 4) for inputs (n, ...) uint8, one by one."""
         return predicted(self._network(), inputs, str(self._file))
 
 

@@ -41,14 +41,16 @@ from graspbox._common.rotations import (
 )
 from graspbox._core import Mesh
 from graspbox.errors import ConfigError, FileError
+from graspbox.meshes.views import Views, occupancy, views
+from graspbox.meshes.voxels import voxelize
 from graspbox.object_sets import ObjectSet
 from graspbox.simulation import Scene
 from graspbox.study.grasps import Grasps, base_pose
-from graspbox.views import Views, occupancy, views
-from graspbox.voxels import Voxels, voxelize
 
-__all__ = ["Kind", "Mapping", "Samples", "Split", "base_mesh", "binary_grid", "grey", "labels_of", "make_samples",
-           "observe", "poses_of_labels", "split_at_random", "ternary_grid"]  # fmt: skip
+__all__ = [
+    "Kind", "Mapping", "Samples", "Split", "base_mesh", "grey", "labels_of", "make_samples", "observe",
+    "poses_of_labels", "split_at_random",
+]  # fmt: skip
 
 Kind = Literal["image", "binary", "ternary"]
 Mapping = Literal["one_to_many", "one_to_one", "many_to_one"]
@@ -65,20 +67,9 @@ _CHUNK = 64
 
 @dataclass(frozen=True, eq=False)
 class Samples(ByValue):
-    """Inputs of a network with the target grasp of each: n rows.
+    """Inputs (n, ...) of a network with the pose to predict of each, in the base frame, and the preshape of the grasp.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the objects.
-    inputs : (n, ...) uint8
-        Images or voxels, see `graspbox.study.samples`.
-    object : (n,) int64
-        Index into `names`.
-    base_from_hand : (n, 4, 4) float64
-        The pose to predict, in the base frame.
-    preshape : (n,) float64
-        The preshape of that grasp.
+    `names` are those of the objects, and `object` indexes them.
     """
 
     names: tuple[str, ...]
@@ -91,35 +82,20 @@ class Samples(ByValue):
         return len(self.object)
 
     def __getitem__(self, rows: NDArray[np.int64] | slice) -> "Samples":
-        chosen = {name: getattr(self, name)[rows] for name in _COLUMNS}
-        return replace(self, **chosen)
+        return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def save(self, path: Path) -> None:
-        """Write the samples as ``.npz``.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written.
-        """
+        """Write the samples as ``.npz``; raises as `replacing`."""
         columns = {name: getattr(self, name) for name in _COLUMNS}
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, names=np.array(self.names), **columns)
 
     @classmethod
     def load(cls, path: Path) -> "Samples":
-        """Read the file of `save`.
-
-        Raises
-        ------
-        FileError
-            If the file is missing.
-        ConfigError
-            If it holds no samples.
-        """
+        """Read the file of `save`; a missing one is a `FileError`, a damaged one a `ConfigError`."""
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
-                return cls(tuple(found["names"].tolist()), **{name: found[name] for name in _COLUMNS})
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+                return cls(tuple(arrays["names"].tolist()), **{name: arrays[name] for name in _COLUMNS})
         except OSError as error:
             raise FileError(error.errno, error.strerror or str(error), str(path)) from None
         except (KeyError, ValueError, zipfile.BadZipFile):
@@ -140,15 +116,9 @@ class Split(ByValue):
 
 
 def split_at_random(count: int, seed: int = 0) -> Split:
-    """Split samples 85/10/5 at random, as the study does: objects of the training samples occur in the test as well.
-
-    Raises
-    ------
-    ConfigError
-        If there are fewer than 20 samples, so that a part could be empty.
-    """
+    """Split samples 85/10/5 at random, as the study does: objects of the training samples occur in the test as well."""
     if count < 20:
-        raise ConfigError(f"there are {count} samples; give 20 or more, so that 5 % of them are one")
+        raise ConfigError(f"there are {count} samples; there must be 20 or more, so that 5 % of them are one")
     order = np.random.default_rng(seed).permutation(count)
     first, second = round(0.85 * count), round(0.95 * count)
     return Split(np.sort(order[:first]), np.sort(order[first:second]), np.sort(order[second:]))
@@ -162,21 +132,15 @@ def labels_of(base_from_hand: NDArray[np.float64], size: int) -> NDArray[np.floa
 
 
 def poses_of_labels(labels: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Convert labels, or outputs of a network with normalized quaternions, to poses (n, 4, 4).
-
-    Raises
-    ------
-    ConfigError
-        For rows of another length than 7 or 6, or numbers that are not finite.
-    """
-    found = np.asarray(labels, dtype=np.float64)
-    if found.ndim != 2 or found.shape[1] not in (6, 7):
-        raise ConfigError(f"the labels have shape {found.shape}; give (n, 7) or (n, 6)")
-    if not np.isfinite(found).all():
+    """Convert labels, or finite outputs of a network with normalized quaternions, to poses (n, 4, 4)."""
+    values = np.asarray(labels, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] not in (6, 7):
+        raise ConfigError(f"the labels have shape {values.shape}; it must be (n, 7) or (n, 6)")
+    if not np.isfinite(values).all():
         raise ConfigError("the labels hold numbers that are not finite; the network has diverged")
-    orientation = found[:, 3:]
-    rotations = rotation_from_quaternion(orientation) if found.shape[1] == 7 else rotation_from_euler(orientation)
-    return poses_from(found[:, :3], rotations)
+    orientation = values[:, 3:]
+    rotations = rotation_from_quaternion(orientation) if values.shape[1] == 7 else rotation_from_euler(orientation)
+    return poses_from(values[:, :3], rotations)
 
 
 def grey(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -191,18 +155,6 @@ def base_mesh(scene: Scene) -> Mesh:
     return meshes.mesh_from_arrays(points, scene.mesh.faces, name=scene.name, mass=scene.mesh.mass)
 
 
-def binary_grid(mesh: Mesh) -> Voxels:
-    """Voxelize a mesh as the study does: binvox with ``-d 128 -down -ri -e``."""
-    return voxelize(mesh, 2 * GRID_SIZE, down=1, remove_internal=True, exact=True)
-
-
-def ternary_grid(seen: Views, base_from_camera: NDArray[np.float64], grid: Voxels) -> NDArray[np.uint8]:
-    """Classify voxels of one view as opaque, transparent or unseen, in the cube of `grid`: (64, 64, 64) uint8."""
-    side = grid.resolution * grid.voxel_size
-    found = occupancy(seen.depth, seen.intrinsics, base_from_camera, grid.resolution, grid.origin, side)
-    return np.array([UNSEEN, TRANSPARENT, OPAQUE], dtype=np.uint8)[found]
-
-
 def make_samples(
     objects: ObjectSet,
     grasps: Grasps,
@@ -214,37 +166,16 @@ def make_samples(
     num_threads: int | None = None,
     done: Callable[[int], None] = lambda _: None,
 ) -> Samples:
-    """Render or voxelize the objects, and pair the inputs with their grasps.
+    """Render or voxelize the objects, in the order of `Grasps.names`, and pair the inputs with their grasps.
 
-    Parameters
-    ----------
-    objects : ObjectSet
-        The objects of the grasps, in the order of `Grasps.names`.
-    grasps : Grasps
-        Successful grasps.
-    kind : {"image", "binary", "ternary"}
-        Input of the network.
-    mapping : {"one_to_many", "one_to_one", "many_to_one"}
-        Pairing of views and poses.
-    count : int, optional
-        Number of samples; by default one per grasp. More samples repeat an object's grasps with further views.
-    seed : int
-        Seed of the views.
-    num_threads : int, optional
-        Threads to use; the samples do not depend on it.
-    done : callable
-        Called with the number of samples made so far.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown kind or mapping, other objects than those of the grasps, or an object without a grasp.
+    There are `count` samples, by default one per grasp; more repeat an object's grasps with further views. `seed` is
+    that of the views. The samples do not depend on `num_threads`. `done` is called with the number of samples so far.
     """
     for name, value, known in (("kind", kind, get_args(Kind)), ("mapping", mapping, get_args(Mapping))):
         if value not in known:
             raise ConfigError(f"{name} is {value!r}; choose from {', '.join(known)}")
     if objects.names != grasps.names:
-        raise ConfigError("the grasps belong to other objects; give those that they were collected for")
+        raise ConfigError("the grasps belong to other objects; pass those that they were collected for")
     total = len(grasps) if count is None else count
     sizes = _sizes(np.bincount(grasps.object, minlength=len(objects)), total)
     best = grasps.best()
@@ -259,39 +190,39 @@ def make_samples(
         inputs.append(np.broadcast_to(seen, (sizes[i], *seen.shape[1:])) if len(seen) == 1 else seen)
         done(sum(map(len, inputs)))
     chosen = np.concatenate(rows)
-    found = np.concatenate(inputs)
-    return Samples(grasps.names, found, grasps.object[chosen], grasps.base_from_hand[chosen], grasps.preshape[chosen])
+    targets = grasps.object[chosen], grasps.base_from_hand[chosen], grasps.preshape[chosen]
+    return Samples(grasps.names, np.concatenate(inputs), *targets)
 
 
 def _sizes(counts: NDArray[np.int64], total: int) -> NDArray[np.int64]:
     """Distribute a number of samples over objects, in proportion to their grasps; the parts sum up to it."""
     if total < 1:
-        raise ConfigError(f"count is {total}; give the number of samples, 1 or more")
+        raise ConfigError(f"count is {total}; it must be 1 or more")
     ends = np.rint(np.cumsum(counts) * (total / counts.sum())).astype(np.int64)
     return np.asarray(np.diff(ends, prepend=0))
 
 
 def observe(scene: Scene, kind: Kind, count: int, seed: int, *, num_threads: int | None = None) -> NDArray[np.uint8]:
-    """Render the object of a scene from `count` views of the study's plan.
+    """Render the object of a scene from `count` views of the study's plan, as `Samples.inputs`.
 
-    Returns
-    -------
-    (count, ...) uint8
-        As `Samples.inputs`; a single row for a binary grid, which all views share.
+    A binary grid has a single row, which all views share.
     """
     if kind == "image":
         return np.concatenate([grey(seen.rgb) for seen in _views(scene, count, seed, kind, num_threads)])  # type: ignore[arg-type]
-    mesh = base_mesh(scene)
-    grid = binary_grid(mesh)
+    # As the study does: binvox with ``-d 128 -down -ri -e``.
+    grid = voxelize(base_mesh(scene), 2 * GRID_SIZE, down=1, remove_internal=True, exact=True)
     if kind == "binary":
         return np.where(grid.occupancy, OPAQUE, TRANSPARENT).astype(np.uint8)[None]
-    base = np.linalg.inv(base_pose(scene))
-    found = []
+    cube = grid.resolution, grid.origin, grid.resolution * grid.voxel_size
+    base_from_world, rows = np.linalg.inv(base_pose(scene)), []
     for seen in _views(scene, count, seed, kind, num_threads):
-        for k in range(len(seen)):
-            one = replace(seen, depth=seen.depth[k : k + 1])
-            found.append(ternary_grid(one, (base @ seen.world_from_camera[k])[None], grid))
-    return np.stack(found)
+        for depth, pose in zip(seen.depth, base_from_world @ seen.world_from_camera, strict=True):
+            rows.append(
+                np.array([UNSEEN, TRANSPARENT, OPAQUE], np.uint8)[
+                    occupancy(depth[None], seen.intrinsics, pose[None], *cube)
+                ]
+            )
+    return np.stack(rows)
 
 
 def _views(scene: Scene, count: int, seed: int, kind: Kind, num_threads: int | None) -> Iterable[Views]:
@@ -305,7 +236,7 @@ def _views(scene: Scene, count: int, seed: int, kind: Kind, num_threads: int | N
             seed=1000 * seed + start // _CHUNK,
             image_size=IMAGE_SIZE,
             images="rgb" if kind == "image" else "depth",
-            # Rays to the table would carve the cube from below the object; the study's grids contain the object alone.
+            # Rays to the table would carve the cube from below the object; the study's grids contain only the object.
             table=kind == "image",
             world_from_object=scene.world_from_object,
             num_threads=num_threads,

@@ -1,4 +1,4 @@
-"""Training of a pose network with `graspbox.training.trainer`; ``model.json`` in its folder describes the network.
+"""Training of a pose network; ``model.json`` in its folder describes the network.
 
 The seed and the iteration's number determine its batch and dropout.
 """
@@ -14,16 +14,16 @@ from torch import Tensor
 
 from graspbox._common.rotations import angle_between
 from graspbox.errors import ConfigError
+from graspbox.learn.training.configs import TrainConfig
+from graspbox.learn.training.trainer import Trained, Trainer, TrainProgress
 from graspbox.study.losses import Errors, LossWeights
 from graspbox.study.model import ModelConfig, PoseModel
 from graspbox.study.samples import Samples, Split, labels_of, poses_of_labels
-from graspbox.training.configs import TrainConfig
-from graspbox.training.trainer import Trained, Trainer, TrainProgress
 
-__all__ = ["STUDY", "Measured", "Objective", "measure", "train"]
+__all__ = ["STUDY", "Objective", "ValidationErrors", "measure", "train"]
 
-#: The study's training, apart from the values of `graspbox.study.settings`: every iteration is logged; a validation
-#: error below 99.9 % of the least so far is an improvement; `train` validates once per epoch.
+#: The study's training, apart from the values of `graspbox.study.reproduction.protocol`: every iteration is logged; a
+#: validation error below 99.9 % of the least so far is an improvement; `train` validates once per epoch.
 STUDY = TrainConfig(
     optimizer="fused_adam",
     schedule="constant",
@@ -41,17 +41,7 @@ _EPOCHS = 1000
 
 @dataclass(frozen=True)
 class Objective:
-    """The loss of a pose network.
-
-    Attributes
-    ----------
-    weights : LossWeights
-        Weights of the two errors.
-    reduction : {"sum", "mean"}
-        Whether the loss of a batch is the sum or the mean over its samples.
-    fit_scaling : bool
-        Whether inputs and positions are scaled to mean 0 and variance 1.
-    """
+    """The loss of a pose network; `fit_scaling` scales inputs and positions to mean 0 and variance 1."""
 
     weights: LossWeights = field(default_factory=LossWeights)
     reduction: Literal["sum", "mean"] = "mean"
@@ -63,19 +53,11 @@ class Objective:
 
 
 @dataclass(frozen=True)
-class Measured:
+class ValidationErrors:
     """Mean errors over samples.
 
-    Attributes
-    ----------
-    loss : float
-        Weighted sum of the two errors, with the weights of training.
-    position : float
-        Distance between true and predicted position, metres.
-    rotation : float
-        Orientation error, in the unit of the loss.
-    angle : float
-        Angle between true and predicted orientation, radians; comparable across losses.
+    `loss` is their weighted sum; `position` in metres, `rotation` in the unit of the loss, `angle` in radians, which is
+    comparable across losses.
     """
 
     loss: float
@@ -84,20 +66,14 @@ class Measured:
     angle: float
 
 
-def measure(model: PoseModel, samples: Samples, weights: LossWeights) -> Measured:
-    """Compare a model's predictions with the poses of samples.
-
-    Raises
-    ------
-    ConfigError
-        If its outputs are not finite.
-    """
+def measure(model: PoseModel, samples: Samples, weights: LossWeights) -> ValidationErrors:
+    """Compare a model's predictions with the poses of samples; outputs must be finite."""
     labels = labels_of(samples.base_from_hand, model.loss.size)
-    found = model.labels(samples.inputs)
-    errors = Errors.of(model.loss, torch.from_numpy(labels), torch.from_numpy(found))
-    angles = angle_between(samples.base_from_hand[:, :3, :3], poses_of_labels(found)[:, :3, :3])
+    predicted = model.labels(samples.inputs)
+    errors = Errors.of(model.loss, torch.from_numpy(labels), torch.from_numpy(predicted))
+    angles = angle_between(samples.base_from_hand[:, :3, :3], poses_of_labels(predicted)[:, :3, :3])
     total = float(errors.total(weights).mean())
-    return Measured(total, float(errors.position.mean()), float(errors.rotation.mean()), float(angles.mean()))
+    return ValidationErrors(total, float(errors.position.mean()), float(errors.rotation.mean()), float(angles.mean()))
 
 
 def train(
@@ -111,34 +87,9 @@ def train(
 ) -> tuple[PoseModel, Trained]:
     """Train a network until its validation error stops falling, or a limit is reached; resumes in its folder.
 
-    Parameters
-    ----------
-    model_config : ModelConfig
-        The network.
-    samples : Samples
-        Inputs and poses.
-    split : Split
-        Training samples, and validation samples for early stopping.
-    folder : Path
-        Folder of the training.
-    config : TrainConfig
-        Training hyperparameters, such as `STUDY` with changes; validation follows each epoch; `patience` counts epochs.
-    objective : Objective
-        The loss.
-    progress : callable
-        Called after each iteration.
-
-    Returns
-    -------
-    PoseModel, Trained
-        The model with the least validation error, and the result of its training.
-
-    Raises
-    ------
-    ConfigError
-        If the folder holds a training with other settings, or the training diverges.
-    FileError
-        If a file cannot be written.
+    `config` is `STUDY` with changes; validation follows each epoch, and `patience` counts epochs. `progress` is called
+    after each iteration. Returns the model with the least validation error, and the result of its training. Refuses a
+    folder with other settings, and a training that diverges.
     """
     learned, validation = samples[split.train], samples[split.validation]
     size = min(config.batch_size, len(learned))
@@ -168,9 +119,9 @@ def train(
         return {"minimized": minimized, **{name: values.detach().mean() for name, values in shown.items()}}
 
     def validate(net: Any) -> dict[str, float]:
-        found = measure(net, validation, objective.weights)
-        errors = {"position_error": found.position, "rotation_error": found.rotation, "angle": found.angle}
-        return {"minus_loss": -found.loss, "loss": found.loss, **errors}
+        mean = measure(net, validation, objective.weights)
+        errors = {"position_error": mean.position, "rotation_error": mean.rotation, "angle": mean.angle}
+        return {"minus_loss": -mean.loss, "loss": mean.loss, **errors}
 
     settings = {"model": asdict(model_config), "objective": asdict(objective), "samples": len(samples)}
     trainer = Trainer(model, folder, config, batch=batch, losses=losses, validate=validate, settings=settings)

@@ -20,7 +20,7 @@ def make_env(n_envs: int = 1, use_async_envs: bool = False, cfg: Any = None) -> 
     use_async_envs : bool
         Is ignored: the environments step in threads.
     cfg : EnvConfig, optional
-        A `GraspboxEnv`; of any other config `task` is read alone, if it names an environment of graspbox.
+        A `GraspboxEnv`; of any other config only `task` is read, if it names an environment of graspbox.
 
     Returns
     -------

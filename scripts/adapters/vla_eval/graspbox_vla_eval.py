@@ -43,7 +43,7 @@ class GraspboxBenchmark(StepBenchmark):
     remote : str, optional
         Address of a ``graspbox serve`` that steps the environments.
     keywords : mapping, optional
-        Other keywords of the environment: ``control``, ``frame_skip``, ``image_size`` and others.
+        Other keywords of the environment: ``control``, ``fingers``, ``control_freq``, ``image_size`` and others.
     """
 
     render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
@@ -89,7 +89,7 @@ class GraspboxBenchmark(StepBenchmark):
         return self._env
 
     def cleanup(self) -> None:
-        """Give the environment's memory back."""
+        """Release the environment."""
         if self._env is not None:
             self._env.close()
             self._env = None
@@ -138,7 +138,7 @@ class GraspboxBenchmark(StepBenchmark):
         return {"success": "mean", "secure": "mean"}
 
     def get_metadata(self) -> dict[str, Any]:
-        """Give the number of steps after which an episode is truncated."""
+        """Return the number of steps after which an episode is truncated."""
         return {"max_steps": self._max_steps, "seed": self._seed}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
@@ -150,17 +150,17 @@ class GraspboxBenchmark(StepBenchmark):
         """Describe the observations."""
         space = self._made(self._sets[0]).observation_space
         assert isinstance(space, gymnasium.spaces.Dict)
-        found = {"language": LANGUAGE}
+        known = {"language": LANGUAGE}
         for name, one in space.items():
             size = int(np.prod(one.shape or (0,)))
             if name.split("_")[0] == "rgb":
-                found["image"] = IMAGE_RGB
+                known["image"] = IMAGE_RGB
             elif name == "proprio":
-                found["state"] = DimSpec("state", size, "graspbox_proprio")
+                known["state"] = DimSpec("state", size, "graspbox_proprio")
             else:
                 key = "environment_state" if name == "state" else name
-                found[key] = DimSpec(key, size, f"graspbox_{name}")
-        return found
+                known[key] = DimSpec(key, size, f"graspbox_{name}")
+        return known
 
     def get_hold_action(self, last_action: Action | None) -> Action:
         """Stay: no motion with the last preshape in ``twist`` and ``delta_pose``, the last pose in ``target_pose``.

@@ -138,9 +138,9 @@ class Reader {
   }
 
   list(length, depth) {
-    const found = [];
-    for (let i = 0; i < length; i++) found.push(this.value(depth));
-    return found;
+    const items = [];
+    for (let i = 0; i < length; i++) items.push(this.value(depth));
+    return items;
   }
 
   map(length, depth) {
@@ -149,13 +149,13 @@ class Reader {
       const key = this.value(depth);
       entries.push([key instanceof Uint8Array ? text.decode.decode(key) : key, this.value(depth)]);
     }
-    const found = Object.fromEntries(entries);
-    if (found.__npgeneric__ === true) return found.data;
-    if (found.__ndarray__ !== true) return found;
-    const Typed = TYPES[found.dtype];
-    if (Typed === undefined) throw new Error(`an array has the dtype ${found.dtype}`);
+    const map = Object.fromEntries(entries);
+    if (map.__npgeneric__ === true) return map.data;
+    if (map.__ndarray__ !== true) return map;
+    const Typed = TYPES[map.dtype];
+    if (Typed === undefined) throw new Error(`an array has the dtype ${map.dtype}`);
     // A copy: typed arrays begin at multiples of their size.
-    return new NdArray(found.dtype, found.shape, new Typed(found.data.slice().buffer));
+    return new NdArray(map.dtype, map.shape, new Typed(map.data.slice().buffer));
   }
 
   value(depth = 0) {

@@ -17,12 +17,13 @@ class TopDownConfig(PreTrainedConfig):  # type: ignore[misc]
     ----------
     control : str
         The control mode; ``grasp_pose`` is that of ``GraspPose-v0``.
-    frame_skip : int
-        That of the environment.
+    fingers, control_freq
+        Those of the environment.
     """
 
     control: str = "twist"
-    frame_skip: int = 1
+    fingers: str = "synergy"
+    control_freq: float = 5.0
 
     observation_delta_indices = None
     action_delta_indices = None

@@ -35,7 +35,8 @@ class TopDownPolicy(PreTrainedPolicy):  # type: ignore[misc]
         self._check(batch)
         states = batch[STATE].numpy()
         if not self._grasps:
-            self._grasps = [TopDownGrasp(self.config.control, self.config.frame_skip) for _ in states]
+            config = self.config
+            self._grasps = [TopDownGrasp(config.control, config.fingers, config.control_freq) for _ in states]
         actions = [grasp.act(state) for grasp, state in zip(self._grasps, states, strict=True)]
         return torch.from_numpy(np.stack(actions))
 

@@ -41,7 +41,7 @@ impl Reader<'_> {
 
     pub fn mesh(&mut self) -> Option<TriMesh> {
         let (vertices, faces) = (self.u32()?, self.u32()?);
-        // Collected one by one: a count that lies runs out of bytes before it runs out of memory.
+        // Collected one by one: with a false count the bytes end before memory does.
         let vertices: Option<Vec<_>> =
             (0..vertices).map(|_| Some(Point3::new(self.f64()?, self.f64()?, self.f64()?))).collect();
         let faces: Option<Vec<_>> = (0..faces).map(|_| Some([self.u32()?, self.u32()?, self.u32()?])).collect();

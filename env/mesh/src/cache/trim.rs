@@ -7,13 +7,13 @@ use std::time::SystemTime;
 
 /// Suffixes of all kinds of entries.
 const SUFFIXES: [&str; 3] = ["parts", "levels", "scene"];
-/// Writes of this process into a folder between two looks at its size.
+/// Writes of this process into a folder between two checks of its size.
 const EVERY: u32 = 64;
 
 /// Writes into each folder.
 static WRITES: Mutex<BTreeMap<std::path::PathBuf, u32>> = Mutex::new(BTreeMap::new());
 
-/// Notes a write into `folder`; removes its oldest entries now and then, so that no more than `most` bytes stay.
+/// Counts a write into `folder`; removes its oldest entries from time to time, so that no more than `most` bytes remain.
 pub(super) fn after_write(folder: &Path, most: u64) {
     let mut writes = WRITES.lock().unwrap_or_else(PoisonError::into_inner);
     let count = writes.entry(folder.to_path_buf()).or_default();

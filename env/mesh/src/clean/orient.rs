@@ -15,7 +15,7 @@ const SURROUNDED: f64 = 0.9;
 /// Surfaces nearer than this share of the mesh's longest side touch each other: ten times the rounding of f32.
 const TOUCHING: f64 = 1e-6;
 
-/// Turns faces over in place; returns how many were turned.
+/// Flips faces in place; returns their number.
 ///
 /// Neighbours are faces that share an edge with exactly two faces. Each set of neighbours is then turned as a whole so that its
 /// signed volume is positive, or negative when it is a cavity: when an odd number of other components surround it. A component surrounds

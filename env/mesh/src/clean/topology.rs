@@ -9,16 +9,13 @@ use crate::trimesh::TriMesh;
 pub enum Defect {
     /// A face names a vertex twice.
     #[error("face {face} has two equal corners")]
-    DegenerateFace {
-        /// The face.
-        face: usize,
-    },
-    /// An edge has one face only: a hole.
+    DegenerateFace { face: usize },
+    /// An edge has only one face: a hole.
     #[error("the edge of vertices {from} and {to} has one face only: the mesh has a hole there")]
     OpenEdge {
-        /// One end.
+        /// First vertex.
         from: u32,
-        /// The other end.
+        /// Second vertex.
         to: u32,
     },
     /// Two neighbours disagree about which side is outside, or more than two faces meet.
@@ -28,15 +25,12 @@ pub enum Defect {
         from: u32,
         /// Where it ends.
         to: u32,
-        /// How many faces run along it.
+        /// Number of faces along the edge.
         count: u32,
     },
     /// The faces at a vertex form several fans: two surfaces touch in a point.
     #[error("the faces at vertex {vertex} form more than one fan")]
-    PinchedVertex {
-        /// The vertex.
-        vertex: u32,
-    },
+    PinchedVertex { vertex: u32 },
 }
 
 fn directed_edges(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, u32)> {

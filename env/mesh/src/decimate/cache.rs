@@ -15,7 +15,6 @@ static KIND: Kind = Kind {
     most_in_all: MOST_OF_MESHES,
 };
 
-/// The entry of a mesh.
 pub(super) fn entry(folder: &Path, mesh: &TriMesh, targets: &[usize]) -> Entry {
     let targets: Vec<u64> = targets.iter().map(|target| *target as u64).collect();
     Entry::of_mesh(folder, &KIND, mesh, &targets)

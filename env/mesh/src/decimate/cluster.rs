@@ -24,7 +24,7 @@ pub(crate) fn at_most(mesh: &TriMesh, most: usize) -> Cow<'_, TriMesh> {
     while found.faces().len() > most.max(4) {
         match cluster(mesh, cell) {
             Some(coarse) => found = Cow::Owned(coarse),
-            // Too coarse for any face: the last one has to do.
+            // Too coarse for any face: the last mesh is used.
             None => break,
         }
         cell *= COARSER;
@@ -32,7 +32,7 @@ pub(crate) fn at_most(mesh: &TriMesh, most: usize) -> Cow<'_, TriMesh> {
     found
 }
 
-/// `None` when no face is left.
+/// `None` if no face is left.
 fn cluster(mesh: &TriMesh, cell: f64) -> Option<TriMesh> {
     let origin = mesh.aabb().min;
     let mut numbers: FastMap<[i32; 3], u32> = FastMap::default();

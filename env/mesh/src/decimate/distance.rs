@@ -22,7 +22,6 @@ pub struct Hausdorff {
 /// A mesh with fewer faces, and how far it is from the one it came from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decimated {
-    /// The mesh.
     pub mesh: TriMesh,
     /// Its distance from the original, by 10,000 samples on either surface.
     pub hausdorff: Hausdorff,
@@ -33,7 +32,7 @@ pub struct Decimated {
 /// Being sampled, it is a lower bound; distances are in f32 relative to the centre of `a` (about 1e-7 of its size).
 ///
 /// # Errors
-/// [`MeshError::Malformed`] should no search tree be built.
+/// [`MeshError::Malformed`] if no search tree can be built.
 pub fn hausdorff(a: &TriMesh, b: &TriMesh, samples: usize) -> Result<Hausdorff, MeshError> {
     let center = center(a);
     Ok(Surface::new(a, &center, samples)?.distance(&Surface::new(b, &center, samples)?))

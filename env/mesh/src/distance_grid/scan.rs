@@ -6,14 +6,14 @@
 //! Danielsson, "Euclidean distance mapping", 1980.
 
 /// Data of every node of a grid: columns, node by node.
-pub(super) struct Known {
+pub(super) struct NodeColumns {
     /// Its closest face.
     pub face: Vec<u32>,
     /// The closest point of that face.
     pub closest: [Vec<f32>; 3],
 }
 
-impl Known {
+impl NodeColumns {
     pub fn new(nodes: usize) -> Self {
         let column = || vec![f32::INFINITY; nodes];
         Self { face: vec![u32::MAX; nodes], closest: [column(), column(), column()] }
@@ -61,7 +61,7 @@ impl Known {
             let Some(z_of_other) = at[1].checked_add_signed(dz).filter(|z| *z < sides[1]) else { continue };
             let other = (z_of_other * sides[0] + y_of_other) * count;
             for dx in [step, 0, -step] {
-                self.ask(&places[0], [y, z], [row, other], dx, rows);
+                self.compare_row(&places[0], [y, z], [row, other], dx, rows);
             }
         }
         for k in 1..count {
@@ -75,7 +75,7 @@ impl Known {
     }
 
     /// Compares every node of a row with its neighbour, `dx` nodes along x, in another row.
-    fn ask(&mut self, xs: &[f32], [y, z]: [f32; 2], [row, other]: [usize; 2], dx: isize, rows: &mut Rows) {
+    fn compare_row(&mut self, xs: &[f32], [y, z]: [f32; 2], [row, other]: [usize; 2], dx: isize, rows: &mut Rows) {
         let count = xs.len();
         // The nodes that have such a neighbour.
         let (from, to) = (usize::from(dx < 0), count - usize::from(dx > 0));

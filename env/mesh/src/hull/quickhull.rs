@@ -72,7 +72,7 @@ fn distinct(points: &[Point3<f64>], origin: &Point3<f64>, same: f64) -> Vec<u32>
     points.iter().zip(0..).filter(|(p, _)| first(p)).map(|(_, i)| i).collect()
 }
 
-/// A vector in [-1, 1] per axis that depends on the number alone.
+/// A vector in [-1, 1] per axis that depends only on the number.
 fn joggle(i: u64) -> Vector3<f64> {
     let mut state = i << 8;
     let mut next = || {
@@ -93,7 +93,7 @@ struct Builder<'a> {
     next: Vec<u32>,
     /// For each point, the new face whose horizon edge begins or ends there: of the newest apex, if it is not older than its first face.
     spokes: Vec<[usize; 2]>,
-    /// Used again and again.
+    /// Reused buffer.
     scratch: Scratch,
 }
 
@@ -104,7 +104,7 @@ struct Scratch {
     visible: Vec<usize>,
     /// Edges between those and the others: from, to, and the other face.
     horizon: Vec<(u32, u32, usize)>,
-    /// Points above the faces that go.
+    /// Points above the removed faces.
     orphans: Vec<u32>,
     /// Of each new face, the height of its apex.
     highest: Vec<f64>,
@@ -158,7 +158,7 @@ impl<'a> Builder<'a> {
         self.faces[face].normal.dot(&self.points[point as usize]) - self.faces[face].offset
     }
 
-    /// Gives each point to the first of the faces from `from` on that it lies above; points inside are forgotten.
+    /// Assigns each point to the first of the faces from `from` on that it lies above; points inside are dropped.
     fn distribute(&mut self, points: &[u32], from: usize) {
         let mut highest = std::mem::take(&mut self.scratch.highest);
         highest.clear();
@@ -181,7 +181,7 @@ impl<'a> Builder<'a> {
         self.scratch.highest = highest;
     }
 
-    /// Adds the farthest point of each face until none is outside. `None` should rounding have torn the horizon.
+    /// Adds the farthest point of each face until none is outside. `None` if rounding has torn the horizon.
     fn finish(mut self) -> Option<Vec<[u32; 3]>> {
         let mut at = 0;
         while at < self.faces.len() {
@@ -216,7 +216,7 @@ impl<'a> Builder<'a> {
         Some(())
     }
 
-    /// Finds the faces that the apex sees, which die, and the horizon around them.
+    /// Finds the faces that the apex sees, which are removed, and the horizon around them.
     fn look(&mut self, start: usize, apex: u32, Scratch { visible, horizon, .. }: &mut Scratch) {
         visible.clear();
         horizon.clear();
@@ -243,7 +243,7 @@ impl<'a> Builder<'a> {
         horizon.retain(|h| !self.faces[h.2].dead);
     }
 
-    /// Puts a face on every edge of the horizon. `None` should rounding have torn it.
+    /// Puts a face on every edge of the horizon. `None` if rounding has torn it.
     fn close(&mut self, apex: u32, horizon: &[(u32, u32, usize)]) -> Option<()> {
         let base = self.faces.len();
         // Older entries are below `base`, which is at least 4.

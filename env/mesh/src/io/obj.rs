@@ -1,4 +1,4 @@
-//! OBJ: the geometry of all objects and groups; materials are not looked up.
+//! OBJ: the geometry of all objects and groups; materials are ignored.
 
 use super::format::{LoadOptions, MeshFormat, Raw, check_count};
 use crate::error::MeshError;

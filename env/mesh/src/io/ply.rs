@@ -27,7 +27,7 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
             "vertex" => raw.vertices = read_vertices(&mut reader, element, &header)?,
             "face" => read_faces(&mut reader, element, &header, &mut raw, options)?,
             _ => {
-                // Parsed to move past it; nothing of it is kept.
+                // Parsed only to skip it.
                 let skipped: Vec<Skipped> = read_element(&mut reader, element, &header)?;
                 drop(skipped);
             }
@@ -68,7 +68,7 @@ fn check_header(header: &Header, bytes: u64, options: &LoadOptions) -> Result<()
 /// Fewest bytes that one value can take.
 fn least_bytes(kind: &PropertyType, encoding: Encoding) -> u64 {
     if encoding == Encoding::Ascii {
-        return 2; // a digit and a blank
+        return 2; // a digit and a space
     }
     let (PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) = kind;
     match scalar {

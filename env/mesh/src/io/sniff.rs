@@ -19,7 +19,7 @@ const STARTS: [(&[u8], &str); 14] = [
     (b"\x1f\x8b", "a gzip archive"),
     (b"\xff\xfe", "text in UTF-16; save it in UTF-8"),
 ];
-/// Bytes that are looked at.
+/// Number of examined bytes.
 const LENGTH: usize = 4096;
 
 /// The apparent format of `bytes`; none if it is `expected` itself or unknown.

@@ -46,7 +46,7 @@ fn looks_like_text(bytes: &[u8]) -> bool {
     start.len() >= 5 && start[..5].eq_ignore_ascii_case(b"solid") && !bytes.contains(&0)
 }
 
-/// The text as `stl_io` wants it: lower case, "solid " with a blank even when the solid has no name.
+/// The text as `stl_io` expects it: lower case, "solid " with a blank even when the solid has no name.
 fn ascii_bytes(bytes: &[u8]) -> Vec<u8> {
     let start = bytes.trim_ascii_start();
     let mut text = Vec::with_capacity(start.len() + 1);

@@ -170,7 +170,7 @@ mod tests {
         assert!((open.winding(&Point3::origin()) - 5.0 / 6.0).abs() < 1e-9);
     }
 
-    /// A far box is passed by; a near one finds the triangles that touch it.
+    /// A far box touches no triangle; a near one touches those around it.
     #[test]
     fn boxes_find_what_touches_them() {
         let tree = FaceTree::new(cube());

@@ -1,4 +1,4 @@
-//! Resting poses: the ways in which a rigid body can lie still on a horizontal table.
+//! Resting poses: stable poses of a rigid body on a horizontal table.
 //!
 //! A body rests on a facet of its convex hull when its centre of mass lies above that facet. Dropped at random it meets a facet
 //! with a probability in proportion to the solid angle under which the centre of mass sees it, and rolls from an unstable facet
@@ -14,7 +14,7 @@ use crate::trimesh::TriMesh;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A face of the hull that is thinner than this share of the hull's extent may be a sliver, whose normal is rounding alone.
+/// A face of the hull that is thinner than this share of the hull's extent may be a sliver, whose normal is only rounding.
 const THIN: f64 = 1e-3;
 /// It is one where a corner of the hull lies beyond its plane by more than this share of the hull's extent.
 const BEYOND: f64 = 1e-4;
@@ -38,7 +38,7 @@ impl Default for RestingOptions {
     }
 }
 
-/// One way to lie on the table.
+/// A stable pose on the table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RestingPose {
     /// Table top at z = 0: the lowest point touches it and the bounds are centred over the origin. The turn about the vertical
@@ -167,7 +167,7 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
         .collect()
 }
 
-/// Whether a face's normal is rounding alone: one that points sideways would put the centre of mass outside the hull.
+/// Whether a face's normal is only rounding: one that points sideways would put the centre of mass outside the hull.
 fn is_sliver(hull: &TriMesh, face: usize) -> bool {
     let (area, [a, b, c]) = (hull.face_area_vector(face), hull.triangle(face));
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());

@@ -10,7 +10,6 @@ use std::path::Path;
 static KIND: Kind =
     Kind { what: "parts", suffix: "parts", magic: b"gbparts4", max_bytes: 16 << 20, most_in_all: MOST_OF_MESHES };
 
-/// The entry of a mesh.
 pub(super) fn entry(folder: &Path, mesh: &TriMesh, params: &PartsParams) -> Entry {
     let PartsParams { max_error, max_parts, max_points } = *params;
     Entry::of_mesh(folder, &KIND, mesh, &[max_error.to_bits(), max_parts as u64, max_points as u64])

@@ -1,6 +1,6 @@
 //! Points in compact blocks: which of them lie farthest along many directions, on either side of many planes.
 //!
-//! A block whose bounds do not reach as far as a point that is known is not looked at, so a query costs little more than one comparison
+//! A block whose bounds do not reach as far as a point that is known is skipped, so a query costs little more than one comparison
 //! per block. The answers are those of a search through all points in the order in which the plane meets them.
 
 use super::extremes::key;
@@ -42,7 +42,7 @@ pub(super) struct Cloud<'a> {
 }
 
 impl<'a> Cloud<'a> {
-    /// * `order`: as [`spatial_order`] gives it.
+    /// * `order`: as [`spatial_order`] returns it.
     pub fn new(points: &'a [Point3<f64>], order: Vec<u32>, directions: &'a [Vector3<f64>]) -> Self {
         let bounds = order.chunks(BLOCK).map(|block| {
             let first = points[block[0] as usize];
@@ -146,7 +146,7 @@ impl Farthest {
     }
 }
 
-/// Looks at the entry of `with` that reaches farthest, and then at those that reach as far as the best so far.
+/// Searches the entry of `with` that reaches farthest, and then those that reach as far as the best so far.
 fn best_first(reach: &[f64], with: &[bool], best: &mut Farthest, mut look: impl FnMut(usize, &mut Farthest)) {
     let mut first = None;
     for (i, (reach, with)) in reach.iter().zip(with).enumerate() {

@@ -1,4 +1,4 @@
-//! Top down: the cell that stands out farthest is cut, until none stands out too far.
+//! Top down: the cell that stands out farthest is cut, until none stands out by more than the allowed error.
 
 use super::cell::{Cell, Hull, Plane, Pool, hull_of, thicken};
 use super::cloud::{Cloud, spatial_order};
@@ -18,7 +18,7 @@ const PLACES: usize = 32;
 /// Weight of the difference between the two volumes: without it a round shell, where no single cut gains anything, would be
 /// cut at its edge.
 const BALANCE: f64 = 0.05;
-/// Pieces that stand out by more than this many times the allowed error are cut with a look ahead.
+/// Pieces that stand out by more than this many times the allowed error are cut with a look-ahead of one cut.
 const AHEAD: f64 = 3.0;
 /// Share of the allowed error that cutting aims at; merging may use all of it.
 const CUT_SHARE: f64 = 0.8;
@@ -76,7 +76,7 @@ pub(super) fn cut_down(whole: Cell, pool: &mut Pool, fit: &Fit, max_error: f64, 
 
 /// The plane whose two hulls have the least volume together.
 ///
-/// * `ahead`: look one cut further. A round shell gains nothing by being halved and much by being quartered, so one cut alone
+/// * `ahead`: look one cut further. A round shell gains nothing by being halved and much by being quartered, so a single cut
 ///   cannot distinguish the cut through its axis from the others.
 fn best_plane(cell: &Cell, pool: &Pool, coarse: &[Vector3<f64>], least: f64, ahead: bool) -> Option<Plane> {
     let points: Vec<_> = cell.points.iter().map(|&v| pool[v as usize]).collect();
@@ -135,7 +135,7 @@ impl Sorted {
     }
 
     /// Cheapest of evenly spaced places, refined twice by halving the space; no slab is thinner than `thinnest` metres, or a wavy
-    /// side would be sliced like bread.
+    /// side would be cut into many thin slices.
     fn best(&self, coarse: &[Vector3<f64>], thinnest: f64) -> Option<(f64, Plane)> {
         let margin = thinnest / self.width();
         let share = |place: usize| place as f64 / PLACES as f64;
@@ -169,7 +169,7 @@ fn cost([a, b]: [f64; 2]) -> f64 {
     a + b + BALANCE * (a - b).abs()
 }
 
-/// The extremes of the slabs between neighbouring places: the extremes below or above a place follow from these alone.
+/// The extremes of the slabs between neighbouring places: the extremes below or above a place follow from these.
 struct Slabs {
     /// Where each slab begins among the sorted points; the last entry is their number.
     begins: Vec<usize>,
@@ -204,7 +204,7 @@ impl Slabs {
 
 /// Least volume after cutting at `plane` and then halving each half, where that helps.
 ///
-/// * `order`: as [`spatial_order`] gives it for the points.
+/// * `order`: as [`spatial_order`] returns it for the points.
 fn cost_ahead(points: &[Point3<f64>], order: &[u32], plane: &Plane, coarse: &[Vector3<f64>]) -> f64 {
     let after = |above: bool| {
         let inside: Vec<bool> = points.iter().map(|p| (plane.normal.dot(&p.coords) >= plane.offset) == above).collect();

@@ -10,11 +10,11 @@ use rayon::prelude::*;
 
 /// Samples on the mesh by which underfill is measured.
 const SURFACE_SAMPLES: usize = 4000;
-/// Samples on a hull for a first look, and for a careful one.
+/// Samples on a hull for a coarse and for a fine measurement.
 const COARSE_SAMPLES: usize = 64;
 /// See [`COARSE_SAMPLES`].
 const FINE_SAMPLES: usize = 320;
-/// A hull that stands out by this many times the allowed error at first look is not looked at again.
+/// A hull that stands out by this many times the allowed error at the coarse measurement is not measured again.
 const HOPELESS: f64 = 3.0;
 /// Share of a hull's surface that may stand out farther: a groove or a rim does not cost a part.
 const SPARED: f64 = 0.02;

@@ -37,7 +37,6 @@ impl PartsParams {
 /// How well the parts fill the mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PartsReport {
-    /// How many parts there are.
     pub parts: usize,
     /// Corners of all parts.
     pub points: usize,
@@ -53,7 +52,6 @@ pub struct PartsReport {
     pub underfill_mean: f64,
 }
 
-/// Convex parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexParts {
     /// Closed convex meshes with outward faces, in the frame of the mesh, metres.

@@ -14,7 +14,7 @@ use nalgebra::{Point3, Translation3, Vector3};
 const FIRST: usize = 16;
 /// Corners added before the hull is rebuilt.
 const BATCH: usize = 6;
-/// Corners that stand out by less than this share of the size are not worth having.
+/// Corners that stand out by less than this share of the size are left out.
 const TOLERANCE: f64 = 2e-4;
 
 /// A hull of at most `max_points` corners, with the volume of `hull`: a ball of few corners stands out of the real one by as much as
@@ -52,7 +52,7 @@ fn grow(hull: &TriMesh, max_points: usize) -> TriMesh {
         let mut outside: Vec<(usize, f64)> = corners
             .iter()
             .enumerate()
-            .map(|(i, p)| (i, stands_out(&sides, p)))
+            .map(|(i, p)| (i, greatest_height(&sides, p)))
             .filter(|&(i, d)| d > tolerance && !chosen.contains(&i))
             .collect();
         if outside.is_empty() {
@@ -79,16 +79,16 @@ fn spread(corners: &[Point3<f64>], outside: &[(usize, f64)], room: usize, chosen
 }
 
 /// Greatest distance of `p` above a plane.
-fn stands_out(planes: &[(Vector3<f64>, f64)], p: &Point3<f64>) -> f64 {
+fn greatest_height(planes: &[(Vector3<f64>, f64)], p: &Point3<f64>) -> f64 {
     planes.iter().map(|(n, d)| n.dot(&p.coords) - d).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// Drops corners that the others make superfluous: they would only give the hull slivers.
+/// Drops redundant corners, which would only add slivers to the hull.
 fn prune(mut points: Vec<Point3<f64>>, tolerance: f64) -> Vec<Point3<f64>> {
     let mut i = 0;
     while i < points.len() && points.len() > 4 {
         let corner = points.remove(i);
-        let needed = convex_hull(&points).map_or(true, |others| stands_out(&planes(&others), &corner) > tolerance);
+        let needed = convex_hull(&points).map_or(true, |others| greatest_height(&planes(&others), &corner) > tolerance);
         if needed {
             points.insert(i, corner);
             i += 1;

@@ -69,7 +69,6 @@ impl VoxelFrame {
         self.resolution
     }
 
-    /// Number of voxels.
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> usize {
         self.resolution.pow(3)
@@ -132,7 +131,7 @@ impl VoxelGrid {
         Ok(Self { frame, set })
     }
 
-    /// Where the voxels are.
+    /// Place of the voxels.
     pub fn frame(&self) -> &VoxelFrame {
         &self.frame
     }
@@ -142,7 +141,7 @@ impl VoxelGrid {
         &self.set
     }
 
-    /// The flags alone.
+    /// The flags without the frame.
     pub fn into_flags(self) -> Vec<bool> {
         self.set
     }

@@ -1,6 +1,6 @@
 //! The lines of a grid through the centres of its voxels, and the faces that they cross.
 //!
-//! A face is cut along each row of lines by two of its edges. Where an edge cuts a row is computed from its two vertices alone, in
+//! A face is cut along each row of lines by two of its edges. Where an edge cuts a row is computed only from its two vertices, in
 //! the order of their indices, so the faces on both sides of an edge agree to the last bit and every line leaves a closed mesh as
 //! often as it enters it: lines through edges or vertices leave no stripes.
 
@@ -13,7 +13,7 @@ const TIE: [f64; 3] = [1.0e-9, 1.3e-9, 1.7e-9];
 
 /// A face crosses a line.
 pub(crate) struct Crossing<A> {
-    /// Where along the line.
+    /// Position along the line.
     pub along: A,
     /// Which line of its row.
     pub line: u16,
@@ -28,7 +28,7 @@ pub(crate) fn off_lines(corners: &[[f64; 3]]) -> Vec<[f64; 3]> {
 
 /// The crossings of lines along `axis`, by row of lines; the lines of `n` rows run through (j + 0.5, i + 0.5), in voxels.
 ///
-/// * `corners`: in voxels, as [`off_lines`] gives them.
+/// * `corners`: in voxels, as [`off_lines`] returns them.
 /// * `place`: the data kept of a place along a line.
 ///
 /// # Errors

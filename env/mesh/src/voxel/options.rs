@@ -34,7 +34,7 @@ impl FromStr for VoxelMode {
     }
 }
 
-/// How inside was decided.
+/// Rule that decided which voxels are inside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FillRule {
     /// The mesh is closed and oriented: it winds around its inside.
@@ -63,7 +63,7 @@ pub struct VoxelOptions {
     pub resolution: usize,
     /// Which voxels are set.
     pub mode: VoxelMode,
-    /// How often the resolution is halved; it must stay whole.
+    /// Number of halvings of the resolution, which must stay whole.
     pub down: u32,
     /// Clear the voxels whose six neighbours are set. Space beyond the grid counts as empty.
     pub remove_internal: bool,

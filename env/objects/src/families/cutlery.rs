@@ -1,6 +1,6 @@
 //! Flat objects bent in one plane: fork, spoon, scissors.
 //!
-//! They are built flat from plates and then bent: every point is raised by a height that depends on x and y alone.
+//! They are built flat from plates and then bent: every point is raised by a height that depends only on x and y.
 
 use crate::draft::{Draft, Rest};
 use crate::families::tools::STEEL;

@@ -67,7 +67,7 @@ fn bar(sampler: &mut Sampler, size: Vector3<f64>) -> (Surface, Vec<P3>) {
     rounded_box(half, radius.min(0.003), cells.into(), 2)
 }
 
-/// Upright rod of radius `r` and height `high`, its edges broken; `cloud` gives the points of its hull.
+/// Upright rod of radius `r` and height `high`, its edges broken; `cloud` returns the points of its hull.
 fn rod(r: f64, high: f64, place: impl Fn(Rz, f64) -> P3, cloud: impl Fn(&[Rz]) -> Vec<P3>) -> (Surface, Vec<P3>) {
     let edge = (r * 0.08).min(0.002);
     let outline = [Rz::new(r - edge, 0.0), Rz::new(r, edge), Rz::new(r, high - edge), Rz::new(r - edge, high)];

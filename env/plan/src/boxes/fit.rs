@@ -20,7 +20,7 @@ pub enum Fit {
 
 /// Fits a box around `points` (metres), in their frame.
 ///
-/// The box contains every point. It depends on the points alone, not on their frame: the longest side comes first, and the
+/// The box contains every point. It depends only on the points, not on their frame: the longest side comes first, and the
 /// signs of the axes follow the cloud's third moments.
 ///
 /// # Errors

@@ -49,7 +49,7 @@ impl Candidate {
     }
 }
 
-/// Axes (orthonormal columns) of the box of least volume around `samples` and `more`; `samples` alone (at least one) define the frame of the search.
+/// Axes (orthonormal columns) of the box of least volume around `samples` and `more`; only `samples` (at least one) define the frame of the search.
 pub(crate) fn least_volume_axes(samples: &[Point3<f64>], more: &[Point3<f64>]) -> Matrix3<f64> {
     let frame = CloudFrame::of(samples);
     let all = samples.iter().chain(more);

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// A frame that depends on a cloud alone.
+/// A frame that depends only on a cloud.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CloudFrame {
     /// Mean of the points.

@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OrientedBox {
-    /// Centre.
     pub center: Point3<f64>,
     /// Unit axes as columns, right-handed; the longest side first, the shortest last.
     pub axes: Matrix3<f64>,
@@ -68,10 +67,5 @@ impl OrientedBox {
             let local = Vector3::new(sign(0), sign(1), sign(2)).component_mul(&self.half_extents);
             self.center + self.axes * local
         })
-    }
-
-    /// Half the extent of the box along the unit vector `direction`, metres.
-    pub fn half_extent_along(&self, direction: &Vector3<f64>) -> f64 {
-        self.axes.tr_mul(direction).abs().dot(&self.half_extents)
     }
 }

@@ -23,7 +23,7 @@ impl Surface {
         surface
     }
 
-    /// Cuts by a plane; `side` gives the signed distance of a point. Returns the part with negative distances, then the rest; points on the
+    /// Cuts by a plane; `side` returns the signed distance of a point. Returns the part with negative distances, then the rest; points on the
     /// plane belong to both.
     pub fn cut(&self, side: impl Fn(&Point3<f64>) -> f64) -> [Self; 2] {
         let distances: Vec<f64> = self.vertices.iter().map(side).collect();

@@ -5,7 +5,6 @@ use super::split::Split;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-/// A node of a [`BoxTree`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoxNode {
@@ -48,20 +47,13 @@ impl BoxTree {
 pub enum BoxTreeFault {
     /// Not a tree in depth-first order.
     #[error("node {node} breaks the depth-first order of a binary tree")]
-    Structure {
-        /// Index of the node.
-        node: usize,
-    },
+    Structure { node: usize },
     /// Axes are not a right-handed orthonormal frame, or sides are not ordered, finite and at least 0.
     #[error("the box of node {node} is not a right-handed box with its longest side first")]
-    Box {
-        /// Index of the node.
-        node: usize,
-    },
+    Box { node: usize },
     /// A point that no leaf contains.
     #[error("point {point} lies {excess} m outside every leaf")]
     Uncovered {
-        /// Index of the point.
         point: usize,
         /// Distance from the nearest leaf, metres.
         excess: f64,

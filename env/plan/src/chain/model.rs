@@ -201,7 +201,7 @@ fn coordinate(hand: &Hand, joint: usize, open: f64) -> Coordinate {
     Coordinate { limits, arm, scale }
 }
 
-/// Each coordinate alone, from the root; then each with an earlier one that yields, if the tendon still shortens.
+/// Each coordinate by itself, from the root; then each with an earlier one that yields, if the tendon still shortens.
 fn moves(coordinates: &[Coordinate]) -> Vec<Vec<f64>> {
     let still = vec![0.0; coordinates.len()];
     let alone = |i: usize| {

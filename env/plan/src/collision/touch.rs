@@ -1,8 +1,8 @@
-//! How far the open hand pushes other objects aside on its approach, and how far into what carries them.
+//! How far the open hand pushes other objects aside on its approach, and how far into their support.
 //!
 //! Depths are measured between the hand's swept shapes and the convex parts of the neighbours, with which the simulation computes contacts too.
 //! What is pushed sideways gives way, what is pressed onto the table stops the hand: so the rank depends on [`Touch::press`] alone
-//! (`docs/results/clutter.md` has the success by depth, measured by `scripts/measure_touches.py`).
+//! (`docs/notebook/clutter.md` has the success by depth, measured by `scripts/measure_touches.py`).
 
 use super::{CollisionScene, Neighbour};
 use crate::open_hand::{OpenHand, SweptShape, pose, vector};

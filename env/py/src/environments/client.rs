@@ -64,16 +64,6 @@ impl Client {
         Ok(sent.map_err(CoreError::from)?)
     }
 
-    /// Waits for the answer to a command. A signal raises its exception; the answer can still be awaited afterwards.
-    fn wait<'py>(&self, py: Python<'py>, id: u64) -> PyResult<Bound<'py, PyAny>> {
-        loop {
-            py.check_signals()?;
-            if let Some(answer) = self.poll(py, id)? {
-                return Ok(answer);
-            }
-        }
-    }
-
     /// The answer to a command; None if it has not come within a tenth of a second.
     fn poll<'py>(&self, py: Python<'py>, id: u64) -> PyResult<Option<Bound<'py, PyAny>>> {
         let Some(frame) = py.detach(|| self.lock().poll(id)).map_err(CoreError::from)? else {
@@ -81,6 +71,11 @@ impl Client {
         };
         let value = decode(&frame).map_err(|error| self.foreign(&error))?;
         to_python(py, &value, self.segment.get()).map(Some)
+    }
+
+    /// Seconds since the connection was lost; None while there is one.
+    fn lost(&self) -> Option<f64> {
+        self.lock().lost().map(|time| time.as_secs_f64())
     }
 
     /// Opens the shared memory named by the server.

@@ -2,10 +2,10 @@
 
 use crate::convert::{Array, array};
 use crate::errors::CoreError;
-use graspbox_agent::observations::info::{INFO, InfoArray};
-use graspbox_agent::rewards::reward::TERM_COUNT;
-use graspbox_agent::{Batch, EnvSpec};
-use graspbox_vision::Pixels;
+use graspbox_gym::observations::info::{INFO, InfoArray};
+use graspbox_gym::rewards::reward::TERM_COUNT;
+use graspbox_gym::{Batch, EnvSpec};
+use graspbox_render::Pixels;
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -20,7 +20,7 @@ pub fn arrays<'py>(
     let rows = batch.len();
     let dict = PyDict::new(py);
     for (observation, values) in spec.observations.iter().zip(batch.observations) {
-        let name = observation.observation.name();
+        let name = spec.config.shown_name(observation.observation.name());
         let given = out.map(|out| out.get_item(name)).transpose()?.flatten();
         let found = match given {
             Some(given) => filled(given.cast_into::<PyArrayDyn<f32>>()?, name, &values, rows)?,
@@ -87,10 +87,10 @@ fn images<'py>(
 ) -> PyResult<()> {
     for (table, pixels) in spec.observer.tables().iter().zip(images) {
         let [a, b, c] = table.shape;
-        let shape = [rows, a, b, c];
+        let (shape, name) = ([rows, a, b, c], spec.config.shown_name(&table.name));
         match pixels {
-            Pixels::Bytes(values) => put(py, dict, out, &table.name, values, shape)?,
-            Pixels::Floats(values) => put(py, dict, out, &table.name, values, shape)?,
+            Pixels::Bytes(values) => put(py, dict, out, name, values, shape)?,
+            Pixels::Floats(values) => put(py, dict, out, name, values, shape)?,
         }
     }
     Ok(())

@@ -1,18 +1,19 @@
 //! `graspbox._core.EnvPool`: many environments in one call; `Objects`: the objects that they sample.
 
-use crate::convert::{Array, array, config, entries, json};
+use crate::convert::{Array, array, entries, read_config, to_python};
 use crate::environments::env_arrays::arrays;
 use crate::errors::CoreError;
 use crate::gil::{awaited, detached, interruptible};
 use crate::hand::Hand;
 use crate::layout::put_poses;
 use crate::mesh::{Mesh, MeshData};
-use graspbox_agent::pool::env_pool::Stepped;
-use graspbox_agent::starts::initial_samples::InitialSamples;
-use graspbox_agent::starts::random_stream::RandomStream;
-use graspbox_agent::{self as agent, AgentConfig, AgentError, Batch, ObjectDescription, ResetOptions, Source, Tables};
+use graspbox_gym::pool::env_pool::StepBatches;
+use graspbox_gym::rewards::goal_terms::{GOAL_TERMS, goal_terms};
+use graspbox_gym::starts::initial_samples::InitialSamples;
+use graspbox_gym::starts::random_stream::RandomStream;
+use graspbox_gym::{self as gym, Batch, EnvConfig, EnvError, ObjectDescription, ResetOptions, Source, Tables};
 use graspbox_sim::PhysicsConfig;
-use numpy::PyReadonlyArrayDyn;
+use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use rayon::prelude::*;
@@ -22,31 +23,31 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// An input array of float32.
-type Singles<'py> = PyReadonlyArrayDyn<'py, f32>;
+type FloatArray<'py> = PyReadonlyArrayDyn<'py, f32>;
 
 #[derive(FromPyObject)]
 enum Given<'py> {
     Mesh(PyRef<'py, Mesh>),
-    Json(String),
+    Description(Bound<'py, PyAny>),
 }
 
 /// A handle on objects that environments share; each is prepared at first use.
 #[pyclass(frozen, weakref, module = "graspbox._core")]
-pub struct Objects(Arc<agent::Objects>);
+pub struct Objects(Arc<gym::Objects>);
 
 #[pymethods]
 impl Objects {
-    /// Takes meshes, or descriptions as JSON (`name`, and `path` or `family` and `seed`; `scale`, `mass`); `physics` is JSON.
+    /// Takes meshes, or descriptions (`name`, and `path` or `family` and `seed`; `scale`, `mass`).
     #[new]
     #[pyo3(signature = (sources, hand, physics, cache))]
-    fn new(sources: Vec<Given<'_>>, hand: &Hand, physics: &str, cache: Option<PathBuf>) -> PyResult<Self> {
-        let physics: PhysicsConfig = config(physics, "PhysicsConfig")?;
+    fn new(sources: Vec<Given<'_>>, hand: &Hand, physics: &Bound<'_, PyAny>, cache: Option<PathBuf>) -> PyResult<Self> {
+        let physics: PhysicsConfig = read_config(physics, "PhysicsConfig")?;
         let source = |given: Given<'_>| match given {
             Given::Mesh(mesh) => Ok(Source::Given(Arc::new(mesh.0.spec.clone()))),
-            Given::Json(text) => Ok(config::<ObjectDescription>(&text, "an object")?.try_into()?),
+            Given::Description(values) => Ok(read_config::<ObjectDescription>(&values, "an object")?.try_into()?),
         };
         let sources = sources.into_iter().map(source).collect::<Result<Vec<_>, CoreError>>()?;
-        let objects = agent::Objects::new(sources, Arc::clone(&hand.0), physics, cache).map_err(CoreError::from)?;
+        let objects = gym::Objects::new(sources, Arc::clone(&hand.0), physics, cache).map_err(CoreError::from)?;
         Ok(Self(Arc::new(objects)))
     }
 
@@ -84,12 +85,12 @@ impl Objects {
 }
 
 /// A received environment, with the results of its step.
-type Arrival = (usize, Result<Stepped, CoreError>);
+type Arrival = (usize, Result<StepBatches, CoreError>);
 
 /// A pool of environments.
 #[pyclass(frozen, module = "graspbox._core")]
 pub struct EnvPool {
-    pub(crate) core: Arc<agent::EnvPool>,
+    pub(crate) core: Arc<gym::EnvPool>,
     pub(crate) num_threads: Option<usize>,
     sender: Mutex<Sender<Arrival>>,
     arrivals: Mutex<Receiver<Arrival>>,
@@ -104,12 +105,12 @@ impl EnvPool {
     #[pyo3(signature = (objects, config, num_envs, num_threads))]
     fn new(
         objects: &Objects,
-        config: &str,
+        config: &Bound<'_, PyAny>,
         num_envs: usize,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Self> {
-        let config: AgentConfig = crate::convert::config(config, "AgentConfig")?;
-        let core = agent::EnvPool::new(Arc::clone(&objects.0), config, num_envs).map_err(CoreError::from)?;
+        let config: EnvConfig = read_config(config, "EnvConfig")?;
+        let core = gym::EnvPool::new(Arc::clone(&objects.0), config, num_envs).map_err(CoreError::from)?;
         crate::gil::thread_count(num_threads)?;
         let (sender, arrivals) = channel();
         Ok(Self { core: Arc::new(core), num_threads, sender: Mutex::new(sender), arrivals: Mutex::new(arrivals) })
@@ -120,14 +121,14 @@ impl EnvPool {
         self.core.len()
     }
 
-    /// Begins new episodes where `mask` is true; `options` are JSON: none, one for all environments, or one per environment.
+    /// Begins new episodes where `mask` is true; `options`: none, one for all environments, or one per environment.
     #[pyo3(signature = (seeds=None, mask=None, options=None, out=None))]
     fn reset<'py>(
         &self,
         py: Python<'py>,
         seeds: Option<Vec<Option<u64>>>,
         mask: Option<PyReadonlyArrayDyn<'py, bool>>,
-        options: Option<Vec<String>>,
+        options: Option<Vec<Bound<'py, PyAny>>>,
         out: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let count = self.core.len();
@@ -136,7 +137,9 @@ impl EnvPool {
         let mask = mask.transpose()?;
         let options: Vec<ResetOptions> = match options {
             None => vec![ResetOptions::default()],
-            Some(texts) => texts.iter().map(|text| config(text, "reset options")).collect::<Result<_, _>>()?,
+            Some(given) => {
+                given.iter().map(|options| read_config(options, "reset options")).collect::<Result<_, _>>()?
+            }
         };
         let core = Arc::clone(&self.core);
         let (stopped, stop) = stopper();
@@ -151,7 +154,7 @@ impl EnvPool {
     fn step<'py>(
         &self,
         py: Python<'py>,
-        actions: Singles<'py>,
+        actions: FloatArray<'py>,
         out: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Rows<'py>> {
         let actions = self.actions(&actions, self.core.len())?;
@@ -162,7 +165,7 @@ impl EnvPool {
     }
 
     /// Starts steps of environments; `recv` returns them in the order in which they finish.
-    fn send(&self, py: Python<'_>, actions: Singles<'_>, envs: Vec<usize>) -> PyResult<()> {
+    fn send(&self, py: Python<'_>, actions: FloatArray<'_>, envs: Vec<usize>) -> PyResult<()> {
         let actions = self.actions(&actions, envs.len())?;
         let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let core = Arc::clone(&self.core);
@@ -199,7 +202,7 @@ impl EnvPool {
             now.append(stepped.now);
             last.append(stepped.last);
         }
-        self.rows(py, Stepped { now, last }, None)
+        self.rows(py, StepBatches { now, last }, None)
     }
 
     /// The present results of every environment.
@@ -226,11 +229,11 @@ impl EnvPool {
         let mut poses = [const { Vec::new() }; 3];
         for env in 0..self.core.len() {
             let locked = self.core.env(env).map_err(CoreError::from)?;
-            let episode = locked.episode().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
+            let episode = locked.episode().ok_or(EnvError::NotReset { env }).map_err(CoreError::from)?;
             let world = episode.episode().world();
             poses[0].push(world.world_from_object());
             poses[1].push(world.world_from_hand());
-            poses[2].push(*episode.arm().believed());
+            poses[2].push(*episode.arm().estimated_pose());
         }
         let [object, hand, believed] = poses.map(|p| crate::convert::matrices(py, p.into_iter()));
         Ok([object?, hand?, believed?])
@@ -240,7 +243,7 @@ impl EnvPool {
     /// one), and the walls as in `arrange`.
     fn scene<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Bound<'py, PyDict>> {
         let locked = self.core.env(env).map_err(CoreError::from)?;
-        let episode = locked.episode().ok_or(AgentError::NotReset { env }).map_err(CoreError::from)?;
+        let episode = locked.episode().ok_or(EnvError::NotReset { env }).map_err(CoreError::from)?;
         let bodies = episode.objects().map(|object| Mesh(Arc::new(MeshData::of_body(object.prepared.body().clone()))));
         let dict = PyDict::new(py);
         dict.set_item("meshes", bodies.collect::<Vec<_>>())?;
@@ -278,7 +281,7 @@ impl Drop for EnvPool {
 
 impl EnvPool {
     /// Waits until `count` environments have finished; a signal cancels steps that have not begun.
-    fn gather(&self, py: Python<'_>, arrived: &mut Vec<(usize, Stepped)>, count: usize) -> PyResult<()> {
+    fn gather(&self, py: Python<'_>, arrived: &mut Vec<(usize, StepBatches)>, count: usize) -> PyResult<()> {
         while arrived.len() < count {
             match awaited(py, &self.arrivals) {
                 Ok(Some((env, Ok(stepped)))) => arrived.push((env, stepped)),
@@ -290,7 +293,7 @@ impl EnvPool {
                     // Received environments still count as pending. Another thread may have cancelled the steps that this one awaits.
                     let away = self.core.away();
                     if away < count {
-                        return Err(CoreError::from(AgentError::Cancelled { count, pending: away }).into());
+                        return Err(CoreError::from(EnvError::Cancelled { count, pending: away }).into());
                     }
                 }
                 Err(signal) => {
@@ -302,22 +305,44 @@ impl EnvPool {
         Ok(())
     }
 
-    fn actions(&self, actions: &Singles<'_>, rows: usize) -> Result<Vec<f32>, CoreError> {
+    fn actions(&self, actions: &FloatArray<'_>, rows: usize) -> Result<Vec<f32>, CoreError> {
         let shape = [Some(rows), Some(self.core.spec().action)];
         entries(actions, "actions", &shape).map(<[f32]>::to_vec)
     }
 
-    fn rows<'py>(&self, py: Python<'py>, stepped: Stepped, out: Option<&Bound<'py, PyDict>>) -> PyResult<Rows<'py>> {
+    fn rows<'py>(
+        &self,
+        py: Python<'py>,
+        stepped: StepBatches,
+        out: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Rows<'py>> {
         let spec = self.core.spec();
         let last = (!stepped.last.is_empty()).then(|| arrays(py, spec, stepped.last, None));
         Ok((arrays(py, spec, stepped.now, out)?, last.transpose()?))
     }
 }
 
-/// The tables of all inputs and outputs of the environments of a hand, as JSON.
+/// The tables of all inputs and outputs of the environments of a hand.
 #[pyfunction]
-pub fn agent_tables(hand: &Hand) -> PyResult<String> {
-    Ok(json(&Tables::new(&hand.0))?)
+pub fn env_tables<'py>(py: Python<'py>, hand: &Hand) -> PyResult<Bound<'py, PyAny>> {
+    to_python(py, &Tables::new(&hand.0))
+}
+
+/// Reward terms (n, 2) of goals: 0 or -1, and minus the distance.
+#[pyfunction]
+pub fn goal_rewards<'py>(
+    py: Python<'py>,
+    achieved: FloatArray<'py>,
+    desired: FloatArray<'py>,
+    threshold: f64,
+) -> PyResult<Array<'py, f32>> {
+    let rows = achieved.shape().first().copied().unwrap_or(0);
+    let shape = [Some(rows), Some(3)];
+    let (achieved, desired) =
+        (entries(&achieved, "achieved_goal", &shape)?, entries(&desired, "desired_goal", &shape)?);
+    let pairs = achieved.as_chunks::<3>().0.iter().zip(desired.as_chunks::<3>().0);
+    let terms = pairs.flat_map(|(a, b)| goal_terms(a, b, threshold).into_iter().take(GOAL_TERMS.len()));
+    array(py, terms.collect(), &[rows, GOAL_TERMS.len()])
 }
 
 /// Indices of the objects, below `count`, that environments sample at a reset with each of the seeds.

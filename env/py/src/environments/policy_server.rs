@@ -1,50 +1,39 @@
-//! `graspbox._core.PolicyServer`: a policy server.
+//! `graspbox._core.PolicyListener`: a policy server.
 
-use crate::convert::config;
+use crate::convert::read_config;
 use crate::environments::frames::{to_python, write};
+use crate::environments::listener::{Listener, wait_for};
 use crate::errors::CoreError;
 use graspbox_server::policy_server::PolicyServer as Core;
-use graspbox_server::{Encoder, Fault, Form, PolicyJob as CoreJob, ServerConfig, decode};
+use graspbox_server::{Encoder, Fault, PolicyJob as CoreJob, ServerConfig, Transport, decode};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
-
-/// Time between two checks for signals.
-const PATIENCE: Duration = Duration::from_millis(100);
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 /// A running policy server; `next_jobs` returns its requests.
-#[pyclass(frozen, module = "graspbox._core")]
-pub struct PolicyServer(Core);
+#[pyclass(frozen, extends = Listener, module = "graspbox._core")]
+pub struct PolicyListener(Arc<Core>);
 
 #[pymethods]
-impl PolicyServer {
-    /// Starts a server; `settings` and `metadata` (the first frame of a connection) are JSON.
+impl PolicyListener {
+    /// Starts a server; `metadata` is the first frame of a connection.
     #[new]
-    fn new(py: Python<'_>, settings: &str, metadata: &str) -> PyResult<Self> {
-        let config: ServerConfig = config(settings, "ServerConfig")?;
-        let metadata: serde_json::Value = crate::convert::config(metadata, "the metadata")?;
-        Ok(Self(py.detach(|| Core::start(&config, &metadata)).map_err(CoreError::from)?))
-    }
-
-    /// Host and port on which it listens.
-    #[getter]
-    fn address(&self) -> (String, u16) {
-        (self.0.address().ip().to_string(), self.0.address().port())
+    fn new(
+        py: Python<'_>,
+        settings: &Bound<'_, PyAny>,
+        metadata: &Bound<'_, PyAny>,
+    ) -> PyResult<PyClassInitializer<Self>> {
+        let config: ServerConfig = read_config(settings, "ServerConfig")?;
+        let metadata: serde_json::Value = read_config(metadata, "the metadata")?;
+        let core = py.detach(|| Core::start(&config, &metadata)).map_err(CoreError::from)?;
+        Ok(Listener::with(Arc::new(core), Self))
     }
 
     /// The next requests, at most `most`; an empty list if none came within `seconds`.
     fn next_jobs(&self, py: Python<'_>, most: usize, seconds: f64) -> PyResult<Vec<PolicyJob>> {
-        let until = Instant::now() + Duration::try_from_secs_f64(seconds).unwrap_or_default();
-        loop {
-            py.check_signals()?;
-            crate::log::emit(py);
-            let left = until.saturating_duration_since(Instant::now());
-            let jobs = py.detach(|| self.0.next_jobs(most, left.min(PATIENCE)));
-            if !jobs.is_empty() || left <= PATIENCE {
-                return Ok(jobs.into_iter().map(PolicyJob::new).collect());
-            }
-        }
+        let jobs = wait_for(py, seconds, |wait| Some(self.0.next_jobs(most, wait)).filter(|jobs| !jobs.is_empty()))?;
+        Ok(jobs.into_iter().flatten().map(PolicyJob::new).collect())
     }
 
     /// Numbers of the connections ended since the last call.
@@ -55,28 +44,6 @@ impl PolicyServer {
     /// Counts a decision.
     fn decided(&self, seconds: f64) {
         self.0.decided(seconds);
-    }
-
-    /// Its counters, in the text format of OpenMetrics.
-    fn metrics(&self) -> String {
-        self.0.metrics()
-    }
-
-    /// Refuses new connections and HTTP requests.
-    fn drain(&self) {
-        self.0.drain();
-    }
-
-    /// True while an answer to a request has not been written.
-    #[getter]
-    fn busy(&self) -> bool {
-        self.0.is_busy()
-    }
-
-    /// Ends all connections, also those waiting for an answer.
-    fn stop(&self, py: Python<'_>) {
-        py.detach(|| self.0.stop());
-        crate::log::emit(py);
     }
 }
 
@@ -139,7 +106,7 @@ impl PolicyJob {
 
 impl PolicyJob {
     fn new(job: CoreJob) -> Self {
-        let (connection, json, since) = (job.connection, job.form == Form::Json, job.since);
+        let (connection, json, since) = (job.connection, job.form == Transport::Json, job.since);
         Self { connection, json, since, job: Mutex::new(Some(job)) }
     }
 

@@ -1,17 +1,17 @@
 //! Perception: noise of depth images, crops around the object, candidate grasps, voxels around the hand.
 
-use crate::convert::{self, Array, Floats, array, config, entries, isometries, matrices};
+use crate::convert::{self, Array, Floats, array, entries, isometries, matrices, read_config};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
 use crate::images::vision::lens;
 use crate::mesh::Mesh;
-use graspbox_camera::Camera;
 use graspbox_perception::{
-    CHANNEL_NAMES, CHANNELS, CropConfig, CropVolume, DepthNoise, HAND_CHANNEL_NAMES, HAND_CHANNELS, HandGrid as Core,
+    CHANNEL_NAMES, CHANNELS, CropConfig, CropVolume, DepthNoise, HAND_CHANNEL_NAMES, HAND_CHANNELS, HandGrid,
     HandGridConfig, ProposalConfig, add_depth_noise as add_noise, fill_channels, hand_crops, levers, observe,
     obstacle_points, propose, solid,
 };
+use graspbox_render::Camera;
 use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -28,12 +28,12 @@ pub fn channel_names() -> (Vec<&'static str>, Vec<&'static str>) {
     (CHANNEL_NAMES.to_vec(), HAND_CHANNEL_NAMES.to_vec())
 }
 
-/// Checks that the length `found` of `what` is `wanted`.
-fn same(what: &str, found: usize, wanted: usize) -> Result<(), CoreError> {
-    if found == wanted {
+/// Checks that the length of `what` is `wanted`.
+fn same(what: &str, length: usize, wanted: usize) -> Result<(), CoreError> {
+    if length == wanted {
         return Ok(());
     }
-    Err(CoreError::Config(format!("{what} has length {found}; give {wanted}, one for each")))
+    Err(CoreError::Config(format!("{what} has length {length}; give {wanted}, one for each")))
 }
 
 /// Adds the noise of a camera to rendered depth images (n, H, W): uint16 millimetres, 0 for no depth.
@@ -44,10 +44,10 @@ pub fn add_depth_noise<'py>(
     depth: PyReadonlyArrayDyn<'py, f32>,
     intrinsics: Floats<'py>,
     seeds: Vec<u64>,
-    noise: &str,
+    noise: &Bound<'_, PyAny>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<Array<'py, u16>> {
-    let noise: DepthNoise = config(noise, "DepthNoise")?;
+    let noise: DepthNoise = read_config(noise, "DepthNoise")?;
     let values = entries(&depth, "depth", &[None, None, None])?.to_vec();
     let shape = depth.shape().to_vec();
     same("seeds", seeds.len(), shape[0])?;
@@ -66,10 +66,10 @@ pub fn crops<'py>(
     intrinsics: Floats<'py>,
     world_from_camera: Floats<'py>,
     labels: Option<PyReadonlyArrayDyn<'py, bool>>,
-    crop: &str,
+    crop: &Bound<'_, PyAny>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let crop: CropConfig = config(crop, "CropConfig")?;
+    let crop: CropConfig = read_config(crop, "CropConfig")?;
     let values = entries(&depth, "depth", &[None, None, None])?.to_vec();
     let shape = depth.shape().to_vec();
     let [count, height, width] = [shape[0], shape[1], shape[2]];
@@ -116,10 +116,10 @@ pub fn solids<'py>(
     meshes: Vec<PyRef<'py, Mesh>>,
     mesh_of: Vec<usize>,
     crop_from_object: Floats<'py>,
-    crop: &str,
+    crop: &Bound<'_, PyAny>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<Array<'py, u8>> {
-    let crop: CropConfig = config(crop, "CropConfig")?;
+    let crop: CropConfig = read_config(crop, "CropConfig")?;
     let poses = isometries(&crop_from_object, "crop_from_object")?;
     same("mesh_of", mesh_of.len(), poses.len())?;
     if let Some(index) = mesh_of.iter().find(|index| **index >= meshes.len()) {
@@ -136,13 +136,13 @@ pub fn solids<'py>(
     array(py, filled, &[count, n, n, n])
 }
 
-/// A hand, prepared for perception.
+/// The volumes that a hand sweeps in a grid around it, prepared for perception.
 #[pyclass(frozen, module = "graspbox._core")]
-pub struct HandGrid {
-    core: Arc<Core>,
+pub struct HandVolumes {
+    core: Arc<HandGrid>,
 }
 
-impl HandGrid {
+impl HandVolumes {
     /// Poses in a crop with the preshape nearest to each number.
     fn grasps(&self, poses: &Floats<'_>, preshape: &Floats<'_>) -> Result<Vec<(Isometry3<f64>, usize)>, CoreError> {
         let poses = isometries(poses, "poses")?;
@@ -163,13 +163,13 @@ fn obstacles_of(obstacles: &Floats<'_>) -> PyResult<Vec<Point3<f32>>> {
 }
 
 #[pymethods]
-impl HandGrid {
-    /// Prepares `hand`; `config` is JSON.
+impl HandVolumes {
+    /// Prepares `hand`.
     #[new]
-    fn new(py: Python<'_>, hand: &Hand, config: &str) -> PyResult<Self> {
-        let settings: HandGridConfig = self::config(config, "HandGridConfig")?;
+    fn new(py: Python<'_>, hand: &Hand, config: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let settings: HandGridConfig = read_config(config, "HandGridConfig")?;
         let hand = Arc::clone(&hand.0);
-        let core = detached(py, None, move || Core::new(&hand, &settings))?;
+        let core = detached(py, None, move || HandGrid::new(&hand, &settings))?;
         Ok(Self { core: Arc::new(core) })
     }
 
@@ -222,14 +222,14 @@ impl HandGrid {
         &self,
         py: Python<'py>,
         occupancy: Bytes<'_>,
-        crop: &str,
-        config: &str,
+        crop: &Bound<'_, PyAny>,
+        config: &Bound<'_, PyAny>,
         whole: Option<Bytes<'_>>,
         obstacles: Floats<'_>,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let crop: CropConfig = self::config(crop, "CropConfig")?;
-        let settings: ProposalConfig = self::config(config, "ProposalConfig")?;
+        let crop: CropConfig = read_config(crop, "CropConfig")?;
+        let settings: ProposalConfig = read_config(config, "ProposalConfig")?;
         let occupancy = occupancy_of(&occupancy, "occupancy", &crop)?;
         let whole = whole.map(|whole| occupancy_of(&whole, "whole", &crop)).transpose()?;
         let mut obstacles = obstacles_of(&obstacles)?;
@@ -259,14 +259,14 @@ impl HandGrid {
         &self,
         py: Python<'py>,
         occupancy: Bytes<'_>,
-        crop: &str,
+        crop: &Bound<'_, PyAny>,
         points: usize,
         obstacles: Floats<'_>,
         poses: Floats<'_>,
         preshape: Floats<'_>,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<(Array<'py, bool>, Array<'py, i64>)> {
-        let crop: CropConfig = self::config(crop, "CropConfig")?;
+        let crop: CropConfig = read_config(crop, "CropConfig")?;
         let occupancy = occupancy_of(&occupancy, "occupancy", &crop)?;
         let grasps = self.grasps(&poses, &preshape)?;
         let obstacles = obstacles_of(&obstacles)?;
@@ -280,18 +280,18 @@ impl HandGrid {
         Ok((free, array(py, met.iter().map(|met| i64::from(met.chains.count_ones())).collect(), &[met.len()])?))
     }
 
-    /// How far the fingertips at each pose (m, 4, 4) are from the middle of what is near them, in plan view: (m,) metres.
+    /// Horizontal distance from the fingertips at each pose (m, 4, 4) to the middle of the surface near them: (m,) metres.
     #[pyo3(signature = (occupancy, crop, poses, preshape, num_threads))]
     fn levers<'py>(
         &self,
         py: Python<'py>,
         occupancy: Bytes<'_>,
-        crop: &str,
+        crop: &Bound<'_, PyAny>,
         poses: Floats<'_>,
         preshape: Floats<'_>,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Array<'py, f64>> {
-        let crop: CropConfig = self::config(crop, "CropConfig")?;
+        let crop: CropConfig = read_config(crop, "CropConfig")?;
         let occupancy = occupancy_of(&occupancy, "occupancy", &crop)?;
         let grasps = self.grasps(&poses, &preshape)?;
         let (core, count) = (Arc::clone(&self.core), grasps.len());
@@ -308,12 +308,12 @@ impl HandGrid {
         &self,
         py: Python<'py>,
         channels: Bytes<'_>,
-        crop: &str,
+        crop: &Bound<'_, PyAny>,
         crop_of: Vec<usize>,
         poses: Floats<'_>,
         #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     ) -> PyResult<Array<'py, u8>> {
-        let crop: CropConfig = self::config(crop, "CropConfig")?;
+        let crop: CropConfig = read_config(crop, "CropConfig")?;
         let n = Some(crop.resolution);
         let values = entries(&channels, "channels", &[None, Some(3), n, n, n])?.to_vec();
         let poses = isometries(&poses, "poses")?;

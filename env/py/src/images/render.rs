@@ -1,12 +1,11 @@
 //! Pictures of any meshes from any camera, and of a hand among them.
 
-use crate::convert::{Array, Floats, array, isometries, isometry, points, vector};
+use crate::convert::{Array, Floats, array, isometries, isometry, points, read_config, vector};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
 use crate::mesh::{Mesh, MeshData};
-use graspbox_camera::{Camera, Channels, Detail, Instance, Light, Renderer};
-use graspbox_vision::VisualModels;
+use graspbox_render::{Camera, Channels, Detail, HandModel, Instance, Light, Renderer};
 use nalgebra::Isometry3;
 use pyo3::prelude::*;
 use serde::Deserialize;
@@ -41,7 +40,7 @@ type Posed<'py> = (PyRef<'py, Hand>, Floats<'py>, Floats<'py>);
 /// along the optical axis, 0 where nothing is.
 ///
 /// `world_from_mesh` (n, 4, 4); `colors` (n, 3) in [0, 1]; `intrinsics` (3, 3); `world_from_camera` (4, 4), the
-/// camera's frame with x right, y down, z forward; `config` is JSON. Meshes are rendered in full detail.
+/// camera's frame with x right, y down, z forward. Meshes are rendered in full detail.
 #[pyfunction]
 #[pyo3(signature = (
     meshes, world_from_mesh, colors, casts_shadow, hand, intrinsics, world_from_camera, config, num_threads
@@ -56,10 +55,10 @@ pub fn render<'py>(
     hand: Option<Posed<'py>>,
     intrinsics: Floats<'py>,
     world_from_camera: Floats<'py>,
-    config: &str,
+    config: &Bound<'_, PyAny>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<(Array<'py, u8>, Array<'py, f32>)> {
-    let config: RenderConfig = crate::convert::config(config, "RenderConfig")?;
+    let config: RenderConfig = read_config(config, "RenderConfig")?;
     let solids = solids(&meshes, &world_from_mesh, &colors, &casts_shadow)?;
     let hand = hand.map(posed).transpose()?;
     let [height, width] = config.image_size;
@@ -101,22 +100,22 @@ fn solids(
         .collect())
 }
 
-/// The hand's models, and the poses of its links in the world.
-fn posed((hand, world_from_hand, positions): Posed) -> Result<(VisualModels, Vec<Isometry3<f64>>), CoreError> {
+/// The hand's model, and the poses of its links in the world.
+fn posed((hand, world_from_hand, positions): Posed) -> Result<(HandModel, Vec<Isometry3<f64>>), CoreError> {
     let frame = isometry(&world_from_hand, "world_from_hand")?;
     let links = hand.0.hand_from_links(&vector(&positions, "positions")?)?;
-    Ok((VisualModels::new(&hand.0)?, links.into_iter().map(|link| frame * link).collect()))
+    Ok((HandModel::new(&hand.0)?, links.into_iter().map(|link| frame * link).collect()))
 }
 
 fn paint(
     solids: &[Solid],
-    hand: Option<(VisualModels, Vec<Isometry3<f64>>)>,
+    hand: Option<(HandModel, Vec<Isometry3<f64>>)>,
     camera: &Camera,
     config: &RenderConfig,
 ) -> Result<(Vec<u8>, Vec<f32>), CoreError> {
     let mut instances = Vec::with_capacity(solids.len());
-    if let Some((models, links)) = &hand {
-        instances.extend(models.hand(links));
+    if let Some((model, links)) = &hand {
+        instances.extend(model.instances(links));
     }
     for solid in solids {
         instances.push(Instance {

@@ -1,38 +1,19 @@
 //! Images of many objects at rest, and voxels from many depth images: one call on all threads.
 
-use crate::convert::{Array, Floats, array, config, entries, isometries, matrices};
+use crate::convert::{Array, Floats, array, entries, isometries, matrices, read_config};
 use crate::errors::CoreError;
 use crate::gil::detached;
-use crate::images::still_scene::{StillScene, wall_models};
-use crate::images::vision::{image_arrays, lens};
+use crate::images::still_scene::{StillScene, fixed_boxes};
+use crate::images::vision::{ImagesConfig, image_arrays, lens};
 use crate::mesh::{Mesh, MeshData};
-use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Renderer, ViewPlan, occupancy};
 use graspbox_mesh::VoxelFrame;
-use graspbox_vision::VisualModels;
+use graspbox_render::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, Renderer, ViewPlan, occupancy};
 use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use serde::Deserialize;
 use std::sync::Arc;
-
-/// Settings of [`render_scenes`] besides objects and cameras.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SceneImagesConfig {
-    /// Rows and columns.
-    image_size: [u32; 2],
-    /// Vertical field of view, radians.
-    fov: f64,
-    /// Clipping depths, metres.
-    near: f64,
-    far: f64,
-    rgb: bool,
-    segmentation: bool,
-    /// Whether table and ground are rendered.
-    table: bool,
-}
 
 /// One image for each of n scenes: objects of `meshes` by their indices (the first is "the object" of the labels), and walls, seen from
 /// `world_from_camera` (n, 4, 4).
@@ -49,13 +30,14 @@ pub fn render_scenes<'py>(
     world_from_objects: Floats<'py>,
     walls: Vec<Vec<(Floats<'py>, [f64; 3])>>,
     world_from_camera: Floats<'py>,
-    config: &str,
+    config: &Bound<'_, PyAny>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let settings: SceneImagesConfig = self::config(config, "the images")?;
+    let settings: ImagesConfig = read_config(config, "the images")?;
     let cameras = isometries(&world_from_camera, "world_from_camera")?;
     let meshes: Vec<_> = meshes.iter().map(|mesh| Arc::clone(&mesh.0)).collect();
-    let scenes = still_scenes(&meshes, &meshes_of, &isometries(&world_from_objects, "world_from_objects")?, &walls)?;
+    let poses = isometries(&world_from_objects, "world_from_objects")?;
+    let scenes = still_scenes(&meshes, &meshes_of, &poses, &walls, settings.table)?;
     if cameras.len() != scenes.len() {
         let (cameras, scenes) = (cameras.len(), scenes.len());
         return Err(CoreError::Config(format!("there are {cameras} cameras for {scenes} scenes; give one each")).into());
@@ -64,11 +46,10 @@ pub fn render_scenes<'py>(
     let lens = Intrinsics::from_fov(width, height, settings.fov).map_err(CoreError::from)?;
     let channels = Channels { rgb: settings.rgb, segmentation: settings.segmentation };
     let frames = detached(py, num_threads, move || {
-        let models = VisualModels::bare(settings.table)?;
         let one = |renderer: &mut Renderer, index: usize| -> Result<Frame, CoreError> {
             let scene = scenes[index].pose(true)?;
             let camera = Camera::new(lens, cameras[index])?.with_range(settings.near, settings.far)?;
-            Ok(renderer.render(&models.instances(&scene), &camera, &Light::default(), channels)?)
+            Ok(renderer.render(&scene.instances(None), &camera, &Light::default(), channels)?)
         };
         let frames: Vec<_> = (0..scenes.len()).into_par_iter().map_init(|| Renderer::new(Detail::Auto), one).collect();
         frames.into_iter().collect::<Result<Vec<Frame>, CoreError>>()
@@ -85,6 +66,7 @@ fn still_scenes(
     meshes_of: &[Vec<usize>],
     world_from_objects: &[Isometry3<f64>],
     walls: &[Vec<(Floats, [f64; 3])>],
+    table: bool,
 ) -> Result<Vec<StillScene>, CoreError> {
     let (count, poses) = (meshes_of.iter().map(Vec::len).sum::<usize>(), world_from_objects.len());
     if count != poses {
@@ -103,24 +85,24 @@ fn still_scenes(
     };
     let scene = |(objects, walls): (&Vec<usize>, &Vec<(Floats, [f64; 3])>)| {
         let objects = objects.iter().zip(poses.by_ref().take(objects.len())).map(object).collect::<Result<_, _>>()?;
-        Ok(StillScene { objects, walls: wall_models(walls)? })
+        Ok(StillScene { objects, fixed: fixed_boxes(walls, table)? })
     };
     meshes_of.iter().zip(walls).map(scene).collect()
 }
 
-/// Poses of the cameras of a plan (JSON) around `target`: `world_from_camera` (count, 4, 4).
+/// Poses of the cameras of a plan around `target`: `world_from_camera` (count, 4, 4).
 #[pyfunction]
 pub fn camera_poses<'py>(
     py: Python<'py>,
-    plan: &str,
+    plan: &Bound<'_, PyAny>,
     target: [f64; 3],
     count: usize,
     seed: u64,
 ) -> PyResult<Array<'py, f64>> {
-    let plan: ViewPlan = config(plan, "ViewPlan")?;
+    let plan: ViewPlan = read_config(plan, "ViewPlan")?;
     // Poses do not depend on the lens.
     let lens = Intrinsics::from_fov(1, 1, 1.0).map_err(CoreError::from)?;
-    let cameras = graspbox_camera::views(&plan, lens, Point3::from(target), count, seed).map_err(CoreError::from)?;
+    let cameras = graspbox_render::views(&plan, lens, Point3::from(target), count, seed).map_err(CoreError::from)?;
     matrices(py, cameras.iter().map(|camera| *camera.world_from_camera()))
 }
 

@@ -1,24 +1,24 @@
 //! Images of environments and objects, pictures, cameras.
 
-use crate::convert::{Array, Floats, array, config, isometries, isometry, json, matrices, point};
+use crate::convert::{Array, Floats, array, isometries, isometry, matrices, point, read_config, to_python};
 use crate::environments::env_pool::EnvPool;
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
-use crate::images::still_scene::{StillScene, wall_models};
+use crate::images::still_scene::{StillScene, fixed_boxes};
 use crate::mesh::Mesh;
-use graspbox_agent::AgentError;
-use graspbox_agent::observations::tables::image_tables as image_tables_of;
-use graspbox_camera::{Camera, Channels, DepthView, Detail, Frame, Intrinsics, Light, ViewPlan};
+use graspbox_gym::observations::tables::image_tables as image_tables_of;
 use graspbox_mesh::VoxelFrame;
-use graspbox_vision::{CamerasConfig, ImageKind, Observer, PictureConfig, VisualModels, render_views};
+use graspbox_render::{
+    Camera, CamerasConfig, Channels, DepthView, Detail, Frame, ImageKind, Intrinsics, Light, PictureConfig, ViewPlan,
+    render_views,
+};
 use nalgebra::{Isometry3, Point3};
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::Deserialize;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// Kinds of images, by the name that begins an image's name.
 #[pyfunction]
@@ -26,19 +26,24 @@ pub fn image_kinds() -> Vec<&'static str> {
     ImageKind::ALL.map(ImageKind::name).to_vec()
 }
 
-/// Names, shapes, dtypes, bounds, frames, cameras, units and missing values of the images of a config, as JSON.
+/// Names, shapes, dtypes, bounds, frames, cameras, units and missing values of the images of a config.
 #[pyfunction]
 #[pyo3(signature = (hand, cameras, objects=1))]
-pub fn image_tables(hand: &Hand, cameras: &str, objects: usize) -> PyResult<String> {
-    let config: CamerasConfig = config(cameras, "CamerasConfig")?;
-    Ok(json(&image_tables_of(&hand.0, config, objects).map_err(CoreError::from)?)?)
+pub fn image_tables<'py>(hand: &Hand, cameras: &Bound<'py, PyAny>, objects: usize) -> PyResult<Bound<'py, PyAny>> {
+    let config: CamerasConfig = read_config(cameras, "CamerasConfig")?;
+    to_python(cameras.py(), &image_tables_of(&hand.0, config, objects).map_err(CoreError::from)?)
 }
 
-/// Pictures (n, H, W, 3) uint8 of the present state of environments `envs`; `picture` is JSON.
+/// Pictures (n, H, W, 3) uint8 of the present state of environments `envs`.
 #[pyfunction]
 #[pyo3(signature = (pool, envs, picture))]
-pub fn pictures<'py>(py: Python<'py>, pool: &EnvPool, envs: Vec<usize>, picture: &str) -> PyResult<Array<'py, u8>> {
-    let picture: PictureConfig = config(picture, "PictureConfig")?;
+pub fn pictures<'py>(
+    py: Python<'py>,
+    pool: &EnvPool,
+    envs: Vec<usize>,
+    picture: &Bound<'_, PyAny>,
+) -> PyResult<Array<'py, u8>> {
+    let picture: PictureConfig = read_config(picture, "PictureConfig")?;
     let [height, width] = picture.image_size.map(|n| n as usize);
     let (core, count) = (Arc::clone(&pool.core), envs.len());
     let pixels = detached(py, pool.num_threads, move || core.pictures(&envs, &picture))?;
@@ -65,20 +70,31 @@ pub(crate) fn lens(matrix: &Floats, height: u32, width: u32) -> Result<Intrinsic
     Ok(Intrinsics { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5] })
 }
 
-/// Settings of [`views`] besides mesh and poses.
+/// Settings of images of objects at rest.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ImagesConfig {
+    /// Rows and columns.
+    pub image_size: [u32; 2],
+    /// Vertical field of view, radians.
+    pub fov: f64,
+    /// Clipping depths, metres.
+    pub near: f64,
+    pub far: f64,
+    pub rgb: bool,
+    pub segmentation: bool,
+    /// Whether table and ground are rendered.
+    pub table: bool,
+}
+
+/// Viewpoints of [`views`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ViewsConfig {
     plan: ViewPlan,
     count: usize,
     seed: u64,
-    image_size: [u32; 2],
-    fov: f64,
-    near: f64,
-    far: f64,
-    rgb: bool,
-    segmentation: bool,
-    table: bool,
+    /// Whether levels of detail are rendered.
     levels: bool,
 }
 
@@ -87,24 +103,26 @@ struct ViewsConfig {
 /// `depth` (n, H, W) float32, `rgb` (n, H, W, 3) and `segmentation` (n, H, W) uint8 if requested, `intrinsics` (3, 3),
 /// `world_from_camera` and `camera_from_object` (n, 4, 4).
 #[pyfunction]
-#[pyo3(signature = (mesh, config, world_from_object, target, num_threads, neighbours, walls))]
+#[pyo3(signature = (mesh, viewpoints, config, world_from_object, target, num_threads, neighbours, walls))]
 #[expect(clippy::too_many_arguments, reason = "what is rendered crosses by itself")]
 pub fn views<'py>(
     py: Python<'py>,
     mesh: &Mesh,
-    config: &str,
+    viewpoints: &Bound<'_, PyAny>,
+    config: &Bound<'_, PyAny>,
     world_from_object: Option<Floats<'py>>,
     target: Option<Floats<'py>>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
     neighbours: Vec<(PyRef<'py, Mesh>, Floats<'py>)>,
     walls: Vec<(Floats<'py>, [f64; 3])>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let walls = wall_models(&walls)?;
     let placed = |(mesh, pose): &(PyRef<'_, Mesh>, Floats<'_>)| {
         Ok::<_, CoreError>((Arc::clone(&mesh.0), isometry(pose, "neighbours")?))
     };
     let neighbours = neighbours.iter().map(placed).collect::<Result<Vec<_>, _>>()?;
-    let config: ViewsConfig = crate::convert::config(config, "views")?;
+    let around: ViewsConfig = read_config(viewpoints, "views")?;
+    let config: ImagesConfig = read_config(config, "views")?;
+    let fixed = fixed_boxes(&walls, config.table)?;
     let pose = world_from_object.map(|m| isometry(&m, "world_from_object")).transpose()?;
     let pose = pose.unwrap_or_else(|| graspbox_mesh::default_pose(&mesh.0.spec.mesh));
     let bounds = mesh.0.spec.mesh.transformed(&pose).aabb();
@@ -115,15 +133,14 @@ pub fn views<'py>(
     let data = Arc::clone(&mesh.0);
     let channels = Channels { rgb: config.rgb, segmentation: config.segmentation };
     let (cameras, frames) = detached(py, num_threads, move || {
-        let around = graspbox_camera::views(&config.plan, lens, target, config.count, config.seed)?;
-        let ranged = around.into_iter().map(|c| c.with_range(config.near, config.far));
+        let cameras = graspbox_render::views(&around.plan, lens, target, around.count, around.seed)?;
+        let ranged = cameras.into_iter().map(|c| c.with_range(config.near, config.far));
         let cameras = ranged.collect::<Result<Vec<_>, _>>()?;
         // Without levels of detail there is nothing to prepare, and existing ones are not used.
-        let detail = if config.levels { Detail::Auto } else { Detail::Full };
-        let scene = StillScene { objects: std::iter::once((data, pose)).chain(neighbours).collect(), walls };
-        let scene_pose = scene.pose(config.levels)?;
-        let models = VisualModels::bare(config.table)?;
-        let frames = render_views(&models, &scene_pose, &cameras, &Light::default(), channels, detail)?;
+        let detail = if around.levels { Detail::Auto } else { Detail::Full };
+        let scene = StillScene { objects: std::iter::once((data, pose)).chain(neighbours).collect(), fixed };
+        let scene_pose = scene.pose(around.levels)?;
+        let frames = render_views(&scene_pose, &cameras, &Light::default(), channels, detail)?;
         Ok::<_, CoreError>((cameras, frames))
     })?;
     let dict = image_arrays(py, &frames, channels, height, width)?;
@@ -186,37 +203,8 @@ pub fn occupancy<'py>(
         let images = values.chunks_exact((height * width).max(1));
         let views: Vec<_> =
             cameras.into_iter().zip(images).map(|(camera, depth)| DepthView { camera, depth }).collect();
-        Ok::<_, CoreError>(graspbox_camera::occupancy(&grid, &Isometry3::identity(), &views, nothing_is_free)?)
+        Ok::<_, CoreError>(graspbox_render::occupancy(&grid, &Isometry3::identity(), &views, nothing_is_free)?)
     })?;
     let cells = cells.into_iter().map(|cell| cell as u8).collect();
     array(py, cells, &[resolution; 3])
-}
-
-/// Times the images of `observer` (JSON) of the present state of an environment, on one thread; seconds (repeats,).
-#[pyfunction]
-#[pyo3(name = "_time_images")]
-pub fn time_images<'py>(
-    py: Python<'py>,
-    pool: &EnvPool,
-    env: usize,
-    cameras: &str,
-    repeats: usize,
-) -> PyResult<Array<'py, f64>> {
-    let config: CamerasConfig = config(cameras, "CamerasConfig")?;
-    let core = Arc::clone(&pool.core);
-    let seconds = detached(py, Some(1), move || {
-        let (models, objects) = (core.spec().objects.visual_models(), core.spec().config.clutter.most_objects());
-        let observer = Observer::new(Arc::clone(core.spec().hand()), config, models, objects)?;
-        let locked = core.env(env)?;
-        let episode = locked.episode().ok_or(AgentError::NotReset { env })?;
-        let mut images = Vec::new();
-        let mut seconds = Vec::with_capacity(repeats);
-        for _ in 0..repeats {
-            let started = Instant::now();
-            observer.render(&episode.scene_pose(core.spec())?, episode.viewpoint(), &mut images)?;
-            seconds.push(started.elapsed().as_secs_f64());
-        }
-        Ok::<_, AgentError>(seconds)
-    })?;
-    array(py, seconds, &[repeats])
 }

@@ -2,18 +2,17 @@
 
 use crate::segment::Segment;
 use crate::wire::answer::{self, Layout};
-use crate::wire::command::{Asked, Command, Seeds};
+use crate::wire::command::{Command, Seeds, SessionOptions};
 use crate::wire::fault::{Classify, Fault};
-use graspbox_agent::pool::env_pool::Stepped;
-use graspbox_agent::{AgentError, Batch, EnvPool};
-use graspbox_vision::PictureConfig;
+use graspbox_gym::pool::env_pool::StepBatches;
+use graspbox_gym::{Batch, EnvError, EnvPool};
+use graspbox_render::PictureConfig;
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Environments as Python made them.
-pub struct Made {
-    /// The environments.
+pub struct MadeEnvironments {
     pub pool: Arc<EnvPool>,
     /// Weights of the reward terms.
     pub weights: Vec<f64>,
@@ -25,29 +24,34 @@ pub struct Made {
 
 /// The environments of a session.
 pub struct Environment {
-    /// The environments.
     pub pool: Arc<EnvPool>,
     weights: Vec<f64>,
     picture: Option<PictureConfig>,
-    asked: Asked,
+    asked: SessionOptions,
     segment: Option<Arc<Segment>>,
     /// Most bytes of an answer.
     most: usize,
     classify: Classify,
 }
 
-/// Control periods of a short step.
-const SHORT_SKIP: u32 = 2;
+/// Control frequency from which a step is short, Hz.
+const SHORT_STEPS: f64 = 10.0;
 
 /// A stepped environment, or the error of its step.
-pub type Arrival = (usize, Result<Stepped, AgentError>);
+pub type Arrival = (usize, Result<StepBatches, EnvError>);
 
 impl Environment {
     /// Wraps environments made by Python; the rows of an answer have at most `bytes` bytes, and a whole answer `most`.
     ///
     /// # Errors
     /// Requested shared memory that is not available.
-    pub fn new(made: Made, asked: Asked, bytes: usize, most: usize, classify: Classify) -> Result<Self, Fault> {
+    pub fn new(
+        made: MadeEnvironments,
+        asked: SessionOptions,
+        bytes: usize,
+        most: usize,
+        classify: Classify,
+    ) -> Result<Self, Fault> {
         let segment = match asked.shm {
             false => None,
             true => Some(Arc::new(Segment::create(random()?, bytes).map_err(|error| {
@@ -57,7 +61,7 @@ impl Environment {
         Ok(Self { pool: made.pool, weights: made.weights, picture: made.picture, asked, segment, most, classify })
     }
 
-    /// How results are written; large arrays into shared memory with `shm`, if there is some.
+    /// Encoding of results; large arrays into shared memory with `shm`, if there is some.
     fn layout(&self, shm: bool) -> Layout<'_> {
         let segment = self.segment.clone().filter(|_| shm);
         if let Some(segment) = &segment {
@@ -71,14 +75,14 @@ impl Environment {
         self.segment.as_deref().map(Segment::name)
     }
 
-    fn fault(&self, field: &str, error: AgentError) -> Fault {
+    fn fault(&self, field: &str, error: EnvError) -> Fault {
         let field = match &error {
-            AgentError::BadOption { option, .. } => option,
-            AgentError::BadLength { what: "seeds", .. } => "seed",
-            AgentError::BadLength { what: "the reset mask", .. } => "mask",
+            EnvError::BadOption { option, .. } => option,
+            EnvError::BadLength { what: "seeds", .. } => "seed",
+            EnvError::BadLength { what: "the reset mask", .. } => "mask",
             // Commands for one environment name it by `env_id`.
-            AgentError::NoSuchEnv { .. } | AgentError::Busy { .. } if matches!(field, "env_id" | "state") => "env_id",
-            AgentError::NoSuchEnv { .. } | AgentError::Busy { .. } => "env_ids",
+            EnvError::NoSuchEnv { .. } | EnvError::Busy { .. } if matches!(field, "env_id" | "state") => "env_id",
+            EnvError::NoSuchEnv { .. } | EnvError::Busy { .. } => "env_ids",
             _ => field,
         };
         let field = field.to_owned();
@@ -92,7 +96,7 @@ impl Environment {
         match command {
             Command::Observe | Command::Cameras | Command::GetState { .. } => true,
             Command::Step { .. } => {
-                self.pool.len() == 1 && !config.control.decides() && config.frame_skip <= SHORT_SKIP
+                self.pool.len() == 1 && !config.control.decides() && config.control_freq >= SHORT_STEPS
             }
             _ => false,
         }
@@ -214,7 +218,7 @@ impl Environment {
         Ok(frame.into_bytes())
     }
 
-    fn cameras(&self, id: u64) -> Result<Vec<u8>, AgentError> {
+    fn cameras(&self, id: u64) -> Result<Vec<u8>, EnvError> {
         let cameras = self.pool.cameras()?;
         let mut frame = answer::begin(id, 1, 0);
         frame.text("cameras");
@@ -262,7 +266,7 @@ impl Environment {
             };
         }
         let spec = self.pool.spec();
-        let mut all = Stepped { now: Batch::new(spec, arrivals.len()), last: Batch::new(spec, 0) };
+        let mut all = StepBatches { now: Batch::new(spec, arrivals.len()), last: Batch::new(spec, 0) };
         for (env, result) in arrivals.drain(..) {
             self.pool.arrived(env);
             if let Ok(stepped) = result {

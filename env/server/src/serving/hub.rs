@@ -2,7 +2,7 @@
 
 use crate::config::ServerConfig;
 use crate::metrics::Metrics;
-use crate::serving::environment::Made;
+use crate::serving::environment::MadeEnvironments;
 use crate::wire::fault::{Classify, Fault};
 use rayon::ThreadPool;
 use std::net::SocketAddr;
@@ -116,7 +116,7 @@ impl Drop for Lease {
 }
 
 /// Callback for the result of a [`MakeJob`].
-type Reply = Box<dyn FnOnce(Result<Made, Fault>) + Send>;
+type Reply = Box<dyn FnOnce(Result<MadeEnvironments, Fault>) + Send>;
 
 /// A request for environments, to be answered once; dropping it is an error.
 pub struct MakeJob {
@@ -131,7 +131,7 @@ impl MakeJob {
     /// A request, and the callback for its result.
     pub fn new<F>(request: serde_json::Value, unwanted: Arc<AtomicBool>, reply: F) -> Self
     where
-        F: FnOnce(Result<Made, Fault>) + Send + 'static,
+        F: FnOnce(Result<MadeEnvironments, Fault>) + Send + 'static,
     {
         Self { request, unwanted, reply: Some(Box::new(reply)) }
     }
@@ -141,8 +141,7 @@ impl MakeJob {
         !self.unwanted.load(Ordering::Acquire)
     }
 
-    /// Answers it.
-    pub fn answer(mut self, result: Result<Made, Fault>) {
+    pub fn answer(mut self, result: Result<MadeEnvironments, Fault>) {
         if let Some(reply) = self.reply.take() {
             reply(result);
         }

@@ -10,17 +10,14 @@ use crate::wire::answer;
 use crate::wire::command::{Command, Request};
 use crate::wire::fault::Fault;
 use bytes::Bytes;
-use graspbox_agent::panic_text;
+use graspbox_gym::caught;
 use std::net::SocketAddr;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
 use tokio::sync::mpsc::UnboundedSender;
 
-/// A session.
 pub struct Session {
-    /// Its number.
     pub id: u64,
     /// Address of the client that began it.
     pub peer: SocketAddr,
@@ -222,8 +219,7 @@ impl Session {
 
     /// Executes a job and answers.
     fn execute(&self, job: Job) {
-        let result = catch_unwind(AssertUnwindSafe(|| (job.work)(&job.stop)))
-            .unwrap_or_else(|payload| Err(Fault::internal(panic_text(payload.as_ref()))));
+        let result = caught(|| (job.work)(&job.stop), Fault::internal);
         let mut state = self.lock();
         state.running = None;
         state.used = Some(Instant::now());

@@ -1,20 +1,26 @@
 //! Making the environments of a session: bounds first, then Python, then the answer.
 
-use crate::serving::environment::{Environment, Made};
+use crate::serving::environment::{Environment, MadeEnvironments};
 use crate::serving::hub::MakeJob;
 use crate::serving::session::Session;
 use crate::serving::session_state::State;
 use crate::wire::answer;
-use crate::wire::command::Asked;
+use crate::wire::command::SessionOptions;
 use crate::wire::fault::Fault;
-use graspbox_agent::pool::env_pool::MOST_ENVS;
+use graspbox_gym::pool::env_pool::MOST_ENVS;
 use graspbox_mesh::in_range;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 impl Session {
-    pub(crate) fn make(self: &Arc<Self>, state: &mut State, id: u64, request: serde_json::Value, asked: Asked) {
+    pub(crate) fn make(
+        self: &Arc<Self>,
+        state: &mut State,
+        id: u64,
+        request: serde_json::Value,
+        asked: SessionOptions,
+    ) {
         let (grace, most) = (asked.grace, self.hub.config.max_grace);
         if !(0.0..=most).contains(&grace) {
             let message = format!("grace is {grace}; this server lets a session wait for 0 to {most} s");
@@ -49,7 +55,7 @@ impl Session {
     }
 
     /// Stores the new environments; the answer describes them.
-    fn made(&self, id: u64, made: Made, asked: Asked) -> Result<Vec<u8>, Fault> {
+    fn made(&self, id: u64, made: MadeEnvironments, asked: SessionOptions) -> Result<Vec<u8>, Fault> {
         // An answer may hold the end of an episode and the beginning of the next.
         let bytes = 2 * made.pool.len() * answer::row_bytes(made.pool.spec());
         let most = self.hub.config.max_message;

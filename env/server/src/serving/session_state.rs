@@ -14,7 +14,6 @@ use tokio::sync::mpsc::UnboundedSender;
 /// Output of a connection.
 #[derive(Clone, Debug)]
 pub enum Outgoing {
-    /// A frame.
     Frame(Bytes),
     /// The end of the session, with the reason.
     Close(&'static str),
@@ -61,7 +60,6 @@ type Work = Box<dyn FnOnce(&AtomicBool) -> Result<Vec<u8>, Fault> + Send>;
 
 /// A long command.
 pub struct Job {
-    /// Its number.
     pub id: u64,
     /// Set to stop it.
     pub stop: Arc<AtomicBool>,
@@ -69,7 +67,6 @@ pub struct Job {
     pub short: bool,
     /// It is so slow that steps of other sessions must not wait for it.
     pub long: bool,
-    /// Its work.
     pub work: Work,
 }
 

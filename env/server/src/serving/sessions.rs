@@ -69,7 +69,6 @@ impl Sessions {
         })
     }
 
-    /// Ends a session.
     pub fn end(&self, session: &Session, why: &'static str) {
         session.end(why);
         self.lock().remove(&session.id);

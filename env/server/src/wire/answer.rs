@@ -3,17 +3,17 @@
 use crate::segment::Segment;
 use crate::wire::encode::Encoder;
 use crate::wire::fault::Fault;
-use graspbox_agent::observations::info::{INFO, InfoArray};
-use graspbox_agent::pool::env_pool::Stepped;
-use graspbox_agent::rewards::reward::TERM_COUNT;
-use graspbox_agent::{Batch, EnvSpec};
-use graspbox_vision::{ImageTable, Pixels};
+use graspbox_gym::observations::info::{INFO, InfoArray};
+use graspbox_gym::pool::env_pool::StepBatches;
+use graspbox_gym::rewards::reward::TERM_COUNT;
+use graspbox_gym::{Batch, EnvSpec};
+use graspbox_render::{ImageTable, Pixels};
 use std::sync::Arc;
 
 /// Bytes of a frame without its arrays.
 const HEAD: usize = 4096;
 
-/// How results are written.
+/// Encoding of results.
 pub struct Layout<'a> {
     /// Properties shared by the environments.
     pub spec: &'a EnvSpec,
@@ -25,7 +25,7 @@ pub struct Layout<'a> {
     pub segment: Option<Arc<Segment>>,
 }
 
-/// Begins the answer to command `id` with `entries` entries beside the number.
+/// Begins the answer to command `id` with `entries` entries besides the number.
 pub fn begin(id: u64, entries: usize, bytes: usize) -> Encoder {
     let mut frame = Encoder::with_capacity(HEAD + bytes);
     frame.map(entries + 1);
@@ -54,7 +54,7 @@ pub fn error(id: Option<u64>, fault: &Fault) -> Vec<u8> {
 }
 
 /// The answer of a step: every row, and the final rows of episodes that ended in it.
-pub fn stepped(id: u64, layout: &Layout<'_>, stepped: &Stepped) -> Vec<u8> {
+pub fn stepped(id: u64, layout: &Layout<'_>, stepped: &StepBatches) -> Vec<u8> {
     let last = (!stepped.last.is_empty()).then_some(&stepped.last);
     let mut frame = rows(id, layout, 1 + usize::from(last.is_some()), size(&stepped.now) + last.map_or(0, size));
     frame.text("now");
@@ -114,11 +114,11 @@ fn batch(frame: &mut Encoder, layout: &Layout<'_>, batch: &Batch) {
     frame.text("observations");
     frame.map(batch.observations.len() + batch.images.len());
     for (spec, values) in layout.spec.observations.iter().zip(&batch.observations) {
-        frame.text(spec.observation.name());
+        frame.text(layout.spec.config.shown_name(spec.observation.name()));
         frame.array(values, &[rows, spec.size]);
     }
     for (table, pixels) in layout.spec.observer.tables().iter().zip(&batch.images) {
-        frame.text(&table.name);
+        frame.text(layout.spec.config.shown_name(&table.name));
         image(frame, layout, table, pixels, rows);
     }
     frame.text("terms");

@@ -3,12 +3,12 @@
 use crate::wire::fault::Fault;
 use crate::wire::fields::{Fields, items, json, natural, wrong};
 use crate::wire::value::Value;
-use graspbox_agent::ResetOptions;
-use graspbox_agent::json::{config, config_of};
+use graspbox_gym::ResetOptions;
+use graspbox_gym::json::{config, config_of};
 
 /// Session options of a client.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Asked {
+pub struct SessionOptions {
     /// Number of environments.
     pub num_envs: usize,
     /// Depth images as uint16 millimetres.
@@ -72,19 +72,16 @@ pub enum Seeds {
     Each(Vec<Option<u64>>),
 }
 
-/// A command.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
     /// Makes the environments of the session.
     Make {
         /// The whole request, for Python.
         request: serde_json::Value,
-        /// Options of the session.
-        asked: Asked,
+        asked: SessionOptions,
     },
     /// Begins episodes.
     Reset {
-        /// Seeds.
         seeds: Seeds,
         /// Mask of environments; none: all.
         mask: Option<Vec<bool>>,
@@ -108,10 +105,7 @@ pub enum Command {
         envs: Option<Vec<usize>>,
     },
     /// Waits for environments that were sent.
-    Recv {
-        /// Their number.
-        count: usize,
-    },
+    Recv { count: usize },
     /// All environments as they stand.
     Observe,
     /// Pictures.
@@ -122,20 +116,15 @@ pub enum Command {
     /// Intrinsics and poses of the cameras.
     Cameras,
     /// The state of an environment.
-    GetState {
-        /// Its number.
-        env: usize,
-    },
+    GetState { env: usize },
     /// Restores a state.
     SetState {
         /// Number of the environment.
         env: usize,
-        /// The state.
         state: Vec<u8>,
     },
     /// Resumes a session whose connection was lost, instead of this connection's session.
     Resume {
-        /// Its number.
         session: u64,
         /// Its secret, from the answer to `make`.
         secret: u64,
@@ -161,7 +150,6 @@ pub struct Request {
     pub seen: Option<u64>,
     /// Arrays of the answer may be in shared memory.
     pub shm: bool,
-    /// The command.
     pub command: Command,
 }
 
@@ -213,7 +201,8 @@ fn make(fields: &Fields<'_, '_>) -> Result<Command, Fault> {
     };
     let count = |name, default| Ok(fields.natural(name)?.map_or(default, |n| usize::try_from(n).unwrap_or(usize::MAX)));
     let (num_envs, first) = (count("num_envs", 1)?, count("first_env", 0)?);
-    let asked = Asked { num_envs, millimetres, first, grace: fields.number("grace")?, shm: fields.flag("share")? };
+    let asked =
+        SessionOptions { num_envs, millimetres, first, grace: fields.number("grace")?, shm: fields.flag("share")? };
     Ok(Command::Make { request: request.into(), asked })
 }
 

@@ -50,12 +50,10 @@ impl Encoder {
         drop(write::write_str(&mut self.bytes, text));
     }
 
-    /// Bytes.
     pub fn binary(&mut self, bytes: &[u8]) {
         drop(write::write_bin(&mut self.bytes, bytes));
     }
 
-    /// An integer.
     pub fn integer(&mut self, value: i64) {
         drop(write::write_sint(&mut self.bytes, value));
     }
@@ -65,7 +63,6 @@ impl Encoder {
         drop(write::write_uint(&mut self.bytes, value));
     }
 
-    /// A number.
     pub fn float(&mut self, value: f64) {
         drop(write::write_f64(&mut self.bytes, value));
     }
@@ -131,7 +128,6 @@ impl Encoder {
         shape.iter().for_each(|n| self.unsigned(*n as u64));
     }
 
-    /// A JSON value.
     pub fn json(&mut self, value: &serde_json::Value) {
         use serde_json::Value as Json;
         match value {

@@ -1,6 +1,6 @@
 //! Errors as sent to a client.
 
-use graspbox_agent::AgentError;
+use graspbox_gym::EnvError;
 
 /// An error on the wire: `{type, field, message, object}`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
@@ -17,7 +17,7 @@ pub struct Fault {
 }
 
 /// Converts an error of environments; the names of Python's classes are not known here.
-pub type Classify = fn(AgentError) -> Fault;
+pub type Classify = fn(EnvError) -> Fault;
 
 impl Fault {
     /// An argument that is wrong.

@@ -23,10 +23,7 @@ pub enum CodecError {
     },
     /// Bytes follow the value.
     #[error("{extra} bytes follow the value; send one value in each frame")]
-    Long {
-        /// Their number.
-        extra: usize,
-    },
+    Long { extra: usize },
     /// Nested too deeply.
     #[error("values are nested more than {MAX_DEPTH} deep")]
     Deep,
@@ -47,10 +44,7 @@ pub enum CodecError {
     },
     /// An invalid array.
     #[error("an array {why}")]
-    Array {
-        /// The reason.
-        why: String,
-    },
+    Array { why: String },
 }
 
 /// A type of number in an array.
@@ -159,7 +153,6 @@ pub struct SharedArray {
     pub shape: Vec<usize>,
     /// Offset of its bytes.
     pub offset: u64,
-    /// Its number of bytes.
     pub bytes: usize,
 }
 
@@ -172,17 +165,13 @@ pub enum Value<'a> {
     Bool(bool),
     /// An integer of up to 64 bits.
     Integer(i128),
-    /// A number.
     Float(f64),
-    /// Text.
     Text(&'a str),
-    /// Bytes.
     Bytes(&'a [u8]),
     /// Values in order.
     List(Vec<Value<'a>>),
     /// Values by name, in the order of the frame.
     Map(Vec<(&'a str, Value<'a>)>),
-    /// An array.
     Array(NdArray<'a>),
     /// An array in shared memory.
     Shared(SharedArray),

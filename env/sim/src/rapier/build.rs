@@ -3,7 +3,7 @@
 use super::{frames, shape};
 use crate::SimError;
 use crate::config::PhysicsConfig;
-use crate::engine::Part;
+use crate::engine::{Part, WorldSpec};
 use crate::object::ObjectModel;
 use crate::scenery::{GROUND_SIDE, TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS, Wall};
 use graspbox_hand::{Hand, JointKind};
@@ -85,7 +85,6 @@ impl Handles {
         self.free_joints().map(|joint| joint.body).chain(self.objects.iter().map(|object| object.body))
     }
 
-    /// Handles of the free joints.
     pub(crate) fn free_joints(&self) -> impl Iterator<Item = &JointHandle> {
         self.free.iter().filter_map(|joint| self.joints[*joint].as_ref())
     }
@@ -130,10 +129,7 @@ fn integration_parameters(config: &PhysicsConfig) -> IntegrationParameters {
 
 /// Builds the world with the hand's base, objects and scenery all at the origin and all joints at 0.
 pub(crate) fn build(
-    hand: &Hand,
-    objects: &[ObjectModel],
-    walls: &[Wall],
-    config: &PhysicsConfig,
+    WorldSpec { hand, objects, walls, config }: WorldSpec,
 ) -> Result<(PhysicsWorld, Handles), SimError> {
     let mut world = PhysicsWorld {
         integration_parameters: integration_parameters(config),

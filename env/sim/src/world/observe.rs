@@ -27,12 +27,10 @@ impl World {
         self.shared.config.dt
     }
 
-    /// The hand in this world.
     pub fn hand(&self) -> &Arc<Hand> {
         &self.shared.hand
     }
 
-    /// Number of objects.
     pub fn object_count(&self) -> usize {
         self.shared.masses.len()
     }
@@ -58,7 +56,6 @@ impl World {
         self.state.motion.world_from_base * self.shared.hand.base_from_hand
     }
 
-    /// Object in the world.
     pub fn world_from_object(&self) -> Isometry3<f64> {
         self.state.motion.world_from_base * self.engine.base_from_object(self.target())
     }

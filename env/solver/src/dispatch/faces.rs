@@ -58,7 +58,7 @@ impl Face {
         self.0.len() > 2 && twice_area(&self.0) > 2.0 * LEAST_AREA
     }
 
-    /// The points around what two faces share, seen along the normal; `self` is a polygon.
+    /// Corners of the intersection of two faces, seen along the normal; `self` is a polygon.
     fn clip(&self, other: &Self) -> Vec<Vector> {
         let mut corners = other.0.clone();
         for (from, to) in sides(&self.0) {

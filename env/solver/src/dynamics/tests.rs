@@ -1,12 +1,9 @@
 //! Kinematics and dynamics of random trees against numerical derivatives: revolute, prismatic, mimic and driven joints.
 
 use super::*;
-use crate::config::NewtonConfig;
 use crate::kinematics::Twist;
-use crate::object::{Object, ObjectPart};
 use crate::problem::matrix::Factors;
-use crate::scenery::Scenery;
-use crate::tree::{Body, Coordinate, Joint, Primitive, Tree};
+use crate::tree::{Body, Coordinate, Joint, Tree};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion};
 
 const GRAVITY: f64 = 9.81;
@@ -74,24 +71,7 @@ fn model(next: &mut Numbers) -> Model {
             shapes: Vec::new(),
         });
     }
-    let free = Coordinate {
-        armature: 0.0,
-        damping: 0.0,
-        stiffness: 0.0,
-        spring_reference: 0.0,
-        limits: [-10.0, 10.0],
-        stop_stiffness: 0.0,
-    };
-    let tree = Tree { bodies, coordinates: vec![free; FREE], driven: DRIVEN, ..Tree::default() };
-    let object = Object {
-        parts: vec![ObjectPart::Primitive(Primitive::Sphere { radius: 0.03 })],
-        mass: 0.1,
-        center: Point3::origin(),
-        inertia: Matrix3::identity() * 1e-4,
-        friction: 1.0,
-    };
-    let scenery = Scenery { table_side: 1.0, table_thickness: 0.1, table_height: 0.7, walls: vec![], friction: 0.5 };
-    Model::new(tree, vec![object], scenery, NewtonConfig::default()).unwrap()
+    Model::of_tree(Tree { bodies, coordinates: vec![Coordinate::FREE; FREE], driven: DRIVEN, ..Tree::default() })
 }
 
 fn placed(model: &Model, q: &[f64]) -> Kinematics {
@@ -151,7 +131,9 @@ fn dynamics(model: &Model, q: &[f64], rates: &[f64], accelerations: &[f64]) -> (
     let frame =
         FrameMotion { gravity: Vector3::new(0.0, 0.0, -GRAVITY), omega: Vector3::zeros(), alpha: Vector3::zeros() };
     let (mut dynamics, mut mass) = (Dynamics::default(), Matrix::new(FREE));
-    dynamics.update(model, &placed(model, q), &frame, rates, accelerations, &mut mass);
+    let kinematics = &placed(model, q);
+    let motion = TreeMotion { model, kinematics, frame: &frame, velocity: rates, acceleration: accelerations };
+    dynamics.update(motion, &mut mass);
     (mass, dynamics.bias)
 }
 

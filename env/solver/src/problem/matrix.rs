@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 const LANES: usize = 4;
 /// Rows that Cholesky's method eliminates together: the unknowns of an object.
 const PANEL: usize = 6;
-/// Matrices of at most so many rows are treated as full ones, and as one panel: that of a hand and an object.
+/// Greatest number of rows of a matrix that is treated as dense, as one panel: that of a hand and an object.
 const SMALL: usize = 24;
 
 /// A square matrix of `n` rows of fixed stride.
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn singular_and_indefinite_matrices_are_told() {
+    fn singular_and_indefinite_matrices_are_reported() {
         let mut b = [1.0, 1.0];
         assert!(!filled(2, |_, _| 1.0).solve_definite(&mut b));
         let mut factors = Factors::new(2);

@@ -9,7 +9,7 @@
 //! 5. Where that stalls too: keep the last solution of the convex problem, and report that the step did not converge.
 //!
 //! For many objects without the hand, two convex problems are enough, or one if its solution changes the bounds little. The first has the bounds
-//! of the velocities at the start, like Drake's lagged model (Castro et al., "A theory of irrotational contact fields", 2023); alone it lets an arch
+//! of the velocities at the start, like Drake's lagged model (Castro et al., "A theory of irrotational contact fields", 2023); by itself it lets an arch
 //! slip while its thrust builds up (`an_arch_stands` in `tests/many_objects.rs`).
 
 use serde::{Deserialize, Serialize};
@@ -49,7 +49,7 @@ const ROUND_TOLERANCE: f64 = 50.0;
 const BLOCKED: f64 = 0.3;
 /// A line search ends where the slope has fallen to this share of the first slope, dimensionless: Newton's next step corrects the rest.
 const SLOPE_REDUCTION: f64 = 0.1;
-/// Most evaluations of a line search: bisection alone would shrink the bracket to 1e-6 of the step.
+/// Most evaluations of a line search: plain bisection would shrink the bracket to 1e-6 of the step.
 const MAX_LINE_EVALUATIONS: usize = 20;
 /// A line search evaluates no nearer to an end of its bracket than this share of its width, dimensionless: it keeps the bracket shrinking.
 const BRACKET_MARGIN: f64 = 0.02;
@@ -330,13 +330,21 @@ impl Newton {
     /// Takes one step of the convex problem from the last evaluation. Returns false if its matrix is not positive definite.
     fn convex_step(&mut self, model: &Model, kinematics: &Kinematics, problem: &mut Problem) -> bool {
         problem.differentiate(model, kinematics, Slope::Frozen);
-        self.negate_residual(problem);
-        if !problem.derivative.solve_definite(&mut self.direction) {
+        if !self.solve_direction(problem) {
             return false;
         }
-        self.from.copy_from_slice(&problem.v);
         self.line_search(model, kinematics, problem);
         true
+    }
+
+    /// Solves for the direction of a step from the present velocities. Returns false if the matrix is not positive definite.
+    fn solve_direction(&mut self, problem: &mut Problem) -> bool {
+        self.negate_residual(problem);
+        let solved = problem.derivative.solve_definite(&mut self.direction);
+        if solved {
+            self.from.copy_from_slice(&problem.v);
+        }
+        solved
     }
 
     /// Newton's method with line search on the convex problem, with the friction bounds of the last evaluation. Returns whether it converged.
@@ -349,11 +357,9 @@ impl Newton {
         problem.evaluate(model, kinematics, Bounds::Frozen);
         for _ in 0..model.config.max_iterations {
             problem.differentiate(model, kinematics, slope);
-            self.negate_residual(problem);
-            if !problem.derivative.solve_definite(&mut self.direction) {
+            if !self.solve_direction(problem) {
                 return false;
             }
-            self.from.copy_from_slice(&problem.v);
             if slope == Slope::Frozen && self.step_size(problem) <= ROUND_TOLERANCE * model.config.tolerance {
                 self.move_by(problem, 1.0);
                 return true;

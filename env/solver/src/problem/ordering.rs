@@ -1,6 +1,6 @@
 //! Order of an island's objects among the unknowns: objects that touch stand close together, so that factors of the derivative keep their zeros.
 
-/// Objects as bits; [`crate::model::MAX_OBJECTS`] of them fit.
+/// Objects as bits; [`crate::limits::MAX_OBJECTS`] of them fit.
 pub(crate) type Set = u64;
 
 /// The set of one object.

@@ -221,7 +221,7 @@ fn pushing_depth(depth: f64, cap: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::NewtonConfig;
+    use crate::config::ImplicitConfig;
     use nalgebra::Isometry3;
 
     const DT: f64 = 0.002;
@@ -244,7 +244,7 @@ mod tests {
     /// object on a soft table.
     #[test]
     fn points_follow_the_documented_law() {
-        let tau = NewtonConfig::default().contact_relaxation;
+        let tau = ImplicitConfig::default().contact_relaxation;
         // Object or hand, mass, distance; depth that pushes, relaxation, stiffness.
         let cases = [
             (true, 0.2, 1e-4, -1e-4, 0.0, 1.2e5),

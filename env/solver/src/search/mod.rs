@@ -32,7 +32,6 @@ const ROUNDING: f64 = 1e-5;
 /// The counterpart of a candidate's point on the first body.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Opposite {
-    /// The plane of a surface.
     Plane(Surface),
     /// A point of the other body.
     Point {
@@ -69,7 +68,7 @@ pub(crate) struct PairCache {
 
 /// Motion of a body's bounding sphere; base's frame.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Moving {
+pub(crate) struct BodyMotion {
     pub center: Vector3<f64>,
     pub velocity: Vector3<f64>,
     pub omega: Vector3<f64>,
@@ -82,7 +81,7 @@ pub(crate) struct Situation<'a> {
     pub poses: &'a [Isometry3<f64>],
     /// The rotations of `poses` as matrices.
     pub turns: &'a [Matrix3<f64>],
-    pub moving: &'a [Moving],
+    pub moving: &'a [BodyMotion],
     pub planes: &'a [Plane; 2],
 }
 

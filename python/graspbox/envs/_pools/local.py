@@ -7,18 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
+from graspbox._common.arguments import config_dict
 from graspbox._common.progress import ProgressBar
 from graspbox._core import Hand
-from graspbox.configs import AgentConfig, CamerasConfig, PhysicsConfig
+from graspbox.configs import CamerasConfig, EnvConfig, PhysicsConfig
 from graspbox.envs import spaces
 from graspbox.envs._pools.preparation import load_objects, prepare_objects
 from graspbox.envs.settings import HandArgument
-from graspbox.meshes import to_json
 from graspbox.object_sets import ObjectSet
 
-__all__ = ["LocalPool", "LocalSource", "Pool", "Source"]
+__all__ = ["LocalPool", "LocalSource", "PoolInterface", "Source"]
 
 Seeds = Sequence[int | None] | None
+#: A config, or options, for the core.
+Fields = dict[str, Any]
+#: One for all environments, or one for each.
+Options = Sequence[Fields]
 Mask = NDArray[np.bool_] | None
 #: Arrays to write observations into, by name.
 Buffers = dict[str, Any] | None
@@ -26,12 +30,12 @@ Stepped = tuple["_core.EnvArrays", "_core.EnvArrays | None"]
 Cameras = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
-class Pool(Protocol):
+class PoolInterface(Protocol):
     """Parallel environments, in this process or on servers. The methods are those of `graspbox._core.EnvPool`."""
 
     @property
     def num_envs(self) -> int: ...
-    def reset(self, seeds: Seeds, mask: Mask, options: Sequence[str], out: Buffers) -> "_core.EnvArrays": ...
+    def reset(self, seeds: Seeds, mask: Mask, options: Options, out: Buffers) -> "_core.EnvArrays": ...
     def step(self, actions: NDArray[np.float32], out: Buffers) -> Stepped: ...
     def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None: ...
     def recv(self, count: int) -> Stepped: ...
@@ -57,15 +61,15 @@ class Source(Protocol):
     def images(self, cameras: CamerasConfig, objects: int = 1) -> list[spaces.Image]: ...
     def names(self) -> list[str]: ...
     def objects(self) -> ObjectSet: ...
-    def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> Pool: ...
+    def pool(self, config: EnvConfig, num_envs: int, picture: Fields, render: bool) -> PoolInterface: ...
     def close(self) -> None: ...
 
 
 class LocalPool:
-    """A pool in this process; see `Pool`."""
+    """A pool in this process; see `PoolInterface`."""
 
     def __init__(
-        self, core: "_core.EnvPool", handle: "_core.Objects", picture: str, models: bool, num_threads: int | None
+        self, core: "_core.EnvPool", handle: "_core.Objects", picture: Fields, models: bool, num_threads: int | None
     ) -> None:
         self.core, self._handle, self._picture, self._models = core, handle, picture, models
         self._threads = num_threads
@@ -118,7 +122,7 @@ class LocalSource:
     def close(self) -> None:
         """Do nothing: handles are freed with the source."""
 
-    def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> LocalPool:
-        """Make the environments; `picture` is the JSON of a `PictureConfig`."""
-        core = _core.EnvPool(self.handle, to_json(config), num_envs, self._threads)
+    def pool(self, config: EnvConfig, num_envs: int, picture: Fields, render: bool) -> LocalPool:
+        """Make the environments: `picture` has the fields of a `PictureConfig`."""
+        core = _core.EnvPool(self.handle, config_dict(config), num_envs, self._threads)
         return LocalPool(core, self.handle, picture, bool(config.cameras.images) or render, self._threads)

@@ -5,6 +5,7 @@ those of the server, bit for bit, and errors have its messages.
 """
 
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -14,11 +15,11 @@ from numpy.typing import NDArray
 
 from graspbox import _core, errors
 from graspbox._common.arguments import shown
-from graspbox.envs._pools.local import Buffers, Cameras, Mask, Seeds, Stepped
+from graspbox.envs._pools.local import Buffers, Cameras, Mask, Options, Seeds, Stepped
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError, InternalError
 
-__all__ = ["PROTOCOL", "OnlyPool", "RemotePool", "lost"]
+__all__ = ["PROTOCOL", "RemotePool"]
 
 #: Version of the protocol; the first frame has the server's.
 PROTOCOL = 1
@@ -28,42 +29,48 @@ _ROWS = ("reset", "step", "observe", "set_state")
 _DESCRIBED = ("autoreset", "has_files", "images", "objects", "tables")
 #: Seconds for which a cancelled call may still bring its answer.
 _GRACE = 0.5
+#: A connection that is back within this time was as good as not lost, seconds.
+_SOON = 0.25
 
 
 class RemotePool:
-    """A session on one server.
+    """A session on one server; errors of a lost server name its environments.
 
-    Parameters
-    ----------
-    url : str
-        Address of the server.
-    config : RemoteConfig
-        Token, certificates, grace.
-    request : dict
-        Environment id, number, objects and keywords.
-
-    Raises
-    ------
-    ConnectionLostError
-        If the server cannot be reached.
-    ConfigError, ObjectSetError, HandError, MissingExtraError
-        As the same environments in this process, and for objects and hands that the server does not offer.
+    `request` has the environment's id, number, objects and keywords, and ``first_env`` if several servers share the
+    environments. Its errors are those of the same environments in this process; also for objects and hands that the
+    server does not offer, and ConnectionLostError for a server that cannot be reached.
     """
 
     def __init__(self, url: str, config: RemoteConfig, request: dict[str, Any]) -> None:
         self.url, self.num_envs = url, int(request["num_envs"])
+        self.first = int(request.get("first_env", 0))
+        self.last = self.first + self.num_envs
+        self._made = self._warned = False
         #: Extra fields of every command whose answer has observations.
         self._shared: dict[str, bool] = {}
         ca = None if config.ca_file is None else str(config.ca_file)
-        self._client = _core.Client(url, token=config.token(), ca=ca, grace=float(config.grace))
+        with self._named():
+            self._client = _core.Client(url, token=config.token(), ca=ca, grace=float(config.grace))
         self.hello: dict[str, Any] = self._client.hello
         self._check_server()
+        self._grace = float(config.grace)
         more = {"grace": min(config.grace, self.hello["limits"]["max_grace"]), "depth": config.depth}
         made = self.call("make", {**request, **more, "share": config.shm})
         self.description: dict[str, Any] = self._description_in(made)
         if config.shm:
             self._client.open_segment(made["segment"])
             self._shared = {"shm": True}
+        self._made = True
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Add the environments on a lost server, or to be made on it, to its error."""
+        try:
+            yield
+        except ConnectionLostError as error:
+            several = f"environments {self.first} to {self.last - 1} are"
+            which = several if self.num_envs > 1 else f"environment {self.first} is"
+            raise ConnectionLostError(f"{error}; {which} {'' if self._made else 'to be '}on it") from None
 
     def _check_server(self) -> None:
         """Refuse a server other than graspbox, or of another version."""
@@ -94,15 +101,17 @@ class RemotePool:
     def begin(self, command: str, fields: dict[str, Any]) -> int:
         """Send a command; `end` waits for its answer."""
         shared = self._shared if command in _ROWS else {}
-        return self._client.submit(command, {**fields, **shared})
+        with self._named():
+            return self._client.submit(command, {**fields, **shared})
 
     def end(self, number: int) -> dict[str, Any]:
         """Wait for the answer to a command, and raise its error, if any."""
-        try:
-            answer: dict[str, Any] = self._client.wait(number)
-        except KeyboardInterrupt:
-            self._cancel(number)
-            raise
+        with self._named():
+            try:
+                answer = self._wait(number)
+            except KeyboardInterrupt:
+                self._cancel(number)
+                raise
         return checked(answer)
 
     def abandon(self, number: int) -> None:
@@ -115,17 +124,40 @@ class RemotePool:
 
     def answer(self, command: str, fields: dict[str, Any]) -> dict[str, Any]:
         """Send a command and return its answer, even if that is an error."""
-        found: dict[str, Any] = self._client.wait(self.begin(command, fields))
-        return found
+        number = self.begin(command, fields)
+        with self._named():
+            return self._wait(number)
 
     def poll(self, number: int) -> dict[str, Any] | None:
         """Return the answer to a command; None if it has not come within a tenth of a second."""
-        answer: dict[str, Any] | None = self._client.poll(number)
+        with self._named():
+            answer = self._poll(number)
         return None if answer is None else checked(answer)
 
     def call(self, command: str, fields: dict[str, Any]) -> dict[str, Any]:
         """Send a command and wait for its answer."""
         return self.end(self.begin(command, fields))
+
+    def _wait(self, number: int) -> dict[str, Any]:
+        """Wait for the answer to a command."""
+        while (answer := self._poll(number)) is None:
+            pass
+        return answer
+
+    def _poll(self, number: int) -> dict[str, Any] | None:
+        """Return the answer to a command, if it comes within a tenth of a second; warn once of each lost connection."""
+        answer: dict[str, Any] | None = self._client.poll(number)
+        if answer is not None:
+            self._warned = False
+        elif not self._warned and (self._client.lost() or 0.0) > _SOON:
+            self._warned = True
+            warnings.warn(
+                f"the connection to {self.url} was lost at {time.strftime('%H:%M:%S')}; trying again for "
+                f"{self._grace:g} s, then its environments are lost",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+        return answer
 
     def _cancel(self, number: int) -> None:
         """Cancel a command on the server: environments that it has not reached stay unchanged."""
@@ -137,8 +169,8 @@ class RemotePool:
         for late in numbers:
             self._client.forget(late)
 
-    def reset(self, seeds: Seeds, mask: Mask, options: Sequence[str], out: Buffers) -> "_core.EnvArrays":
-        """Begin episodes, as `graspbox._core.EnvPool.reset`; options are JSON."""
+    def reset(self, seeds: Seeds, mask: Mask, options: Options, out: Buffers) -> "_core.EnvArrays":
+        """Begin episodes, as `graspbox._core.EnvPool.reset`."""
         return now_of(self.call("reset", reset_fields(seeds, mask, options)), out)
 
     def step(self, actions: NDArray[np.float32], out: Buffers) -> Stepped:
@@ -159,7 +191,7 @@ class RemotePool:
         return found
 
     def set_state(self, env: int, state: bytes) -> "_core.EnvArrays":
-        """Restore a state; arrays of that environment alone."""
+        """Restore a state and return the arrays of only that environment."""
         return now_of(self.call("set_state", {"env_id": env, "state": state}), None)
 
     def pictures(self, envs: Sequence[int]) -> NDArray[np.uint8]:
@@ -193,55 +225,13 @@ class RemotePool:
             return
 
 
-class OnlyPool(RemotePool):
-    """The session on a single server; errors of a lost server name the environments."""
-
-    _made = False
-
-    def __init__(self, url: str, config: RemoteConfig, request: dict[str, Any]) -> None:
-        try:
-            super().__init__(url, config, request)
-        except ConnectionLostError as error:
-            raise lost(error, range(int(request["num_envs"])), made=False) from None
-        self._made = True
-
-    def begin(self, command: str, fields: dict[str, Any]) -> int:
-        """Send a command, as `RemotePool.begin`."""
-        with self._named():
-            return super().begin(command, fields)
-
-    def end(self, number: int) -> dict[str, Any]:
-        """Wait for the answer to a command, as `RemotePool.end`."""
-        with self._named():
-            return super().end(number)
-
-    @contextmanager
-    def _named(self) -> Iterator[None]:
-        try:
-            yield
-        except ConnectionLostError as error:
-            raise lost(error, range(self.num_envs)) if self._made else error from None
-
-
-def lost(error: Exception, envs: range, made: bool = True) -> ConnectionLostError:
-    """Add the environments on a lost server, or to be made on it, to its error."""
-    which = f"environments {envs[0]} to {envs[-1]} are" if len(envs) > 1 else f"environment {envs.start} is"
-    return ConnectionLostError(f"{error}; {which} {'' if made else 'to be '}on it")
-
-
-def reset_fields(seeds: Seeds, mask: Mask, options: Sequence[str]) -> dict[str, Any]:
+def reset_fields(seeds: Seeds, mask: Mask, options: Options) -> dict[str, Any]:
     """Fields of the command ``reset``."""
     return {"seed": None if seeds is None else list(seeds), "mask": mask, "options": list(options)}
 
 
 def checked(answer: dict[str, Any]) -> dict[str, Any]:
-    """Raise the error of an answer.
-
-    Raises
-    ------
-    GraspboxError
-        Of the named class, with the server's message.
-    """
+    """Raise the error of an answer: a GraspboxError of the named class, with the server's message."""
     error = answer.get("error")
     if error is None:
         return answer

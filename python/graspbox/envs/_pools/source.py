@@ -1,27 +1,32 @@
 """Remote environments: requests to servers and their answers."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any, Literal
 
 from gymnasium.vector import AutoresetMode
 
 from graspbox import _core, object_sets
 from graspbox._common.arguments import natural, plain, shown
-from graspbox.configs import AgentConfig, CamerasConfig
+from graspbox.configs import CamerasConfig, EnvConfig
 from graspbox.envs import spaces
-from graspbox.envs._pools.remote import OnlyPool, RemotePool
+from graspbox.envs._pools.local import Fields
+from graspbox.envs._pools.remote import RemotePool
 from graspbox.envs._pools.spread import SpreadPool
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.envs.settings import (
-    ClearSettings,
-    ClearVectorSettings,
-    GraspPoseSettings,
-    GraspPoseVectorSettings,
-    GraspSettings,
-    GraspVectorSettings,
+    ClearConfig,
+    ClearVectorConfig,
+    EnvironmentConfig,
+    GraspConfig,
+    GraspPoseConfig,
+    GraspPoseVectorConfig,
+    GraspVectorConfig,
     ObjectsArgument,
-    Settings,
-    keywords,
+    PlaceConfig,
+    PlaceVectorConfig,
+    ReachConfig,
+    ReachVectorConfig,
 )
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet
@@ -30,28 +35,26 @@ from graspbox.simulation import load_hand
 __all__ = ["KINDS", "RemoteSource", "kind_of"]
 
 #: Environment id, and whether it is a vector environment, by the class of its keywords.
-KINDS: dict[type, tuple[str, bool]] = {
-    GraspSettings: ("graspbox/Grasp-v0", False),
-    GraspVectorSettings: ("graspbox/Grasp-v0", True),
-    GraspPoseSettings: ("graspbox/GraspPose-v0", False),
-    GraspPoseVectorSettings: ("graspbox/GraspPose-v0", True),
-    ClearSettings: ("graspbox/Clear-v0", False),
-    ClearVectorSettings: ("graspbox/Clear-v0", True),
+KINDS: dict[type[EnvironmentConfig], tuple[str, bool]] = {
+    GraspConfig: ("graspbox/Grasp-v0", False),
+    GraspVectorConfig: ("graspbox/Grasp-v0", True),
+    GraspPoseConfig: ("graspbox/GraspPose-v0", False),
+    GraspPoseVectorConfig: ("graspbox/GraspPose-v0", True),
+    ClearConfig: ("graspbox/Clear-v0", False),
+    ClearVectorConfig: ("graspbox/Clear-v0", True),
+    ReachConfig: ("graspbox/Reach-v0", False),
+    ReachVectorConfig: ("graspbox/Reach-v0", True),
+    PlaceConfig: ("graspbox/Place-v0", False),
+    PlaceVectorConfig: ("graspbox/Place-v0", True),
 }
-#: Keywords that concern the client alone.
-_LOCAL = ("remote", "num_threads", "copy", "prepare_files")
+#: Keywords that concern only the client.
+_LOCAL = ("remote", "num_threads", "copy", "prepare_files", "depth_limits")
 #: Keywords that choose objects; those with a value other than the default are sent to the server.
 _CHOICE: tuple[Literal["scale", "mass", "split"], ...] = ("scale", "mass", "split")
 
 
-def kind_of(environment: str, vector: bool) -> type:
-    """Find the class of the keywords of an environment.
-
-    Raises
-    ------
-    ConfigError
-        For an unknown id.
-    """
+def kind_of(environment: str, vector: bool) -> type[EnvironmentConfig]:
+    """Find the class of the keywords of an environment; ConfigError for an unknown id."""
     for kind, found in KINDS.items():
         if found == (environment, vector):
             return kind
@@ -60,31 +63,21 @@ def kind_of(environment: str, vector: bool) -> type:
 
 
 class RemoteSource:
-    """Environments on servers; see `graspbox.envs._pools.local.Source`.
-
-    Parameters
-    ----------
-    remote : RemoteConfig
-        The servers.
-    kind, num_envs, objects
-        As for `graspbox.envs.core.GraspCore`.
-    settings : Mapping
-        All keywords.
-    """
+    """Environments on servers; see `graspbox.envs._pools.local.Source`. `settings` are all keywords."""
 
     is_remote = True
 
     def __init__(
-        self, remote: RemoteConfig, kind: type, num_envs: int, objects: ObjectsArgument, settings: Settings
+        self, remote: RemoteConfig, num_envs: int, objects: ObjectsArgument, settings: EnvironmentConfig
     ) -> None:
-        hand = settings["hand"]
+        hand = settings.hand
         if not isinstance(hand, str):
             raise ConfigError(f"hand is {shown(hand)}; environments on a server take a hand by its name")
-        _core.num_threads(settings["num_threads"])  # only validated: nothing runs here
+        _core.num_threads(settings.num_threads)  # only validated: nothing runs here
         self._objects = objects
-        self._choice: dict[str, Any] = {name: settings[name] for name in _CHOICE}
-        object_sets.check_sizes(settings["scale"], settings["mass"])
-        environment, vector = KINDS[kind]
+        self._choice: dict[str, Any] = {name: getattr(settings, name) for name in _CHOICE}
+        object_sets.check_sizes(settings.scale, settings.mass)
+        environment, vector = KINDS[type(settings)]
         request = {
             "environment": environment,
             "vector": vector,
@@ -92,8 +85,8 @@ class RemoteSource:
             "objects": _named(objects),
             "keywords": _keywords(settings),
         }
-        if len(remote.urls) == 1 and remote.reconnect == "resume":
-            self._pool: RemotePool | SpreadPool = OnlyPool(remote.urls[0], remote, request)
+        if len(remote.urls) == 1:
+            self._pool: RemotePool | SpreadPool = RemotePool(remote.urls[0], remote, request)
         else:
             self._pool = SpreadPool(remote, request)
         described = self._pool.description
@@ -111,20 +104,14 @@ class RemoteSource:
         return self._pool.names()
 
     def objects(self) -> ObjectSet:
-        """Look the objects up on this machine.
-
-        Raises
-        ------
-        ObjectSetError, MissingExtraError
-            If the set has another name on this machine, or is missing.
-        """
+        """Look the objects up on this machine; ObjectSetError if the set is missing or has another name here."""
         return object_sets.load(self._objects, **self._choice)
 
     def close(self) -> None:
         """Return the environments to the server."""
         self._pool.close()
 
-    def pool(self, config: AgentConfig, num_envs: int, picture: str, render: bool) -> RemotePool | SpreadPool:
+    def pool(self, config: EnvConfig, num_envs: int, picture: Fields, render: bool) -> RemotePool | SpreadPool:
         """Return the environments, which exist already."""
         return self._pool
 
@@ -141,18 +128,19 @@ def _named(objects: ObjectsArgument) -> list[str]:
     return object_sets.set_names(objects)
 
 
-def _keywords(settings: Settings) -> dict[str, Any]:
+def _keywords(settings: EnvironmentConfig) -> dict[str, Any]:
     """Keywords for a server, as JSON holds them."""
     found: dict[str, Any] = {}
-    for name, value in settings.items():
-        if name in _LOCAL or (name in _CHOICE and value == keywords(Settings)[name].default):
+    for field in fields(settings):
+        name, value = field.name, getattr(settings, field.name)
+        if name in _LOCAL or (name in _CHOICE and value == field.default):
             continue
         if isinstance(value, AutoresetMode):
             value = value.value
         if isinstance(value, Mapping):
             value = dict(value)
         found[name] = plain(value, name)
-    if settings["render_mode"] is not None:
+    if settings.render_mode is not None:
         # The window is on this machine; the server renders the pictures.
         found["render_mode"] = "rgb_array"
     return found

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core
-from graspbox.envs._pools.local import Buffers, Cameras, Mask, Seeds, Stepped
-from graspbox.envs._pools.remote import RemotePool, lost, now_of, reset_fields, stepped_of
-from graspbox.envs._pools.shard import CHANGES, Shard
+from graspbox.envs._pools.local import Buffers, Cameras, Mask, Options, Seeds, Stepped
+from graspbox.envs._pools.remote import now_of, reset_fields, stepped_of
+from graspbox.envs._pools.shard import CHANGES, PoolShard
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, ConnectionLostError, GraspboxError
 
@@ -21,61 +21,49 @@ __all__ = ["SpreadPool"]
 
 
 class SpreadPool:
-    """Environments on several servers; methods as `graspbox._core.EnvPool`.
-
-    Parameters
-    ----------
-    remote : RemoteConfig
-        The servers. Environments are divided equally, in order.
-    request : dict
-        Environment id, number, objects and keywords.
-
-    Raises
-    ------
-    ConnectionLostError
-        If a server cannot be reached; the message names the environments.
-    """
+    """Environments on several servers, divided equally and in order; methods and `request` as of `RemotePool`."""
 
     def __init__(self, remote: RemoteConfig, request: dict[str, Any]) -> None:
         self.num_envs = int(request["num_envs"])
         count = max(1, min(len(remote.urls), self.num_envs))
         ends = [round(self.num_envs * i / count) for i in range(count + 1)]
-        self._shards: list[Shard] = []
+        self._shards: list[PoolShard] = []
         try:
             for url, first, last in zip(remote.urls, ends, ends[1:], strict=False):
-                self._shards.append(_shard(url, first, last, remote, request))
+                own = {**request, "num_envs": last - first, "first_env": first}
+                self._shards.append(PoolShard(url, remote, own))
         except BaseException:
             self.close()
             raise
-        self.description = self._shards[0].pool.description
+        self.description = self._shards[0].description
         self._begun, self._over = (np.zeros(self.num_envs, dtype=np.bool_) for _ in range(2))
         self._autoreset = self.description["autoreset"]
         #: Environments sent and not received, and those of them whose step has ended.
         self._away: set[int] = set()
-        self._arrived: list[tuple[Shard, Stepped]] = []
+        self._arrived: list[tuple[PoolShard, Stepped]] = []
 
-    def _each(self, asked: Sequence[tuple[Shard, str, dict[str, Any]]]) -> list[dict[str, Any]]:
+    def _each(self, commands: Sequence[tuple[PoolShard, str, dict[str, Any]]]) -> list[dict[str, Any]]:
         """Send a command to several shards, and wait for all answers; the first error is raised at the end.
 
         After an error or an interruption, which cancels the running commands, `_settle` synchronizes the environments.
         """
-        running: list[tuple[Shard, int | None]] = []
+        running: list[tuple[PoolShard, int]] = []
         answers: list[dict[str, Any]] = []
         failed: GraspboxError | None = None
         try:
-            for shard, command, fields in asked:
+            for shard, command, fields in commands:
                 running.append((shard, shard.begin(command, fields)))
-            for shard, command, fields in asked:
-                _, number = running.pop(0)
+            for _ in commands:
+                shard, number = running.pop(0)
                 try:
-                    answers.append(shard.end(number, command, fields))
+                    answers.append(shard.end(number))
                 except GraspboxError as error:
                     failed = failed or error
         finally:
             for shard, number in running:
                 shard.abandon(number)
-            if len(answers) < len(asked):
-                for shard, command, _ in asked:
+            if len(answers) < len(commands):
+                for shard, command, _ in commands:
                     shard.unsettled |= command in CHANGES
         if failed is not None:
             raise failed
@@ -89,14 +77,14 @@ class SpreadPool:
                 own = slice(shard.first, shard.last)
                 self._begun[own] = [one is not None for one in over]
                 self._over[own] = [bool(one) for one in over]
-                self._away -= set(shard.envs)
+                self._away -= set(range(shard.first, shard.last))
                 self._arrived = [(where, stepped) for where, stepped in self._arrived if where is not shard]
 
-    def reset(self, seeds: Seeds, mask: Mask, options: Sequence[str], out: Buffers) -> "_core.EnvArrays":
-        """Begin episodes, as `graspbox._core.EnvPool.reset`; options are JSON."""
+    def reset(self, seeds: Seeds, mask: Mask, options: Options, out: Buffers) -> "_core.EnvArrays":
+        """Begin episodes, as `graspbox._core.EnvPool.reset`."""
         self._settle()
         self._check_here(range(self.num_envs))
-        asked = []
+        commands = []
         for shard in self._shards:
             own = slice(shard.first, shard.last)
             fields = reset_fields(
@@ -104,8 +92,8 @@ class SpreadPool:
                 None if mask is None else np.ascontiguousarray(mask[own]),
                 options if len(options) == 1 else options[own],
             )
-            asked.append((shard, "reset", fields))
-        answers = self._each(asked)
+            commands.append((shard, "reset", fields))
+        answers = self._each(commands)
         chosen = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask
         self._over &= ~chosen
         self._begun |= chosen
@@ -115,21 +103,23 @@ class SpreadPool:
         """Step all environments, as `graspbox._core.EnvPool.step`."""
         self._settle()
         self._check_actions(range(self.num_envs), actions)
-        asked = [(shard, "step", {"actions": actions[shard.first : shard.last]}) for shard in self._shards]
-        return self._stepped([stepped_of(answer, None) for answer in self._each(asked)], self._shards, out)
+        commands = [(shard, "step", {"actions": actions[shard.first : shard.last]}) for shard in self._shards]
+        return self._stepped([stepped_of(answer, None) for answer in self._each(commands)], self._shards, out)
 
     def send(self, actions: NDArray[np.float32], envs: Sequence[int]) -> None:
         """Step environments in the background, as `graspbox._core.EnvPool.send`."""
         self._settle()
         self._check_actions(envs, actions)
         indices = np.asarray(envs)
-        asked = []
+        commands = []
         for shard in self._shards:
             rows = np.flatnonzero((indices >= shard.first) & (indices < shard.last))
             if len(rows):
                 own = (indices[rows] - shard.first).tolist()
-                asked.append((shard, "send", {"actions": np.ascontiguousarray(actions[rows]), "env_ids": own}))
-        self._each(asked)
+                commands.append((shard, "send", {"actions": np.ascontiguousarray(actions[rows]), "env_ids": own}))
+        self._each(commands)
+        for shard, _, fields in commands:
+            shard.away |= set(fields["env_ids"])
         self._away |= {int(env) for env in envs}
 
     def recv(self, count: int) -> Stepped:
@@ -153,7 +143,7 @@ class SpreadPool:
         return found
 
     def set_state(self, env: int, state: bytes) -> "_core.EnvArrays":
-        """Restore a state; arrays of that environment alone."""
+        """Restore a state and return the arrays of only that environment."""
         shard = self._shard_of(env)
         found = now_of(shard.call("set_state", {"env_id": env - shard.first, "state": state}), None)
         self._over[env] = bool(found["terminated"][0] or found["truncated"][0])
@@ -189,17 +179,17 @@ class SpreadPool:
 
     def names(self) -> list[str]:
         """Names of the objects, in order."""
-        return self._shards[0].pool.names()
+        return self._shards[0].names()
 
     def close(self) -> None:
         """End all sessions."""
         for shard in self._shards:
-            shard.pool.close()
+            shard.close()
 
-    def _shard_of(self, env: int) -> Shard:
+    def _shard_of(self, env: int) -> PoolShard:
         self._settle()
         for shard in self._shards:
-            if env in shard.envs:
+            if shard.first <= env < shard.last:
                 self._check_here([env])
                 return shard
         raise ConfigError(f"there is no environment {env}: there are {self.num_envs}, counted from 0")
@@ -232,7 +222,7 @@ class SpreadPool:
                 value = str(action[bad[0]]).replace("nan", "NaN")
                 raise ConfigError(f"the action of environment {env} holds {value} at index {bad[0]}; nothing was moved")
 
-    def _stepped(self, found: Sequence[Stepped], shards: Sequence[Shard], out: Buffers) -> Stepped:
+    def _stepped(self, found: Sequence[Stepped], shards: Sequence[PoolShard], out: Buffers) -> Stepped:
         """Join the steps of several shards."""
         now = self._joined([one for one, _ in found], shards, out)
         ended = [(last, shard) for (_, last), shard in zip(found, shards, strict=True) if last is not None]
@@ -243,21 +233,14 @@ class SpreadPool:
             return now, None
         return now, self._joined([last for last, _ in ended], [shard for _, shard in ended], None)
 
-    def _joined(self, found: Sequence["_core.EnvArrays"], shards: Sequence[Shard], out: Buffers) -> "_core.EnvArrays":
+    def _joined(
+        self, found: Sequence["_core.EnvArrays"], shards: Sequence[PoolShard], out: Buffers
+    ) -> "_core.EnvArrays":
         """Join rows of several shards and renumber their environments."""
         for arrays, shard in zip(found, shards, strict=True):
             arrays["env"] = arrays["env"] + shard.first
         joined: _core.EnvArrays = _concatenated(found, out or {})
         return joined
-
-
-def _shard(url: str, first: int, last: int, remote: RemoteConfig, request: dict[str, Any]) -> Shard:
-    """Make environments `first` to `last` on a server."""
-    own = {**request, "num_envs": last - first, "first_env": first}
-    try:
-        return Shard(remote, own, first, last, RemotePool(url, remote, own))
-    except ConnectionLostError as error:
-        raise lost(error, range(first, last), made=False) from None
 
 
 def _concatenated(found: Sequence[Any], out: dict[str, Any]) -> Any:

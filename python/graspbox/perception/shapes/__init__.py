@@ -1,10 +1,4 @@
-"""What a completed volume is good for, besides scoring: a mesh of it, and trials of grasps with it.
-
-| module | purpose |
-|---|---|
-| `surface` | the surface of a volume |
-| `rehearsal` | grasps tried in simulation on a completed shape, before the robot moves |
-"""
+"""Uses of a completed volume besides scoring: a mesh of it, and trials of grasps with it."""
 
 from graspbox.perception.shapes.rehearsal import Rehearsal, rehearsed_score, rehearsed_success
 from graspbox.perception.shapes.surface import surface_mesh, surface_of

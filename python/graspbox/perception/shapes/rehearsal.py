@@ -1,9 +1,8 @@
-"""Grasps tried in simulation on the shape that a completion makes of a depth image, before the robot moves.
+"""Grasps tried in simulation on the completed shape of a depth image, before the robot moves.
 
-A scorer judges a grasp by the voxels around the hand. A rehearsal runs the trial itself: the completed volume becomes a
-mesh, which stands where it is seen, and the hand closes, lifts and holds, from the pose itself and from some around it.
-Nothing is known that the camera and the description of the hand do not tell: the mass follows from the completed
-volume, the friction is the usual one.
+A scorer judges a grasp by the voxels around the hand; a rehearsal runs the trial itself. The completed volume becomes a
+mesh at its place, and the hand closes, lifts and holds, at the pose itself and at some around it. The mass follows from
+the completed volume, the friction is the default.
 """
 
 import logging
@@ -14,12 +13,12 @@ from numpy.typing import NDArray
 
 from graspbox._core import Hand
 from graspbox.errors import MeshError, SimulationError
-from graspbox.layouts import Arrangement
 from graspbox.meshes import mesh_from_arrays
 from graspbox.perception.configs import CropConfig, RehearsalConfig
 from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.perception.shapes.surface import surface_of
 from graspbox.simulation import Scene
+from graspbox.simulation.layouts import Arrangement
 
 __all__ = ["Rehearsal", "rehearsed_score", "rehearsed_success"]
 
@@ -39,13 +38,13 @@ class Rehearsal:
     Parameters
     ----------
     scenes : sequence of Scene
-        Shapes whose frames are that of the crop.
+        Shapes in the frame of the crop.
     config : RehearsalConfig
         How grasps are tried.
     error : PoseNoise, optional
-        Expected error of the hand, instead of the errors of the settings.
+        Expected error of the hand, instead of that of the settings.
     num_threads : int, optional
-        Threads of the trials; by default one per core. The result does not depend on it.
+        By default one per core; the result does not depend on it.
     """
 
     def __init__(
@@ -74,39 +73,18 @@ class Rehearsal:
         error: PoseNoise | None = None,
         num_threads: int | None = None,
     ) -> "Rehearsal | None":
-        """Make the shapes of a completed volume.
+        """Make the shapes of a completed volume (N, N, N) uint8, whose table is at z = 0; arguments as of `Rehearsal`.
 
-        Parameters
-        ----------
-        occupancy : (N, N, N) uint8
-            Completed voxels of a crop whose table is at z = 0, 0 to 255 for 0 to 1.
-        crop : CropConfig
-            The crop.
-        hand : Hand
-            The hand.
-        config, error, num_threads
-            As of `Rehearsal`.
-
-        Returns
-        -------
-        Rehearsal or None
-            None where the volume has no shape that can be simulated: it is empty, or too thin.
+        None if it has no shape that can be simulated: it is empty, or too thin.
         """
         volume = occupancy.sum(dtype=np.int64) / 255 * crop.voxel_size**3
         mass = float(np.clip(config.density * volume, _LIGHTEST, _HEAVIEST))
-        found = (_at_rest(occupancy, crop, hand, threshold, mass) for threshold in config.thresholds)
-        scenes = [scene for scene in found if scene is not None]
+        shapes = (_at_rest(occupancy, crop, hand, threshold, mass) for threshold in config.thresholds)
+        scenes = [scene for scene in shapes if scene is not None]
         return cls(scenes, config, error, num_threads) if scenes else None
 
     def shares(self, poses: NDArray[np.float64], preshapes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Try grasps.
-
-        Parameters
-        ----------
-        poses : (m, 4, 4) float64
-            ``crop_from_hand``, metres.
-        preshapes : (m,) float64
-            See `graspbox.Hand.preshape_limits`.
+        """Try grasps: poses ``crop_from_hand`` (m, 4, 4), metres, and preshapes (m,).
 
         Returns
         -------
@@ -129,7 +107,7 @@ class Rehearsal:
 def rehearsed_score(
     scores: NDArray[np.float64], shares: NDArray[np.float64], config: RehearsalConfig
 ) -> NDArray[np.float64]:
-    """Join scores or probabilities (m,) with the shares (m,) of their trials that succeed: see `RehearsalConfig`."""
+    """Combine scores or probabilities (m,) with the shares (m,) of successful trials: see `RehearsalConfig`."""
     sure = np.clip(scores, _CERTAIN, 1.0 - _CERTAIN)
     logits = config.offset + config.slope * np.log(sure / (1.0 - sure)) + config.gain * shares
     return np.asarray(1.0 / (1.0 + np.exp(-logits)))
@@ -138,12 +116,12 @@ def rehearsed_score(
 def rehearsed_success(
     success: NDArray[np.float64], shares: NDArray[np.float64], config: RehearsalConfig
 ) -> NDArray[np.float64]:
-    """Join probabilities of success (m,) with shares (m,); those of grasps without trials, NaN, stay as they are."""
+    """Combine probabilities (m,) with shares (m,); those of grasps without trials, NaN, stay as they are."""
     return np.where(np.isnan(shares), success, rehearsed_score(success, np.nan_to_num(shares), config))
 
 
 def _at_rest(occupancy: NDArray[np.uint8], crop: CropConfig, hand: Hand, threshold: int, mass: float) -> Scene | None:
-    """Stand the shape that a threshold makes of a volume on the table; None if it cannot be simulated."""
+    """Place the shape of a threshold on the table; None if it cannot be simulated."""
     surface = surface_of(occupancy, crop, threshold=threshold)
     if surface is None:
         return None

@@ -22,22 +22,12 @@ def surface_mesh(
     *,
     mass: float = 0.1,
 ) -> Mesh | None:
-    """Give the surface of a volume in the crop frame, closed, as a mesh; None where nothing is occupied.
+    """Return the closed surface of a volume in the crop frame as a mesh of `mass` kg; None if nothing is occupied.
 
-    Parameters
-    ----------
-    occupancy, crop
-        As of `surface_of`.
-    mass : float
-        kg.
-
-    Raises
-    ------
-    ConfigError
-        For an array of another shape or type.
+    Other arguments and errors as `surface_of`.
     """
-    found = surface_of(occupancy, crop)
-    return None if found is None else mesh_from_arrays(*found, mass=mass, name="seen", clean=None)
+    surface = surface_of(occupancy, crop)
+    return None if surface is None else mesh_from_arrays(*surface, mass=mass, name="seen", clean=None)
 
 
 def surface_of(
@@ -46,16 +36,9 @@ def surface_of(
     *,
     threshold: int = OCCUPIED,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
-    """Give the surface of a volume in the crop frame, closed: vertices (v, 3), metres, and triangles (f, 3).
+    """Return the closed surface of a volume in the crop frame: vertices (v, 3), metres, and triangles (f, 3).
 
-    Parameters
-    ----------
-    occupancy : (N, N, N) uint8
-        Voxels of a crop, 0 to 255 for 0 to 1.
-    crop : CropConfig
-        The crop.
-    threshold : int
-        Least value of an occupied voxel, by default a quarter. None is returned where none has it.
+    None if no voxel of the (N, N, N) uint8 `occupancy` of a crop has the least value of an occupied one, `threshold`.
 
     Raises
     ------
@@ -70,7 +53,7 @@ def surface_of(
     """
     n = crop.resolution
     if occupancy.shape != (n, n, n) or occupancy.dtype != np.uint8:
-        raise ConfigError(f"occupancy is {occupancy.shape} {occupancy.dtype}; give {(n, n, n)} uint8")
+        raise ConfigError(f"occupancy is {occupancy.shape} {occupancy.dtype}; pass {(n, n, n)} uint8")
     # A margin of free voxels closes the surface at the sides of the crop.
     values = np.pad(occupancy.astype(np.float64), 1) - (threshold - 0.5)
     inside = values > 0

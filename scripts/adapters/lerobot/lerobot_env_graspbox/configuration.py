@@ -7,7 +7,7 @@ import gymnasium
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
 
-from graspbox.demonstrations.lerobot import TASK
+from graspbox.tools.demonstrations.lerobot import TASK
 
 from .vector import LeRobotVectorEnv, kind, make
 
@@ -26,7 +26,7 @@ class GraspboxEnv(EnvConfig):
     task : str
         ``Grasp-v0`` (closed loop) or ``GraspPose-v0`` (one decision per episode).
     fps : int
-        Follows from `task` and `frame_skip`; a value set here is ignored.
+        Follows from `task` and `control_freq`; a value set here is ignored.
     objects : list of str
         Object sets.
     split : str, optional
@@ -36,11 +36,13 @@ class GraspboxEnv(EnvConfig):
     image_size : int
         Rows and columns of the images.
     episode_length : int, optional
-        Steps after which an episode is truncated; by default 200, of ``GraspPose-v0`` 1.
+        Steps after which an episode is truncated; by default 40, of ``GraspPose-v0`` 1.
     control : str
         Control mode of ``Grasp-v0``.
-    frame_skip : int
-        Control periods of 0.05 s per step of ``Grasp-v0``.
+    fingers : str
+        How an action of ``Grasp-v0`` moves the fingers.
+    control_freq : float
+        Actions per second of ``Grasp-v0``, Hz.
     remote : str, optional
         Address of a ``graspbox serve`` that steps the environments.
     picture_size : list of int
@@ -58,7 +60,8 @@ class GraspboxEnv(EnvConfig):
     image_size: int = 96
     episode_length: int | None = None
     control: str = "twist"
-    frame_skip: int = 1
+    fingers: str = "synergy"
+    control_freq: float = 5.0
     remote: str | None = None
     picture_size: list[int] = field(default_factory=lambda: [240, 320])
     task_description: str = TASK
@@ -92,7 +95,7 @@ class GraspboxEnv(EnvConfig):
     @property
     def gym_kwargs(self) -> dict[str, Any]:
         """Keywords of the environments."""
-        closed_loop = {"control": self.control, "frame_skip": self.frame_skip} if self.task == "Grasp-v0" else {}
+        acting = {"control": self.control, "fingers": self.fingers, "control_freq": self.control_freq}
         return {
             "objects": self.objects,
             "split": self.split,
@@ -101,7 +104,7 @@ class GraspboxEnv(EnvConfig):
             "remote": self.remote,
             "render_mode": "rgb_array",
             "picture": {"image_size": self.picture_size},
-            **closed_loop,
+            **(acting if self.task == "Grasp-v0" else {}),
             **self.keywords,
         }
 

@@ -17,14 +17,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from graspbox.demonstrations.lerobot import TASK
+from graspbox.tools.demonstrations.lerobot import TASK
 
 __all__ = ["LeRobotVectorEnv", "kind", "make", "renamed"]
 
 #: Option of the resets of ``lerobot-eval``: a rollout begins, of one episode in each environment.
 _NEW_ROLLOUT = "lerobot_new_rollout"
 _NAMES = {"proprio": "agent_pos", "state": "environment_state"}
-#: LeRobot reads depth in millimetres unless it is told otherwise.
+#: LeRobot reads depth in millimetres by default.
 _MILLIMETRES = 1000.0
 
 
@@ -35,16 +35,16 @@ def kind(name: str) -> str:
 
 
 def renamed(observation: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """Give observations, of one or of many environments, LeRobot's names, units and order of axes."""
-    found: dict[str, Any] = {}
+    """Convert observations of one or many environments to LeRobot's names, units and order of axes."""
+    result: dict[str, Any] = {}
     for name, array in observation.items():
         if kind(name) == "rgb":
-            found.setdefault("pixels", {})[name] = array
+            result.setdefault("pixels", {})[name] = array
         elif kind(name) == "depth":
-            found[f"images.{name}"] = np.moveaxis(array, -1, -3) * np.float32(_MILLIMETRES)
+            result[f"images.{name}"] = np.moveaxis(array, -1, -3) * np.float32(_MILLIMETRES)
         else:
-            found[_NAMES.get(name, name)] = array
-    return found
+            result[_NAMES.get(name, name)] = array
+    return result
 
 
 def _space(space: gymnasium.spaces.Dict) -> gymnasium.spaces.Dict:
@@ -94,7 +94,7 @@ class LeRobotVectorEnv(VectorWrapper):
         self._over = np.zeros(env.num_envs, dtype=np.bool_)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes; the option with which LeRobot begins a rollout concerns this wrapper alone."""
+        """Begin episodes; the option with which LeRobot begins a rollout concerns only this wrapper."""
         kept = dict(options or {})
         self._in_rollout = bool(kept.pop(_NEW_ROLLOUT, False))
         self._over[:] = False

@@ -70,7 +70,7 @@ class GraspEnvironment(Environment[GraspAction, GraspObservation, GraspState]):
         options : dict, optional
             Reset options of graspbox: object, place, friction, and others.
         **kwargs
-            There are no others.
+            Refused.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class GraspEnvironment(Environment[GraspAction, GraspObservation, GraspState]):
             For a wrong seed or option.
         """
         if kwargs:
-            raise ConfigError(f"reset has no argument {min(kwargs)!r}; give seed, episode_id or options")
+            raise ConfigError(f"reset has no argument {min(kwargs)!r}; pass seed, episode_id or options")
         observation, info = self._env.reset(seed=seed, options=options)
         self._state = self._state.model_copy(
             update={
@@ -140,7 +140,7 @@ class GraspEnvironment(Environment[GraspAction, GraspObservation, GraspState]):
         )
 
     def close(self) -> None:
-        """Give the environment's memory back."""
+        """Release the environment."""
         self._env.close()
 
     def _observation(

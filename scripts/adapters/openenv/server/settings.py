@@ -61,15 +61,15 @@ class ServerSettings:
         if unknown:
             known = ", ".join(PREFIX + name.upper() for name in cls.__dataclass_fields__)
             raise ValueError(f"there is no variable {PREFIX}{min(unknown).upper()}; choose from {known}")
-        found: dict[str, Any] = dict(values)
+        fields: dict[str, Any] = dict(values)
         for name in ("objects", "obs"):
-            if name in found:
-                found[name] = tuple(found[name].split(","))
-        if "sessions" in found:
-            found["sessions"] = int(found["sessions"])
-        if "keywords" in found:
-            found["keywords"] = json.loads(found["keywords"])
-        settings = cls(**found)
+            if name in fields:
+                fields[name] = tuple(fields[name].split(","))
+        if "sessions" in fields:
+            fields["sessions"] = int(fields["sessions"])
+        if "keywords" in fields:
+            fields["keywords"] = json.loads(fields["keywords"])
+        settings = cls(**fields)
         if settings.images not in ("png", "raw") or settings.sessions < 1 or not isinstance(settings.keywords, dict):
             raise ValueError(
                 f"{PREFIX}IMAGES is 'png' or 'raw', {PREFIX}SESSIONS is at least 1, {PREFIX}KEYWORDS is a JSON object"

@@ -1,1 +1,0 @@
-"""``graspbox benchmark``: protocols of the field, for any policy."""

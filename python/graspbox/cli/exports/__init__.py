@@ -1,1 +1,0 @@
-"""Commands and options that write results in the formats of other programs, one module each."""

@@ -1,1 +1,0 @@
-"""``graspbox serve``, ``serve-policy`` and ``mcp``: servers, one module each."""

@@ -1,0 +1,1 @@
+"""Export of trained networks as published policies: one ONNX file for each network."""

@@ -1,0 +1,1 @@
+"""Commands of the tools: entry points of the group ``graspbox.commands``."""

@@ -1,0 +1,85 @@
+"""``graspbox view``: views of an object, a hand, an environment, a depth image or a plan in a browser."""
+
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspbox.cli.common import HandOfPolicy, PerScene, Scale, Seed, console, find_hand
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="An object or mesh file, an object set, a hand (name or hand.urdf,hand.toml), an environment id, the "
+        "folder of a policy or of a run, a depth image (.npy, .png), or a plan (.json).",
+    ),
+]
+Objects = Annotated[str | None, typer.Option(help="Objects of an environment, or the object of a plan.")]
+Intrinsics = Annotated[
+    tuple[float, float, float, float] | None,
+    typer.Option(metavar="FX FY CX CY", help="Intrinsics of a depth image, pixels."),
+]
+Poses = Annotated[int, typer.Option(min=0, help="Poses to simulate at once, best first.")]
+Port = Annotated[
+    int | None, typer.Option(min=0, max=65535, help="Port; 0: any free one. By default 8080 or the next free one.")
+]
+
+
+def view(
+    source: Source,
+    hand: HandOfPolicy = None,
+    policy: Annotated[
+        str | None, typer.Option(help="Policy of an environment or a depth image: a name or a folder.")
+    ] = None,
+    objects: Objects = None,
+    layout: Annotated[
+        str | None, typer.Option(help="How the objects of an environment lie: single, packed, pile or bin.")
+    ] = None,
+    objects_per_scene: PerScene = None,
+    intrinsics: Intrinsics = None,
+    depth_scale: Annotated[
+        float | None, typer.Option(help="Metres per unit of a depth image; by default 1 for floats, else 0.001.")
+    ] = None,
+    camera_pose: Annotated[
+        Path | None, typer.Option(help="File of table_from_camera (4x4); by default the table is searched for.")
+    ] = None,
+    poses: Poses = 200,
+    host: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",
+    port: Port = None,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Listen beyond this machine: anyone on that network may use the page.")
+    ] = False,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")] = True,
+    scale: Scale = 1.0,
+    seed: Seed = 0,
+) -> None:
+    """Open an interactive view in a browser; Ctrl-C ends it."""
+    from graspbox.tools.viewer import show
+
+    with console.status("preparing"):
+        viewer = show(
+            source,
+            hand=None if hand is None else find_hand(hand),
+            objects=objects,
+            layout=layout,
+            objects_per_scene=objects_per_scene,
+            scale=scale,
+            seed=seed,
+            poses=poses,
+            policy=policy,
+            intrinsics=intrinsics,
+            depth_scale=depth_scale,
+            camera_pose=camera_pose,
+            host=host,
+            port=port,
+            insecure=insecure,
+            open_browser=browser,
+        )
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    typer.echo(f"{viewer.page.title} at {viewer.url} (Ctrl-C ends)")
+    sys.stdout.flush()
+    with viewer:
+        viewer.wait()

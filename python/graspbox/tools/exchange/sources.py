@@ -1,0 +1,241 @@
+"""Grasps of graspbox's own results: plans, tables of ``grasp``, data sets, and ``grasp-image``."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox._core import Hand
+from graspbox.errors import ConfigError
+from graspbox.hands import HandLike, load_hand
+from graspbox.planning import Plan
+from graspbox.simulation.outcomes import Outcomes
+from graspbox.tools.exchange.checks import matrices, numbers, read_json, rows_of
+from graspbox.tools.exchange.grasps import ExchangeGrasps
+
+__all__ = ["ImageFrame", "from_dataset", "from_image", "from_plan", "from_table", "read"]
+
+#: Frames in which grasps of an image can be given.
+ImageFrame = Literal["table", "camera"]
+#: Columns of a data set that are read.
+_COLUMNS = ("object", "sha256", "hand", "preshape", "mass", "mass_factor", "success", "score")
+_POSES = ("world_from_object", "executed_object_from_hand")
+
+
+def _hand_of(name: object, override: HandLike | None) -> Hand:
+    """Load the hand that a source names."""
+    if override is not None:
+        hand = load_hand(override)
+        if isinstance(name, str) and name and hand.name != name:
+            raise ConfigError(f"the grasps are of the hand {name!r}, not {hand.name!r}; leave hand out, or pass theirs")
+        return hand
+    if isinstance(name, str) and name in Hand.names():
+        return load_hand(name)
+    raise ConfigError(
+        f"the grasps are of the hand {name!r}, which is not one of the package; pass its two files (hand=, or --hand)"
+    )
+
+
+def from_plan(plan: Plan, outcomes: Outcomes | None = None, *, hand: HandLike | None = None) -> ExchangeGrasps:
+    """Take the feasible grasps of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    outcomes : Outcomes, optional
+        Outcomes of all its grasps, in order (``scene.simulate(plan)``).
+    hand : str, Hand or pair of paths, optional
+        The hand, if it is not one of the package.
+
+    Raises
+    ------
+    ConfigError
+        If the number of outcomes differs, or the hand is unknown or another one.
+    """
+    if outcomes is not None and len(outcomes) != len(plan):
+        raise ConfigError(f"there are {len(outcomes)} outcomes for {len(plan)} grasps; pass one for each")
+    kept = np.flatnonzero(plan.feasible)
+    return ExchangeGrasps.of(
+        plan.poses[kept],
+        plan.preshape[kept],
+        hand=_hand_of(plan.hand_name, hand),
+        success=None if outcomes is None else outcomes.success[kept].astype(np.float64),
+        score=plan.score[kept],
+        world_from_object=plan.world_from_object,
+        object_name=plan.name,
+        mesh_sha256=plan.mesh_sha256,
+    )
+
+
+def from_table(table: Mapping[str, Any], *, hand: HandLike | None = None) -> list[ExchangeGrasps]:
+    """Take the grasps of every object of a table of ``graspbox grasp --out`` (`SetResult.table`, with details).
+
+    Objects without a grasp are left out. `hand` is as in `from_plan`.
+
+    Raises
+    ------
+    ConfigError
+        If it is no such table, or the hand is unknown.
+    """
+    tables = []
+    for row in rows_of(table, "objects"):
+        name = row.get("name")
+        if "grasps" not in row or not isinstance(name, str):
+            raise ConfigError(
+                "the table has no grasps of its objects; write it with `graspbox grasp --out`, whose files have details"
+            )
+        grasps = rows_of(row, "grasps", f"grasps of {name!r}")
+        if grasps:
+            tables.append(_table_row(name, row, grasps, hand))
+    return tables
+
+
+def _table_row(
+    name: str, row: Mapping[str, Any], grasps: list[dict[str, Any]], hand: HandLike | None
+) -> ExchangeGrasps:
+    label = f"grasps of {name!r}"
+    return ExchangeGrasps.of(
+        matrices([g.get("object_from_hand") for g in grasps], f"{label}: object_from_hand"),
+        numbers([g.get("preshape") for g in grasps], f"{label}: preshape"),
+        hand=_hand_of(row.get("hand"), hand),
+        success=numbers([g.get("success") for g in grasps], f"{label}: success"),
+        score=numbers([g.get("score") for g in grasps], f"{label}: score"),
+        world_from_object=matrices([row.get("world_from_object")], f"{label}: world_from_object")[0],
+        object_name=name,
+    )
+
+
+def from_image(
+    document: Mapping[str, Any], *, frame: ImageFrame = "table", hand: HandLike | None = None
+) -> ExchangeGrasps:
+    """Take the grasps of a policy in a depth image; their confidence is the predicted probability of success.
+
+    An image shows no mesh: instead of the object's frame the poses are in that of the table or of the camera (`frame`).
+    `document` is `graspbox.policies.grasp_image.ImageGrasps.to_json`, and `hand` is as in `from_plan`.
+
+    Raises
+    ------
+    ConfigError
+        If it is no such result, or the hand is unknown.
+    """
+    if frame not in ("table", "camera"):
+        raise ConfigError(f"frame is {frame!r}; choose table or camera")
+    grasps = rows_of(document, "grasps")
+    key = f"{frame}_from_hand"
+    table_from_camera = matrices([document.get("table_from_camera")], "table_from_camera")[0]
+    return ExchangeGrasps.of(
+        matrices([g.get(key) for g in grasps], f"grasps: {key}"),
+        numbers([g.get("preshape") for g in grasps], "grasps: preshape"),
+        hand=_hand_of(document.get("hand"), hand),
+        confidence=numbers([g.get("success") for g in grasps], "grasps: success"),
+        score=numbers([g.get("choice") for g in grasps], "grasps: choice"),
+        world_from_object=np.eye(4) if frame == "table" else table_from_camera,
+        object_name=frame,
+    )
+
+
+def from_dataset(
+    folder: str | os.PathLike[str], split: str | None = None, *, hand: HandLike | None = None
+) -> list[ExchangeGrasps]:
+    """Take the trials of every object of a data set: the poses that were tried, with their outcomes.
+
+    A trial had its own friction and mass. The mass here is the object's without that factor; the files of meshes have
+    to be added (`graspbox.tools.exchange.simulated`, or ``graspbox export-grasps --objects``).
+
+    Parameters
+    ----------
+    folder : str or PathLike
+        The folder of ``graspbox dataset``.
+    split : {"train", "validation", "test"}, optional
+        Take only this split.
+    hand : str, Hand or pair of paths, optional
+        As in `from_plan`.
+
+    Raises
+    ------
+    ConfigError
+        As `graspbox.data.trials.load`; if the hand is unknown.
+    MissingExtraError
+        Without pyarrow or pydantic (extra ``data``).
+    """
+    from graspbox.data.trials import tables
+
+    table = tables.load(folder, split, [*_COLUMNS, *_POSES])
+    values = {name: tables.column(table, name) for name in _COLUMNS}
+    worlds, poses = (tables.matrices(table, name) for name in _POSES)
+    hands = set(values["hand"].tolist())
+    if len(hands) != 1:
+        raise ConfigError(f"the data set has trials of {len(hands)} hands; pass one of a single hand")
+    chosen = _hand_of(hands.pop(), hand)
+    names, first, member = np.unique(values["object"], return_index=True, return_inverse=True)
+    converted = []
+    for index in np.argsort(first):
+        rows = np.flatnonzero(member == index)
+        own = {name: column[rows] for name, column in values.items()}
+        converted.append(
+            ExchangeGrasps.of(
+                poses[rows],
+                own["preshape"],
+                hand=chosen,
+                success=own["success"].astype(np.float64),
+                score=own["score"],
+                world_from_object=worlds[rows],
+                object_name=str(names[index]),
+                mass=float(own["mass"][0] / own["mass_factor"][0]),
+                mesh_sha256=str(own["sha256"][0]),
+            )
+        )
+    return converted
+
+
+def sources_of(folder: str | os.PathLike[str]) -> dict[str, tuple[str, float]]:
+    """Return a set of one object, and its scale, for each object of a data set, by the object's name."""
+    from graspbox.data.trials import tables
+
+    table = tables.load(folder, None, ["object", "source", "scale"])
+    columns: list[NDArray[Any]] = [tables.column(table, name) for name in ("object", "source", "scale")]
+    return {str(name): (str(source), float(scale)) for name, source, scale in zip(*columns, strict=True)}
+
+
+def read(
+    path: str | os.PathLike[str], *, hand: HandLike | None = None, frame: ImageFrame = "table"
+) -> list[ExchangeGrasps]:
+    """Read the grasps of a file or folder that graspbox wrote, one entry per object.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        A saved plan, the JSON of ``graspbox grasp --out`` or ``graspbox grasp-image --out``, or a folder of
+        ``graspbox dataset``.
+    hand : str, Hand or pair of paths, optional
+        The hand, if it is not one of the package.
+    frame : {"table", "camera"}
+        Frame of the grasps of an image.
+
+    Raises
+    ------
+    ConfigError, PlanError
+        If the file is of another kind, or is damaged; the message names the problem.
+    FileError
+        If it cannot be read, or is larger than 256 MiB.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return from_dataset(path, hand=hand)
+    try:
+        document = read_json(path)
+        if isinstance(document, dict) and document.get("format") == "graspbox.plan":
+            return [from_plan(Plan.load(path), hand=hand)]
+        if isinstance(document, dict) and "objects" in document:
+            return from_table(document, hand=hand)
+        if isinstance(document, dict) and "table_from_camera" in document:
+            return [from_image(document, frame=frame, hand=hand)]
+        raise ConfigError(
+            "it is JSON, but not of graspbox's grasps; pass a plan, or a result of `grasp` or `grasp-image`"
+        )
+    except ConfigError as error:
+        raise ConfigError(f"{str(path)!r}: {error}") from None
