@@ -65,7 +65,7 @@ def train(algorithm: Any, folder: Path, **settings: Any) -> int:
     changes = PPO if algorithm == "ppo" else SAC
     env = ("env.objects=[procedural:can:0-9]", "env.reward=firm", "env.image_size=16")
     given = {"episodes": 2, "evaluations": 1, **settings, "set": (*changes, *env, *settings.get("set", ()))}
-    options: Any = Sb3Settings(algorithm=algorithm, out=folder, **given)
+    options: Any = Sb3Settings(algorithm=algorithm, out=folder, **{"video": 0, **given})
     return int(training.train(options, "graspbox train sb3", lambda _: None).status)
 
 

@@ -209,7 +209,7 @@ def clone(source: Path, folder: Path, **given: Any) -> None:
 
 def train(algorithm: Any, folder: Path, **given: Any) -> None:
     """Train by rewards."""
-    settings = Sb3Settings(algorithm=algorithm, out=folder, episodes=2, evaluations=1, **given)
+    settings = Sb3Settings(algorithm=algorithm, out=folder, episodes=2, evaluations=1, video=0, **given)
     assert training.train(settings, "", lambda _: None).status == 0
 
 

@@ -26,6 +26,7 @@ pytestmark = pytest.mark.train
 pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 training = pytest.importorskip("graspbox.learn.sb3.training")
+Image = pytest.importorskip("PIL.Image")
 
 CLOSED, ONCE = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
 #: Entries of the file of parameters. Of ten cans, none of these belongs to the split `test`.
@@ -67,7 +68,8 @@ def one_thread() -> Iterator[None]:
 
 def train(folder: Path, algorithm: Any = "ppo", env: str = CLOSED, **settings: Any) -> str:
     """Train in this process; returns the last line."""
-    given: dict[str, Any] = {"episodes": 6, "evaluations": 2, "parameters": folder.parent / "parameters.yaml"}
+    parameters = folder.parent / "parameters.yaml"
+    given: dict[str, Any] = {"episodes": 6, "evaluations": 2, "video": 0, "parameters": parameters}
     options = Sb3Settings(algorithm=algorithm, out=folder, env=env, **{**given, **settings})
     return str(training.train(options, "graspbox train sb3", lambda _: None).text.splitlines()[-1])
 
@@ -75,7 +77,7 @@ def train(folder: Path, algorithm: Any = "ppo", env: str = CLOSED, **settings: A
 @pytest.fixture(scope="module")
 def run(made: Path) -> Path:
     """Train PPO on what a hand feels."""
-    assert train(made / "felt", set=(FEELS,)) == next_commands(made / "felt")
+    assert train(made / "felt", set=(FEELS,), video=2) == next_commands(made / "felt")
     return made / "felt"
 
 
@@ -99,6 +101,12 @@ def test_a_run_names_its_environment_and_its_objects(run: Path) -> None:
     assert policy.default_objects() == (["procedural:can:0-39"], "test")
     last = policies.load(str(run / "checkpoint"))
     assert (last.name, last.learned_from) == ("felt/checkpoint", ("procedural:can:0-39/train",))
+
+
+def test_its_video_shows_its_episodes(run: Path) -> None:
+    """Each lasts at most 12 steps at 10 Hz, and a second more."""
+    with Image.open(run / "video.webp") as video:
+        assert 2 * (2 + 10) <= video.n_frames <= 2 * (12 + 10)
 
 
 @pytest.mark.parametrize("name", ["run", "decisions"])

@@ -42,7 +42,7 @@ def one_thread() -> Iterator[None]:
 
 def run(algorithm: Any, folder: Path, changes: tuple[str, ...], **settings: Any) -> int:
     """Train in this process; the exit status."""
-    given = {"episodes": 4, "evaluations": 2, **settings}
+    given = {"episodes": 4, "evaluations": 2, "video": 0, **settings}
     options: Any = Sb3Settings(algorithm=algorithm, out=folder, set=changes, **given)
     return int(training.train(options, "graspbox train sb3", lambda _: None).status)
 
@@ -242,7 +242,7 @@ def test_ctrl_c_saves_and_the_run_goes_on(tmp_path: Path) -> None:
     changes = [part for change in PPO for part in ("--set", change)]
     command = [sys.executable, "-m", "graspbox", "train", "sb3", "ppo", "--out", str(folder), "--json", *changes]
     # An evaluation every 128 steps.
-    command += ["--steps", "1000064", "--evaluations", "7813", "--episodes", "4"]
+    command += ["--steps", "1000064", "--evaluations", "7813", "--episodes", "4", "--video", "0"]
     log = folder / "evaluations.jsonl"
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         while child.poll() is None and not (log.is_file() and len(log.read_text().splitlines()) > 2):

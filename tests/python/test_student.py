@@ -28,7 +28,9 @@ SMALL = ("num_envs=4", "model.n_steps=8", "model.batch_size=32", "model.n_epochs
 def teacher(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Train for few steps."""
     out = tmp_path_factory.mktemp("student") / "teacher"
-    settings: Any = Sb3Settings(algorithm="ppo", out=out, steps=32, evaluations=1, episodes=4, set=(*ENV, *SMALL))
+    settings: Any = Sb3Settings(
+        algorithm="ppo", out=out, steps=32, evaluations=1, episodes=4, video=0, set=(*ENV, *SMALL)
+    )
     assert training.train(settings, "", lambda _: None).status == 0
     return out
 

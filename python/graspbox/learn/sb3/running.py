@@ -11,6 +11,7 @@ The directory of a run (`graspbox._common.runs`) holds
 | ``checkpoint/`` | model, replay buffer, statistics, environments, random states: a resumed run loses nothing |
 | ``best/`` | the model of the best evaluation, without the replay buffer |
 | ``tensorboard/`` | curves |
+| ``video.webp`` | episodes of ``best`` with held-out objects |
 """
 
 import json

@@ -198,10 +198,12 @@ class Sb3Settings(HandOption):
     """Evaluate random actions, zero actions and the planner on the same trials."""
     target: float | None = None
     """Success rate that the last evaluation must reach."""
+    video: int = 4
+    """Episodes of video.webp, which shows the best checkpoint with held-out objects at the end; 0: no video."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(steps=1, evaluations=1, episodes=1)
+        self._at_least(steps=1, evaluations=1, episodes=1, video=0)
         self._positive("minutes")
         if self.demonstrations is not None:
             self._at_least(demonstrations=0)

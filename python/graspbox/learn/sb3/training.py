@@ -17,11 +17,12 @@ import numpy as np
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
+from graspbox import policies
 from graspbox._common.files import dumps, write_text
 from graspbox._common.runs import Run
 from graspbox.data.episodes import Demonstrations, record
 from graspbox.envs.settings import GraspConfig
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, GraspboxError
 from graspbox.learn.sb3 import cloning
 from graspbox.learn.sb3.checks import check_arguments
 from graspbox.learn.sb3.cloning import begin_as
@@ -38,6 +39,7 @@ from graspbox.learn.sb3.running import (
 from graspbox.learn.sb3.runs import next_commands
 from graspbox.learn.sb3.settings import EVALUATION_SEED, CloneSettings, Parameters, Sb3Settings
 from graspbox.learn.training.options import TrainingOutcome
+from graspbox.pictures import films
 from graspbox.policies.base import is_closed_loop
 from graspbox.policies.goals import plain_settings
 from graspbox.policies.published.configs import ACTING
@@ -148,8 +150,21 @@ def train(settings: Sb3Settings, command: str, echo: Callable[[str], None]) -> T
             )
             before = model.num_timesteps
             callback.learn(model, begun=begun)
+        if settings.video and not callback.interrupted:
+            _film(settings, run)
         rate = (model.num_timesteps - before) / (run.seconds - seconds)
         return _outcome(settings, callback, round(rate, 1))
+
+
+def _film(settings: Sb3Settings, run: Run) -> None:
+    """Write the video of a run; one that cannot be made is told, since the policy is complete without it."""
+    file = run.folder / "video.webp"
+    try:
+        films.save_film(policies.load(str(run.folder)), file, episodes=settings.video, seed=EVALUATION_SEED)
+    except GraspboxError as error:
+        run.log(f"there is no video: {error}")
+    else:
+        run.log(f"video of {settings.video} episodes: {file}")
 
 
 def _logs(settings: Sb3Settings, run: Run) -> dict[str, str]:
