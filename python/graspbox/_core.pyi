@@ -272,6 +272,9 @@ class Hand:
     @property
     def widest(self) -> float:
         """Width of the widest object that goes between the open fingers, metres; inf if a preshape states none."""
+    @property
+    def grasp_center(self) -> NDArray[np.float64]:
+        """Grasp centre: (3,), hand frame, metres; between the fingers, in front of the palm."""
     def closing_center(self, preshape: float) -> NDArray[np.float64]:
         """Where the hand closes with `preshape`: (3,), hand frame, metres."""
     def open(self, preshape: float) -> NDArray[np.float64]:

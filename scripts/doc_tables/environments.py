@@ -23,7 +23,8 @@ def markdown(titles: str, rows: Iterable[Sequence[str]]) -> str:
 
 def number(value: float) -> str:
     """Write a bound."""
-    known = {round(math.pi, 6): "pi", round(math.pi / 2, 6): "pi/2"}
+    parts = {"pi": 1, "pi/2": 2, "pi/4": 4}
+    known = {round(sign * math.pi / part, 6): f"{'-' * (sign < 0)}{name}" for name, part in parts.items() for sign in (1, -1)}
     return known.get(round(value, 6), f"{value:g}")
 
 
@@ -145,4 +146,4 @@ def tables() -> dict[str, Callable[[], str]]:
         writers[f"columns of {env}"] = partial(column_table, control)
         writers[f"reward of {env}"] = partial(term_table, spaces.terms(control, TABLES))
     writers |= {f"fingers of {one}": partial(finger_table, one) for one in TABLES["actions"]["twist"]}
-    return writers | {f"action of {one}": partial(action_table, one) for one in (*TABLES["actions"], "grasp_pose")}
+    return writers | {f"action of {one}": partial(action_table, one) for one in (*TABLES["actions"], "grasp_pose", "grasp_point")}

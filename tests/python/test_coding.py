@@ -13,14 +13,13 @@ from graspbox import errors, load_hand
 from graspbox.envs import coding
 from graspbox.envs.coding import Codec, encode_action, hand_pose, object_pose, rotation_from_columns
 
-MODES = ("twist", "delta_pose", "target_pose", "top_down", "grasp_pose")
+DECISIONS = ("grasp_pose", "grasp_point")
+MODES = ("twist", "delta_pose", "target_pose", "top_down", *DECISIONS)
 
 
 def make(control: str, **settings: Any) -> Any:
-    env_id = "graspbox/GraspPose-v0" if control == "grasp_pose" else "graspbox/Grasp-v0"
-    if control != "grasp_pose":
-        settings["control"] = control
-    return gymnasium.make(env_id, objects="procedural:mug:0", **settings).unwrapped
+    env_id = "graspbox/GraspPose-v0" if control in DECISIONS else "graspbox/Grasp-v0"
+    return gymnasium.make(env_id, objects="procedural:mug:0", control=control, **settings).unwrapped
 
 
 def test_the_example_of_the_module_runs() -> None:
@@ -40,7 +39,7 @@ def test_the_pose_of_a_state_is_that_of_the_simulation(control: str) -> None:
         np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), atol=1e-14)
         np.testing.assert_array_equal(object_pose(state, control=control), pose)
         np.testing.assert_array_equal(object_pose(state, hand=load_hand()), pose)
-        if control == "grasp_pose":
+        if control in DECISIONS:
             with pytest.raises(errors.ConfigError, match="no column 'hand_rotation'"):
                 hand_pose(state)
         else:
@@ -113,6 +112,41 @@ def test_a_decision_is_clipped_to_the_box_of_positions() -> None:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = 0.125, -9.0, 0.2
     np.testing.assert_allclose(encode_action(pose, np.pi / 4), [0.5, -1, 0, 1, 0, 0, 0, -1, 0, 0], atol=1e-7)
+
+
+@pytest.mark.parametrize("hand", graspbox.Hand.names())
+def test_a_decision_about_a_point_names_a_pose(hand: str) -> None:
+    """Decoded and encoded again it is the same action; the pose has the grasp centre at the point."""
+    code, rng, center = Codec("grasp_point", hand), np.random.default_rng(1), load_hand(hand).grasp_center
+    size = 6 + int(load_hand(hand).preshape_limits[0] < load_hand(hand).preshape_limits[1])
+    for action in rng.uniform(-0.7, 0.7, (20, size)):
+        pose, preshape = code.decode_grasp(action)
+        np.testing.assert_allclose(code.encode_action(pose, preshape), action, atol=1e-6)
+        point = pose[:3, :3] @ center + pose[:3, 3]
+        np.testing.assert_allclose(point, [0.12 * action[0], 0.12 * action[1], 0.125 * (1 + action[2])], atol=1e-12)
+        # The approach leans by the tilt.
+        assert np.arccos(-pose[2, 2]) == pytest.approx(np.pi / 4 * np.linalg.norm(action[3:5]), abs=1e-6)
+    down, _ = code.decode_grasp(np.zeros(size))
+    np.testing.assert_allclose(down[:3, :3], np.diag([1.0, -1.0, -1.0]), atol=1e-15)
+    longest, _ = code.decode_grasp(np.array([0, 0, 0, 1, 1, 0.3, *([0.0] * (size - 6))]))
+    assert np.arccos(-longest[2, 2]) == pytest.approx(np.pi / 4, abs=1e-9)
+
+
+def test_a_decision_about_a_point_is_tried_at_its_pose() -> None:
+    """The hand ends where it does after the decision that names the same pose; a lift differs by rounding alone."""
+    about, at, rng, lifted = make("grasp_point"), make("grasp_pose"), np.random.default_rng(0), 0
+    for seed in range(12):
+        action = np.concatenate([rng.uniform(-0.2, 0.2, 2), rng.uniform(-0.8, -0.4, 1), rng.uniform(-0.4, 0.4, 4)])
+        outcomes, ends = [], []
+        for env, code in ((about, None), (at, Codec("grasp_point"))):
+            env.reset(seed=seed)
+            info = env.step(encode_action(*code.decode_grasp(action)) if code else action.astype(np.float32))[4]
+            outcomes.append(info["failure"])
+            ends.append(env._core.pool.poses()[1][0])
+        assert outcomes[0] == outcomes[1]
+        np.testing.assert_allclose(ends[0], ends[1], atol=1e-5)
+        lifted += outcomes[0] == ""
+    assert lifted
 
 
 def test_what_is_no_state_or_pose_is_explained() -> None:

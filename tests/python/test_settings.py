@@ -40,8 +40,8 @@ def test_signatures_name_every_keyword_with_its_default(env: Any) -> None:
     hints = get_type_hints(KINDS[env])
     assert all(found[name].annotation == hints[name] for name in rows)
     assert found["objects"].default == "procedural"
-    closed_loop = env in (GraspEnv, GraspVectorEnv)
-    assert ("control" in found, "trial" in found) == (closed_loop, not closed_loop)
+    closed_loop, clears = env in (GraspEnv, GraspVectorEnv), env in (ClearEnv, ClearVectorEnv)
+    assert ("control" in found, "trial" in found) == (not clears, not closed_loop)
     assert found["physics"].default == PhysicsConfig()
 
 
@@ -70,7 +70,7 @@ def test_every_keyword_has_a_type_in_words_and_a_meaning(kind: type) -> None:
         (GRASP, False, "rewards", "'reward'"),
         (GRASP, True, "frame_skip", "pass control_freq=20 / frame_skip"),
         (GRASP, False, "trial", "choose from objects, split, scale, mass, obs"),
-        (POSE, False, "control", "choose from objects, split, scale, mass, obs"),
+        (POSE, False, "fingers", "choose from objects, split, scale, mass, obs"),
         (POSE, True, "auto_reset_mode", "'autoreset_mode'"),
         (POSE, False, "copy", "choose from"),
         (CLEAR, True, "max_failure", "'max_failures'"),

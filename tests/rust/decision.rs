@@ -66,7 +66,7 @@ fn a_decision_is_a_trial() {
         for (env, (scene, object)) in before.iter().enumerate() {
             let row = last.envs.iter().position(|e| *e == env).unwrap();
             let action = action(100 * step + env);
-            let (hand, preshape) = pose_and_preshape(&action, pool.spec().hand()).unwrap();
+            let (hand, preshape) = pose_and_preshape(Control::GraspPose, &action, pool.spec().hand()).unwrap();
             let object_from_hand = object.inverse() * hand;
             let grasp = GraspPose { object_from_hand, preshape };
             let trial = &run_trials(scene, &[grasp], TrialConfig::default(), &Progress::default()).unwrap()[0];

@@ -317,7 +317,7 @@ impl Case {
             let new = ClearState::new(Vec::new(), Isometry3::identity());
             Mode::Clear(ClearState { attempts, cleared, lost: 3, last, begun: 90, result, ..new })
         } else if i == 5 {
-            Mode::GraspPose(GraspPoseState { scene, result })
+            Mode::GraspPose(GraspPoseState { control: Control::GraspPose, scene, result })
         } else {
             Mode::Grasp(GraspState { control: ClosedLoop::Twist, scene, lifting: false, stopped })
         }

@@ -170,6 +170,12 @@ impl Hand {
         self.0.widest()
     }
 
+    /// Grasp centre, (3,), hand frame, metres.
+    #[getter]
+    fn grasp_center<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
+        array(py, self.0.grasp.center.coords.as_slice().to_vec(), &[3])
+    }
+
     /// Closing centre with `preshape`, (3,), metres: above the point of the palm where its chains meet, at the depth of the grasp centre.
     fn closing_center<'py>(&self, py: Python<'py>, preshape: f64) -> PyResult<Array<'py, f64>> {
         let on_palm = closing_center(&self.0, preshape).map_err(CoreError::from)?;

@@ -19,6 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspbox._common.rotations import rotation_about
 from graspbox._core import Hand
 from graspbox.envs import spaces
 from graspbox.envs.motion import pose_matrix, rotation_vector
@@ -34,6 +35,11 @@ HandArgument = str | Hand | tuple[str, str]
 _DEGENERATE = 1e-3
 #: Axis of the position for each action entry that holds a coordinate.
 _AXES = {"x": 0, "y": 1, "z": 2}
+#: Axis of the grasp centre for each action entry that holds a coordinate of it.
+_CENTER_AXES = {f"center_{name}": axis for name, axis in _AXES.items()}
+#: Rotation of a hand that faces down with its x along the world's.
+_DOWN = np.diag([1.0, -1.0, -1.0])
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 def rotation_from_columns(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -54,8 +60,8 @@ class Codec:
 
     Parameters
     ----------
-    control : {"twist", "delta_pose", "target_pose", "top_down", "grasp_pose"}
-        The control mode; ``GraspPose-v0`` uses ``grasp_pose``.
+    control : {"twist", "delta_pose", "target_pose", "top_down", "grasp_pose", "grasp_point"}
+        The control mode; the last two are those of ``GraspPose-v0``.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     vector : {"state", "proprio"}
@@ -74,7 +80,7 @@ class Codec:
     ) -> None:
         loaded = load_hand(hand)
         self._control, self._vector = control, vector
-        self._closing_speeds = np.array(loaded.closing_speeds)
+        self._closing_speeds, self._center = np.array(loaded.closing_speeds), np.array(loaded.grasp_center)
         self._actions, observations = spaces.columns_of(control, fingers, spaces.tables(loaded))
         self._places: dict[str, slice] = {}
         self.state_size = 0
@@ -152,8 +158,14 @@ class Codec:
             name, low, high = row["name"], row["low"], row["high"]
             if name in _AXES:
                 values.append((goal[_AXES[name] : _AXES[name] + 1, 3] - low) / (high - low) * 2 - 1)
+            elif name in _CENTER_AXES:
+                axis = _CENTER_AXES[name]
+                center = goal[axis, :3] @ self._center + goal[axis, 3]
+                values.append([(center - low) / (high - low) * 2 - 1])
             elif name == "rotation":
                 values.append(goal[:3, :2].T.ravel())
+            elif self._control == "grasp_point" and name in ("tilt", "yaw"):
+                values.append(_tilt_and_yaw(goal[:3, :3])[name] / high)
             elif name == "preshape":
                 values.append([(preshape - low) / (high - low) * 2 - 1])
             elif name == "actuator":
@@ -176,15 +188,27 @@ class Codec:
         """
         values = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         size = sum(row["size"] for row in self._actions)
-        if self._control != "grasp_pose" or values.shape != (size,):
-            raise ConfigError(f"the action has shape {values.shape}; give one of control mode 'grasp_pose' ({size},)")
-        pose, preshape, first = np.eye(4), 0.0, 0
+        if self._control not in ("grasp_pose", "grasp_point") or values.shape != (size,):
+            raise ConfigError(
+                f"the action of control mode {self._control!r} has shape {values.shape}; give one of control mode "
+                f"'grasp_pose' or 'grasp_point', here ({size},)"
+            )
+        pose, preshape, first, tilt = np.eye(4), 0.0, 0, np.zeros(3)
         for row in self._actions:
             part = values[first : first + row["size"]]
             first += row["size"]
             scaled = row["low"] + (part + 1) / 2 * (row["high"] - row["low"])
             if row["name"] in _AXES:
                 pose[_AXES[row["name"]], 3] = scaled[0]
+            elif row["name"] in _CENTER_AXES:
+                pose[_CENTER_AXES[row["name"]], 3] = scaled[0]
+            elif row["name"] == "tilt":
+                tilt[:2] = part / max(1.0, float(np.linalg.norm(part))) * row["high"]
+            elif row["name"] == "yaw":
+                angle = float(np.linalg.norm(tilt))
+                tilted = rotation_about(tilt / angle if angle else _UP, angle)
+                pose[:3, :3] = tilted @ rotation_about(_UP, scaled[0]) @ _DOWN
+                pose[:3, 3] -= pose[:3, :3] @ self._center
             elif row["name"] == "rotation":
                 rotation = rotation_from_columns(part[:3], part[3:])
                 if rotation is None:
@@ -206,6 +230,14 @@ class Codec:
         return rotation_vector(axes @ goal[:3, :3]) / longest
 
 
+def _tilt_and_yaw(rotation: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Split a rotation into a tilt, after a yaw, of a hand that faces down; radians."""
+    turned = rotation @ _DOWN
+    yaw = np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
+    tilt = rotation_vector(turned @ rotation_about(_UP, yaw).T)
+    return {"tilt": tilt[:2], "yaw": np.array([yaw])}
+
+
 @lru_cache(maxsize=64)
 def _codec(control: str, hand: str | Hand, fingers: str) -> Codec:
     return Codec(control, hand, fingers=fingers)
@@ -221,7 +253,7 @@ def _codec_for(state: ArrayLike, control: str | None, hand: HandArgument) -> Cod
     loaded = load_hand(hand) if isinstance(hand, tuple) else hand
     closed_loop = spaces.tables(load_hand(loaded))["actions"]
     modes = [(mode, fingers) for mode, by_fingers in closed_loop.items() for fingers in by_fingers]
-    modes += [("grasp_pose", "synergy")]
+    modes += [("grasp_pose", "synergy"), ("grasp_point", "synergy")]
     found = [codec(mode, loaded, fingers) for mode, fingers in modes if control in (None, mode)]
     if not found:
         return codec(str(control), loaded)
@@ -291,14 +323,14 @@ def encode_action(
         Target pose of the grasp frame. Entries beyond the limits of the action space are clipped.
     preshape : float
         See `graspbox.Hand.preshape_limits`; ignored for a hand without preshapes.
-    control : {"grasp_pose", "twist", "delta_pose", "target_pose", "top_down"}
+    control : {"grasp_pose", "grasp_point", "twist", "delta_pose", "target_pose", "top_down"}
         The control mode; by default that of ``GraspPose-v0``. ``top_down`` encodes position and yaw only.
     fingers : {"synergy", "each"}
         As in the environment.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     actuator_speed : float or (k,) array_like
-        Speed of each actuator except the preshape's, rad/s or m/s; positive closes. ``grasp_pose`` ignores it;
+        Speed of each actuator except the preshape's, rad/s or m/s; positive closes. ``grasp_pose`` and ``grasp_point`` ignore it;
         ``fingers="synergy"`` takes the mean share of `graspbox.Hand.closing_speeds`.
     world_from_start : (4, 4) array_like, optional
         Start of the motion; required by ``twist`` and ``top_down`` (the present pose of the hand) and ``delta_pose``

@@ -3,9 +3,9 @@
 import inspect
 import os
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, Literal, get_type_hints
+from typing import Any, Literal, get_args, get_type_hints
 
 import gymnasium
 import numpy as np
@@ -25,6 +25,8 @@ from graspbox.envs.settings import (
     RENDER_MODES,
     ClearConfig,
     Control,
+    DecisionConfig,
+    DecisionControl,
     EnvironmentConfig,
     GoalTaskConfig,
     GraspConfig,
@@ -111,7 +113,7 @@ class GraspCore:
         """Make spaces, weights and the pool."""
         self.hand, self.tables = self.source.hand, self.source.tables
         # An environment whose steps are decisions has a trial instead of a control mode.
-        self._decides = isinstance(settings, GraspPoseConfig)
+        self._decides = isinstance(settings, DecisionConfig)
         clutter, layout = _clutter(settings), settings.layout
         # A single object counts as packed: it stays where it was placed.
         self._layout: Layout = "packed" if layout == "single" else layout_named(layout)
@@ -123,7 +125,7 @@ class GraspCore:
         else:
             weights = DECISION_WEIGHTS if self._decides else WEIGHTS
             self.weights = term_weights(settings.reward, settings.reward_weights, self.tables, weights)
-        trial = settings.trial if isinstance(settings, GraspPoseConfig) else TrialConfig()
+        trial = settings.trial if isinstance(settings, DecisionConfig) else TrialConfig()
         success = settings.success or trial.success
         self.config = EnvConfig(
             control=self.control,
@@ -156,15 +158,14 @@ class GraspCore:
 
     def _act(self, settings: EnvironmentConfig, acting: GraspConfig) -> dict[str, list[spaces.ArrayColumn]]:
         """Make the space of actions, and return the columns of the vectors observed with it."""
-        decision: Control | Literal["grasp_pose", "clear"] = (
-            "clear" if isinstance(settings, ClearConfig) else "grasp_pose"
-        )
-        self.control = decision if self._decides else acting.control
-        for name, known in (("control", self.tables["actions"]), ("fingers", self.tables["actions"]["twist"])):
-            chosen = getattr(acting, name)
-            if chosen not in known:
+        decision = settings.control if isinstance(settings, GraspPoseConfig) else "clear"
+        self.control: Control | DecisionControl | Literal["clear"] = decision if self._decides else acting.control
+        known: Iterable[str] = get_args(DecisionControl) if self._decides else self.tables["actions"]
+        for name, choices in (("control", known), ("fingers", self.tables["actions"]["twist"])):
+            chosen = getattr(settings, name, None)
+            if chosen is not None and chosen not in choices:
                 with about(name):
-                    raise ConfigError(f"{name} is {chosen!r}; choose from {', '.join(known)}")
+                    raise ConfigError(f"{name} is {chosen!r}; choose from {', '.join(choices)}")
         self.action_columns, vectors = spaces.columns_of(self.control, acting.fingers, self.tables)
         self.action_space = spaces.action_space(self.action_columns)
         self.action_size = spaces.size(self.action_columns)

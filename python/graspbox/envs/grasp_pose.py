@@ -6,13 +6,13 @@ hand closes there, lifts and holds, and the episode ends.
 Keywords
 --------
 Those of `graspbox.envs.grasp`, with ``trial`` (by default ``TrialConfig()``), which sets how the hand closes, lifts and
-holds, instead of ``control``, ``fingers`` and ``control_freq``. An episode ends after one step, and ``max_episode_steps`` is 1: under
+holds, instead of ``fingers`` and ``control_freq``, and with other values of ``control``. An episode ends after one step, and ``max_episode_steps`` is 1: under
 ``gymnasium.make`` and ``make_vec`` that step sets both ``terminated`` and ``truncated``.
 
 Action
 ------
-``Box(-1, 1, (10,), float32)``, in the world frame (z up, table top at z = 0). The range of positions is fixed in the
-world, not centred on the object.
+``Box(-1, 1, float32)``, in the world frame (z up, table top at z = 0). The range of positions is fixed in the world, not
+centred on the object. ``control="grasp_pose"``, any pose of the hand:
 
 <!-- generated: action of grasp_pose -->
 
@@ -26,7 +26,23 @@ world, not centred on the object.
 
 <!-- end -->
 
-The two columns are orthonormalised in this order. If they are degenerate (one shorter than 0.001, or both parallel to
+``control="grasp_point"``, where the grasp centre goes, and how the hand tilts and turns from facing down. Agents learn it
+from success alone, because one or two in a hundred of its actions grasp something by chance:
+
+<!-- generated: action of grasp_point -->
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0 | center_x | -0.12 | 0.12 | m | grasp centre of the hand, world |
+| 1 | center_y | -0.12 | 0.12 | m | grasp centre of the hand, world |
+| 2 | center_z | 0 | 0.25 | m | grasp centre of the hand, world |
+| 3-4 | tilt | -pi/4 | pi/4 | rad | rotation vector along the world's x and y, after the yaw; its length is cut to the upper limit |
+| 5 | yaw | -pi | pi | rad | about the vertical, from a hand that faces down with its x along the world's |
+| 6 | preshape | 0 | pi/2 | rad | preshape |
+
+<!-- end -->
+
+The two columns of a rotation are orthonormalised in this order. If they are degenerate (one shorter than 0.001, or both parallel to
 within a thousandth of a radian), or if the hand collides with the object or the table at the pose or on the straight
 approach of 0.10 m along its z, the attempt is ``infeasible``: there is no trial, and the sparse reward is 0.
 

@@ -35,6 +35,7 @@ __all__ = [
     "EnvironmentConfig",
     "GoalTaskConfig",
     "GraspConfig",
+    "DecisionConfig",
     "GraspPoseConfig",
     "GraspPoseVectorConfig",
     "GraspVectorConfig",
@@ -50,6 +51,7 @@ __all__ = [
 ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
 HandArgument = str | Hand | tuple[str, str]
 Control = Literal["twist", "delta_pose", "target_pose", "top_down"]
+DecisionControl = Literal["grasp_pose", "grasp_point"]
 Fingers = Literal["synergy", "each"]
 Reward = Literal["sparse", "dense", "firm"]
 Info = Literal["full", "numeric"]
@@ -170,8 +172,8 @@ class GraspConfig(EnvironmentConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GraspPoseConfig(EnvironmentConfig):
-    """Keywords of ``GraspPose-v0``, besides those of `EnvironmentConfig`.
+class DecisionConfig(EnvironmentConfig):
+    """Keywords of environments whose steps are decisions, besides those of `EnvironmentConfig`.
 
     Attributes
     ----------
@@ -183,8 +185,22 @@ class GraspPoseConfig(EnvironmentConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClearConfig(GraspPoseConfig):
-    """Keywords of ``Clear-v0``, besides those of `GraspPoseConfig`.
+class GraspPoseConfig(DecisionConfig):
+    """Keywords of ``GraspPose-v0``, besides those of `DecisionConfig`.
+
+    Attributes
+    ----------
+    control : {"grasp_pose", "grasp_point"}
+        What an action names: a pose of the hand in the world, or where its grasp centre goes and how it tilts and
+        turns, with which agents learn from success alone.
+    """
+
+    control: DecisionControl = "grasp_pose"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClearConfig(DecisionConfig):
+    """Keywords of ``Clear-v0``, besides those of `DecisionConfig`.
 
     Attributes
     ----------

@@ -123,6 +123,7 @@ class Tables(TypedDict):
     actions: dict[str, dict[str, list[ArrayColumn]]]
     observations: dict[str, dict[str, dict[str, list[ArrayColumn]]]]
     decision: Decision
+    point: Decision
     clear: Decision
     goal: GoalTables
     privileged: list[str]
@@ -214,7 +215,7 @@ def observation_names(obs: str | Iterable[str], known: Iterable[str]) -> tuple[s
 def columns_of(control: str, fingers: str, found: Tables) -> tuple[list[ArrayColumn], dict[str, list[ArrayColumn]]]:
     """Return the columns of the actions and observations of a control mode and fingers.
 
-    The modes ``"grasp_pose"`` and ``"clear"`` have the same ones for all fingers.
+    The modes ``"grasp_pose"``, ``"grasp_point"`` and ``"clear"`` have the same ones for all fingers.
 
     Raises
     ------
@@ -291,4 +292,5 @@ def entries(control: str, found: Tables, several: bool = False) -> list[Entry]:
 
 def _decision(control: str, found: Tables) -> Decision | None:
     """Return the tables of a control mode whose steps are decisions; None for another one."""
-    return {"grasp_pose": found["decision"], "clear": found["clear"]}.get(control)
+    decisions = {"grasp_pose": found["decision"], "grasp_point": found["point"], "clear": found["clear"]}
+    return decisions.get(control)

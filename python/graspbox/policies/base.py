@@ -20,6 +20,7 @@ from graspbox.envs import IDS, SINGLE_OBJECT_IDS
 from graspbox.envs.settings import (
     ClearConfig,
     GraspConfig,
+    GraspPoseConfig,
     HandArgument,
     ObjectsArgument,
 )
@@ -103,6 +104,8 @@ class Task:
         values["obs"] = values["obs"] if isinstance(values["obs"], str) else tuple(values["obs"])
         values |= {"sets": spec.kwargs.get("objects", "procedural"), "cameras": cameras_of(spec.kwargs)}
         clears = spec.id not in SINGLE_OBJECT_IDS
+        if not is_closed_loop(spec.id):
+            values["control"] = spec.kwargs.get("control", GraspPoseConfig.control)
         layout = spec.kwargs.get("layout", (ClearConfig if clears else GraspConfig).layout)
         values["layout"] = layout
         if layout == "bin":
@@ -214,6 +217,8 @@ class Policy(ABC):
     _task: Task | None = None
     #: Whether depth must be in metres.
     _needs_metres: ClassVar[bool] = True
+    #: Whether its decisions are poses of the hand.
+    _names_poses: ClassVar[bool] = False
 
     @property
     def task(self) -> Task:
@@ -254,6 +259,8 @@ class Policy(ABC):
         space = task.observation_space
         boxes = space.spaces if isinstance(space, spaces.Dict) else {observed[0]: space}
         seen_as_bytes = (name for name in names if name.partition("_")[0] == "depth" and boxes[name].dtype == np.uint8)
+        if self._names_poses and task.control == "grasp_point":
+            raise ConfigError(f"the policy {self.name!r} names poses; make environments with control='grasp_pose'")
         if self._needs_metres and any(seen_as_bytes):
             raise ConfigError(f"the policy {self.name!r} needs depth in metres; make environments without depth_limits")
         self._task = task

@@ -52,6 +52,7 @@ _AROUND = 0.05
 class _OneLook(SeededPolicy):
     """Looks before each attempt, and chooses one pose or none."""
 
+    _names_poses = True
     #: Whether the last look at each environment found no grasp.
     _nothing: tuple[bool, ...]
 

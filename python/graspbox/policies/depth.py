@@ -64,6 +64,7 @@ class DepthPolicy(SeededPolicy):
     target_obs = ("segmentation",)
     settings: Mapping[str, Any] = {"image_size": 128}
     closed_loop_settings = SCRIPTED
+    _names_poses = True
     hand: Hand
     needed: tuple[str, ...]
     observer: Observer

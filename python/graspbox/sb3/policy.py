@@ -10,6 +10,7 @@ from graspbox import evaluation, policies
 from graspbox.errors import ConfigError
 from graspbox.evaluation import Evaluation
 from graspbox.policies import Actions, Policy
+from graspbox.policies.base import is_closed_loop
 
 __all__ = ["ModelPolicy", "evaluate_baselines", "summary"]
 
@@ -76,8 +77,14 @@ def summary(found: Evaluation) -> dict[str, Any]:
 def evaluate_baselines(env_id: str, num_envs: int, episodes: int, seed: int, **settings: Any) -> dict[str, Any]:
     """Return the `summary` of random actions, zero actions and the planner on the trials of a policy, by name.
 
-    `settings` are those of `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``.
+    `settings` are those of `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``, and the planner's decisions are poses.
     """
     settings.pop("goal_from", None)
     keywords = {**settings, "obs": "state", "trials": episodes, "seed": seed, "num_envs": num_envs}
-    return {name: summary(evaluation.evaluate(policies.load(name), env_id, **keywords)) for name in BASELINES}
+    found = {}
+    for name in BASELINES:
+        policy = policies.load(name)
+        if name == "planner" and not is_closed_loop(env_id):
+            keywords = {key: value for key, value in keywords.items() if key != "control"}
+        found[name] = summary(evaluation.evaluate(policy, env_id, **keywords))
+    return found

@@ -73,6 +73,7 @@ class PoseRegressor(Policy):
     #: The class of its ``config.json``, `graspbox.policies.published.registry`.
     config_class = PosePolicyConfig
     env_id = "graspbox/GraspPose-v0"
+    _names_poses = True
 
     def __init__(self, model: "PoseModel | PublishedPoses | Path | str") -> None:
         self.model = _load(Path(model)) if isinstance(model, str | Path) else model

@@ -2,10 +2,13 @@
 
 use crate::actions::arm_controller::{ANGULAR_SPEED, Goal, LINEAR_SPEED};
 use crate::actions::control::{ActionSpec, ClosedLoop, Control, Fingers};
-use crate::actions::workspace::{DECISION_HIGH, DECISION_LOW, WORKSPACE_HIGH, WORKSPACE_LOW};
+use crate::actions::workspace::{
+    DECISION_HIGH, DECISION_LOW, POINT_HIGH, POINT_LOW, POINT_TILT, WORKSPACE_HIGH, WORKSPACE_LOW,
+};
 use crate::observations::column::Column;
 use graspbox_hand::{Actuator, ActuatorCommand, Hand, JointKind};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use std::f64::consts::PI;
 
 /// The preshape follows its target while no other actuator has closed by more than this share of its travel: the hand is shaped before it closes.
 /// Any change of the preshape under load would release the object.
@@ -18,7 +21,7 @@ impl Control {
     /// Number of entries that move the hand; those of the actuators follow.
     pub fn hand_size(self) -> usize {
         match self {
-            Self::Twist | Self::DeltaPose => 6,
+            Self::Twist | Self::DeltaPose | Self::GraspPoint => 6,
             Self::TopDown => 4,
             Self::TargetPose | Self::GraspPose | Self::Clear => 9,
         }
@@ -35,6 +38,7 @@ impl Control {
                 WORKSPACE_HIGH,
                 "first two columns of world_from_hand, any length; degenerate ones hold the last one",
             ),
+            Self::GraspPoint => point_table(),
             Self::GraspPose | Self::Clear => pose_table(
                 DECISION_LOW,
                 DECISION_HIGH,
@@ -100,6 +104,20 @@ fn top_down_table() -> Vec<Column> {
 fn pose_table(low: [f64; 3], high: [f64; 3], rotation: &str) -> Vec<Column> {
     let axis = |name, i: usize| Column::new(name, 1, [low[i], high[i]], "m", "hand position, world");
     vec![axis("x", 0), axis("y", 1), axis("z", 2), Column::new("rotation", 6, [-1.0, 1.0], "1", rotation)]
+}
+
+fn point_table() -> Vec<Column> {
+    let axis =
+        |name, i: usize| Column::new(name, 1, [POINT_LOW[i], POINT_HIGH[i]], "m", "grasp centre of the hand, world");
+    let tilt = "rotation vector along the world's x and y, after the yaw; its length is cut to the upper limit";
+    let yaw = "about the vertical, from a hand that faces down with its x along the world's";
+    vec![
+        axis("center_x", 0),
+        axis("center_y", 1),
+        axis("center_z", 2),
+        Column::new("tilt", 2, [-POINT_TILT, POINT_TILT], "rad", tilt),
+        Column::new("yaw", 1, [-PI, PI], "rad", yaw),
+    ]
 }
 
 /// The named preshapes with their numbers.
@@ -177,13 +195,30 @@ fn between(shares: &Vector3<f64>, low: [f64; 3], high: [f64; 3]) -> Vector3<f64>
 
 /// Pose and preshape of a decision; `None` if its columns define no rotation.
 ///
-/// * `values`: an action of [`Control::GraspPose`] or [`Control::Clear`], finite.
-pub fn pose_and_preshape(values: &[f32], hand: &Hand) -> Option<(Isometry3<f64>, f64)> {
-    let position = between(&three(values, 0), DECISION_LOW, DECISION_HIGH);
-    let rotation = rotation(&three(values, 3), &three(values, 6))?;
-    let pose = Isometry3::from_parts(Translation3::from(position), rotation);
-    let preshape = if hand.has_preshapes() { preshape_at(entry(values, 9), hand) } else { hand.preshape_limits()[0] };
+/// * `values`: a finite action of `control`, one whose steps are decisions.
+pub fn pose_and_preshape(control: Control, values: &[f32], hand: &Hand) -> Option<(Isometry3<f64>, f64)> {
+    let pose = match control {
+        Control::GraspPoint => pose_about_point(values, hand),
+        _ => {
+            let position = between(&three(values, 0), DECISION_LOW, DECISION_HIGH);
+            Isometry3::from_parts(Translation3::from(position), rotation(&three(values, 3), &three(values, 6))?)
+        }
+    };
+    let preshape = match hand.has_preshapes() {
+        true => preshape_at(entry(values, control.hand_size()), hand),
+        false => hand.preshape_limits()[0],
+    };
     Some((pose, preshape))
+}
+
+/// The pose of a hand whose grasp centre is at a point.
+fn pose_about_point(values: &[f32], hand: &Hand) -> Isometry3<f64> {
+    let tilt = Vector3::new(entry(values, 3), entry(values, 4), 0.0);
+    let rotation = UnitQuaternion::from_scaled_axis(tilt / tilt.norm().max(1.0) * POINT_TILT)
+        * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), entry(values, 5) * PI)
+        * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+    let center = between(&three(values, 0), POINT_LOW, POINT_HIGH);
+    Isometry3::from_parts(Translation3::from(center - rotation * hand.grasp.center.coords), rotation)
 }
 
 /// The rotation whose first column is along `first` and whose second is in the plane of both; `None` if they define none.

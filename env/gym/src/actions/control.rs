@@ -24,7 +24,9 @@ pub enum Control {
     TopDown,
     /// One decision per episode: a pose in the world and a preshape, followed by a trial.
     GraspPose,
-    /// Such decisions until a scene of several objects is cleared.
+    /// One decision per episode too: where the grasp centre goes, how the hand tilts and turns, and a preshape.
+    GraspPoint,
+    /// Decisions of [`Control::GraspPose`] until a scene of several objects is cleared.
     Clear,
 }
 
@@ -95,7 +97,7 @@ impl Control {
             Self::DeltaPose => Some(ClosedLoop::DeltaPose),
             Self::TargetPose => Some(ClosedLoop::TargetPose),
             Self::TopDown => Some(ClosedLoop::TopDown),
-            Self::GraspPose | Self::Clear => None,
+            Self::GraspPose | Self::GraspPoint | Self::Clear => None,
         }
     }
 
@@ -112,6 +114,7 @@ impl Control {
             Self::TargetPose => "target_pose",
             Self::TopDown => "top_down",
             Self::GraspPose => "grasp_pose",
+            Self::GraspPoint => "grasp_point",
             Self::Clear => "clear",
         }
     }

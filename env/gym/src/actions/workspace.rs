@@ -1,5 +1,7 @@
 //! Boxes and distances of the workspace, world frame, metres: z is up, the table's top is at z = 0, its middle at the origin.
 
+use std::f64::consts::PI;
+
 /// Least corner of the box in which the grasp frame stays: large enough to reach an object near the middle from every side and to lift it.
 pub const WORKSPACE_LOW: [f64; 3] = [-0.35, -0.35, 0.0];
 /// Greatest corner of that box.
@@ -9,6 +11,13 @@ pub const WORKSPACE_HIGH: [f64; 3] = [0.35, 0.35, 0.75];
 pub const DECISION_LOW: [f64; 3] = [-0.25, -0.25, 0.0];
 /// Greatest corner of that box.
 pub const DECISION_HIGH: [f64; 3] = [0.25, 0.25, 0.40];
+
+/// Least corner of the box of grasp centres in a decision about a point: where objects near the table's middle are held.
+pub const POINT_LOW: [f64; 3] = [-0.12, -0.12, 0.0];
+/// Greatest corner of that box.
+pub const POINT_HIGH: [f64; 3] = [0.12, 0.12, 0.25];
+/// Greatest tilt of the hand from facing down in such a decision, radians.
+pub const POINT_TILT: f64 = PI / 4.0;
 
 /// Greatest distance of the object's centre of mass from the vertical through the table's middle: beyond it the object has left the workspace and is
 /// lost. No episode begins there.

@@ -65,6 +65,8 @@ pub struct Tables {
     pub observations: ByAction<ObservationTables>,
     /// With one decision per episode.
     pub decision: DecisionTables,
+    /// The same, about a point.
+    pub point: DecisionTables,
     /// With decisions until a scene is cleared.
     pub clear: DecisionTables,
     /// With goals.
@@ -111,6 +113,7 @@ impl Tables {
             actions: by_action(|action| action.table(hand)),
             observations: by_action(|action| observations(hand, action)),
             decision: DecisionTables::new(hand, Control::GraspPose),
+            point: DecisionTables::new(hand, Control::GraspPoint),
             clear: DecisionTables::new(hand, Control::Clear),
             goal: GoalTables {
                 observations: Observation::GOAL.map(|o| (o.name(), o.table(hand, ActionSpec::default()))).into(),

@@ -52,6 +52,8 @@ pub struct GraspState {
 /// The state of an episode of one decision.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GraspPoseState {
+    /// [`Control::GraspPose`] or [`Control::GraspPoint`].
+    pub control: Control,
     /// The scene as the episode began.
     pub scene: SceneKind,
     pub result: DecisionResult,
@@ -105,7 +107,7 @@ impl Mode {
     pub(crate) fn of_one(control: Control, scene: SceneKind) -> Self {
         match control.closed_loop() {
             Some(control) => Self::Grasp(GraspState { control, scene, lifting: false, stopped: false }),
-            None => Self::GraspPose(GraspPoseState { scene, result: DecisionResult::default() }),
+            None => Self::GraspPose(GraspPoseState { control, scene, result: DecisionResult::default() }),
         }
     }
 
@@ -113,7 +115,7 @@ impl Mode {
     pub fn control(&self) -> Control {
         match self {
             Self::Grasp(state) => state.control.into(),
-            Self::GraspPose(_) => Control::GraspPose,
+            Self::GraspPose(state) => state.control,
             Self::Clear(_) => Control::Clear,
         }
     }

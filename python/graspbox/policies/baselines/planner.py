@@ -74,6 +74,7 @@ class Planner(Policy):
     name = "planner"
     obs: str | tuple[str, ...] | None = "state"
     closed_loop_settings = SCRIPTED
+    _names_poses = True
 
     def _bind(self, task: Task) -> None:
         if task.env_id not in SINGLE_OBJECT_IDS:

@@ -18,7 +18,7 @@ from graspbox._core import Hand, Mesh
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs.coding import Codec
-from graspbox.envs.settings import GraspConfig
+from graspbox.envs.settings import GraspConfig, GraspPoseConfig
 from graspbox.evaluation.replays import Replay
 from graspbox.hands import load_hand
 from graspbox.meshes.shapes import Floats
@@ -215,7 +215,7 @@ def _shots(env: Any, seen: Mapping[str, Any], time: float, images: Sequence[str]
 def _decision(replay: Replay, env: Any, hand: Hand, images: tuple[str, ...]) -> RecordedMotion:
     seen, _ = env.reset(seed=replay.seed)
     shots = _shots(env, seen, 0.0, images)
-    codec = Codec("grasp_pose", hand)
+    codec = Codec(replay.settings.get("control", GraspPoseConfig.control), hand)
     world_from_object = codec.pose(seen["state"], "object")
     goal, preshape = codec.decode_grasp(replay.actions[0])
     physics = _config(PhysicsConfig, replay.settings.get("physics"))

@@ -226,7 +226,7 @@ class EnvironmentPage(Page):
 
     def _show_decision(self, action: NDArray[np.float32]) -> None:
         """Show the open hand at the pose of a decision."""
-        pose, preshape = codec("grasp_pose", self.hand).decode_grasp(action)
+        pose, preshape = self._codec.decode_grasp(action)
         self.drawn.pose(pose, self.hand.open(max(preshape, self.hand.preshape_limits[0])))
         self.drawn.visible = True
 
