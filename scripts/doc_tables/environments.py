@@ -24,7 +24,8 @@ def markdown(titles: str, rows: Iterable[Sequence[str]]) -> str:
 def number(value: float) -> str:
     """Write a bound."""
     parts = {"pi": 1, "pi/2": 2, "pi/4": 4}
-    known = {round(sign * math.pi / part, 6): f"{'-' * (sign < 0)}{name}" for name, part in parts.items() for sign in (1, -1)}
+    known = {round(math.pi / part, 6): name for name, part in parts.items()}
+    known |= {-value: f"-{name}" for value, name in known.items()}
     return known.get(round(value, 6), f"{value:g}")
 
 
@@ -146,4 +147,5 @@ def tables() -> dict[str, Callable[[], str]]:
         writers[f"columns of {env}"] = partial(column_table, control)
         writers[f"reward of {env}"] = partial(term_table, spaces.terms(control, TABLES))
     writers |= {f"fingers of {one}": partial(finger_table, one) for one in TABLES["actions"]["twist"]}
-    return writers | {f"action of {one}": partial(action_table, one) for one in (*TABLES["actions"], "grasp_pose", "grasp_point")}
+    modes = (*TABLES["actions"], "grasp_pose", "grasp_point")
+    return writers | {f"action of {one}": partial(action_table, one) for one in modes}

@@ -365,8 +365,8 @@ class EnvConfig:
     Attributes
     ----------
     control : {"twist", "delta_pose", "target_pose", "top_down", "grasp_pose", "grasp_point", "clear"}
-        Control mode: how an action moves the hand; ``grasp_pose`` and ``grasp_point`` are one decision per episode, ``clear`` several of
-        them.
+        Control mode: how an action moves the hand; ``grasp_pose`` and ``grasp_point`` are one decision per episode,
+        ``clear`` several of them.
     fingers : {"synergy", "each"}
         How an action moves the fingers in closed-loop control.
     control_freq : float

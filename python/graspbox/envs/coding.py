@@ -330,7 +330,7 @@ def encode_action(
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     actuator_speed : float or (k,) array_like
-        Speed of each actuator except the preshape's, rad/s or m/s; positive closes. ``grasp_pose`` and ``grasp_point`` ignore it;
+        Speed of each actuator except the preshape's, rad/s or m/s; positive closes. Decisions ignore it;
         ``fingers="synergy"`` takes the mean share of `graspbox.Hand.closing_speeds`.
     world_from_start : (4, 4) array_like, optional
         Start of the motion; required by ``twist`` and ``top_down`` (the present pose of the hand) and ``delta_pose``

@@ -32,10 +32,10 @@ from graspbox.simulation.layouts import SceneLayout
 __all__ = [
     "ClearConfig",
     "ClearVectorConfig",
+    "DecisionConfig",
     "EnvironmentConfig",
     "GoalTaskConfig",
     "GraspConfig",
-    "DecisionConfig",
     "GraspPoseConfig",
     "GraspPoseVectorConfig",
     "GraspVectorConfig",

@@ -77,7 +77,7 @@ def summary(found: Evaluation) -> dict[str, Any]:
 def evaluate_baselines(env_id: str, num_envs: int, episodes: int, seed: int, **settings: Any) -> dict[str, Any]:
     """Return the `summary` of random actions, zero actions and the planner on the trials of a policy, by name.
 
-    `settings` are those of `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``, and the planner's decisions are poses.
+    `settings` are those of `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``, and the planner decides on poses.
     """
     settings.pop("goal_from", None)
     keywords = {**settings, "obs": "state", "trials": episodes, "seed": seed, "num_envs": num_envs}

@@ -47,7 +47,9 @@ impl EpisodeBody {
     ) -> Result<Option<Outcome>, EnvError> {
         *result = DecisionResult { failure: Some(FailureKind::Infeasible), survives_shake: false };
         self.record.success = false;
-        let Some((estimated, preshape)) = pose_and_preshape(spec.config.control, action, spec.hand()) else { return Ok(None) };
+        let Some((estimated, preshape)) = pose_and_preshape(spec.config.control, action, spec.hand()) else {
+            return Ok(None);
+        };
         let hand = self.arm.teleport(&estimated);
         let decision = Decision {
             spec,
