@@ -19,7 +19,7 @@ def test_it_is_an_environment() -> None:
 
 
 def test_a_vector_acts_as_single_ones() -> None:
-    envs = gymnasium.make_vec(POSE, 3, autoreset_mode="Disabled", **POINT)
+    envs: Any = gymnasium.make_vec(POSE, 3, autoreset_mode="Disabled", **POINT)
     actions = np.random.default_rng(0).uniform(-1, 1, (3, 7)).astype(np.float32)
     seen, _ = envs.reset(seed=[4, 5, 6])
     after, rewards, *_ = envs.step(actions)

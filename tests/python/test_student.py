@@ -1,6 +1,8 @@
 """``graspbox train student``: rounds of recording and cloning. Needs the extra ``train``."""
 
 import json
+import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,8 @@ from graspbox import policies
 from graspbox._common.runs import Rows
 from graspbox.data.episodes import Demonstrations, record
 from graspbox.errors import ConfigError
-from graspbox.learn.sb3.settings import Sb3Settings, StudentSettings
+from graspbox.learn.sb3.histories import history
+from graspbox.learn.sb3.settings import PARAMETERS, Sb3Settings, StudentSettings
 
 pytestmark = pytest.mark.train
 
@@ -56,6 +59,27 @@ def test_a_student_is_taught_in_rounds(teacher: Path, tmp_path: Path) -> None:
     rows = [*Rows(out / "evaluations.jsonl")]
     assert taught(teacher, out) == first
     assert [*Rows(out / "evaluations.jsonl")] == rows
+    # Its history begins with that of the teacher, whose best checkpoint was chosen on the split validation.
+    assert set(policies.load(str(out)).learned_from) == {"procedural:can:0-9/train", "procedural:can:0-9/validation"}
+    before, last = history(out, PARAMETERS)
+    assert (before.kind, last.kind) == ("training", "student")
+    assert before.command.startswith("graspbox train sb3 ppo --out out/teacher")
+    words = shlex.split(last.command)
+    assert words[:6] == ["graspbox", "train", "student", "out/teacher", "--out", "out/student"]
+    assert (words[words.index("--rounds") + 1], words[words.index("--shown") + 1]) == ("2", "10")
+    assert "2 rounds of 10 episodes" in last.description
+
+
+def test_a_student_whose_teacher_is_missing_is_a_policy(
+    teacher: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    moved = tmp_path / "moved"
+    shutil.copytree(teacher, moved)
+    taught(moved, tmp_path / "student", rounds=1)
+    shutil.rmtree(moved)
+    policy = policies.load(str(tmp_path / "student"))
+    assert "is missing; its own training is unknown" in caplog.text
+    assert policy.learned_from == ("procedural:can:0-9/train",)
 
 
 def test_the_teacher_says_what_to_do_where_another_policy_leads(teacher: Path, tmp_path: Path) -> None:

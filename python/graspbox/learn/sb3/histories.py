@@ -1,7 +1,8 @@
 """History of a policy of Stable-Baselines3, read from the folders of its runs; without torch.
 
 A run of ``graspbox train sb3`` may start from a clone of ``graspbox train clone``, which in turn was trained on
-demonstrations of ``graspbox record``. Each step is described with a command that reproduces it.
+demonstrations of ``graspbox record``; a student of ``graspbox train student`` learned from such a run. Each step is
+described with a command that reproduces it.
 """
 
 import json
@@ -19,10 +20,12 @@ from graspbox.data.trials.learned import of_splits
 from graspbox.errors import ConfigError
 from graspbox.learn.sb3.settings import read_parameters
 
-__all__ = ["TrainingStep", "history", "learned_from", "settings_of", "shown", "trained_on"]
+__all__ = ["STUDENT", "TrainingStep", "history", "learned_from", "settings_of", "shown", "trained_on"]
 
 _log = logging.getLogger(__name__)
 
+#: File in the folder of a student: the options of its training, and its teacher's ``run`` and ``checkpoint``.
+STUDENT = "student.json"
 _NEEDED = {"algorithm", "id", "env", "num_envs", "model", "normalize", "seed"}
 
 
@@ -33,7 +36,7 @@ class TrainingStep:
     Attributes
     ----------
     kind : str
-        ``demonstrations``, ``clone`` or ``training``.
+        ``demonstrations``, ``clone``, ``student`` or ``training``.
     command : str
         The command that reproduces it, apart from time limits and interruptions.
     description : str
@@ -73,6 +76,11 @@ def trained_on(folder: Path) -> list[Mapping[str, Any]]:
     A clone that a run began as and that is missing is left out, with a warning.
     """
     settings = settings_of(folder)
+    if (taught := _taught(folder)) is not None:
+        teacher = Path(taught["run"])
+        # Its rounds have the environments of its teacher.
+        chosen = {"objects": settings["env"].get("objects", "procedural"), "split": settings_of(teacher)["evaluate"]}
+        return [*trained_on(teacher), *([chosen] if taught["checkpoint"] == "best" else [])]
     env, split, begun = settings["env"], "train", settings.get("begins_as")
     if "clone" in settings:
         env, begun = settings["clone"]["shown_by"]["env_spec"]["kwargs"], settings["clone"].get("begins_as")
@@ -118,11 +126,47 @@ def history(folder: Path, parameters: Path, checkpoint: str = "checkpoint") -> l
     """
     folder, settings = Path(folder), settings_of(folder)
     progress = _progress(folder / checkpoint)
+    if (taught := _taught(folder)) is not None:
+        before = history(Path(taught["run"]), parameters, taught["checkpoint"])
+        return [*before, _student(folder, settings, parameters, taught, progress)]
     if "clone" in settings:
         return [_recorded(settings["clone"]), _cloned(folder, settings, parameters, progress)]
     begun = settings.get("begins_as")
     before = history(Path(begun), parameters) if begun else []
     return [*before, _trained(folder, settings, parameters, progress)]
+
+
+def _taught(folder: Path) -> dict[str, Any] | None:
+    """Read how a student was taught; None for another run, or where the teacher is missing, with a warning."""
+    if not (folder / STUDENT).is_file():
+        return None
+    found: dict[str, Any] = json.loads((folder / STUDENT).read_text())
+    if not (Path(found["run"]) / "settings.json").is_file():
+        _log.warning("the teacher %s of the student %s is missing; its own training is unknown", found["run"], folder)
+        return None
+    return found
+
+
+def _student(
+    folder: Path,
+    settings: Mapping[str, Any],
+    parameters: Path,
+    taught: Mapping[str, Any],
+    progress: Mapping[str, Any],
+) -> TrainingStep:
+    known = read_parameters(parameters, settings["algorithm"], settings["id"], demonstrated=True)
+    teacher = Path(taught["run"])
+    named = teacher if taught["checkpoint"] == "best" else teacher / taught["checkpoint"]
+    words = ["graspbox", "train", "student", shown(named), "--out", shown(folder), *_repeated("--obs", taught["obs"])]
+    for name in ("rounds", "shown", "noise", "epochs", "batch", "rate", "seed"):
+        words += [f"--{name}", str(taught[name])]
+    words += _changes(vars(known), settings, ("steps", "env"))
+    description = (
+        f"a student of the run, {taught['rounds']} rounds of {taught['shown']} episodes, {taught['epochs']} epochs "
+        f"each, {progress['timesteps']} updates in the last round, seed {taught['seed']}"
+    )
+    objects = {"objects": settings["env"].get("objects", "procedural"), "split": "train"}
+    return TrainingStep("student", shlex.join(words), description, objects)
 
 
 def _progress(folder: Path) -> dict[str, Any]:

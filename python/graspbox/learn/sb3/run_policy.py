@@ -42,8 +42,8 @@ class RunPolicy(ActingNetwork):
     """
 
     def __init__(self, run: Path, checkpoint: Path) -> None:
-        #: Folder of the run.
-        self.run = run
+        #: Folder of the run, and the name of the checkpoint.
+        self.run, self.checkpoint = run, checkpoint.name
         settings = settings_of(run)
         algorithm, env = settings["algorithm"], settings["env"]
         if algorithm not in ALGORITHMS:

@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from graspbox import policies
+from graspbox._common.files import dumps, write_text
 from graspbox.data.episodes import record
 from graspbox.errors import ConfigError
 from graspbox.learn.sb3 import cloning
-from graspbox.learn.sb3.histories import settings_of
+from graspbox.learn.sb3.histories import STUDENT, settings_of
 from graspbox.learn.sb3.run_policy import RunPolicy
 from graspbox.learn.sb3.settings import CloneSettings, StudentSettings
 from graspbox.learn.training.options import TrainingOutcome
@@ -45,6 +46,9 @@ def train(settings: StudentSettings, command: str, echo: Callable[[str], None]) 
         )
         outcome = cloning.train(student, command, echo)
         before = folder
+    # Runs and cards tell of the teacher.
+    told = {**settings.kept(), "run": str(teacher.run.resolve()), "checkpoint": teacher.checkpoint}
+    write_text(settings.out / STUDENT, dumps(told) + "\n")
     return outcome
 
 

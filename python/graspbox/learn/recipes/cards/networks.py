@@ -101,6 +101,8 @@ def write_network_card(
 
 
 def _origin(steps: Sequence[str], algorithm: str) -> str:
+    if steps[-1] == "student":
+        return f"A student of a policy that knows the state, a policy of Stable-Baselines3's {algorithm.upper()}"
     if steps[-1] == "clone":
         return f"A clone of demonstrations, a policy of Stable-Baselines3's {algorithm.upper()}"
     if "clone" in steps:
