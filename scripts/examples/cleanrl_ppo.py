@@ -23,20 +23,28 @@ SIMPLE = ("procedural:box:0-99", "procedural:can:0-99", "procedural:ball:0-99")
 
 
 class Scale:
-    """Scales observations by their running mean and variance."""
+    """Running mean and variance of rows: of observations, which they scale, or of returns, which scale rewards."""
 
     def __init__(self, size: int) -> None:
         self.mean, self.square, self.count = np.zeros(size), np.ones(size), 1e-4
 
+    @property
+    def spread(self) -> Any:
+        """The standard deviation."""
+        return np.sqrt(np.maximum(self.square - self.mean**2, 1e-8))
+
+    def learn(self, rows: Any) -> None:
+        """Update the statistics."""
+        share = len(rows) / (self.count + len(rows))
+        self.mean += share * (rows.mean(0) - self.mean)
+        self.square += share * ((rows**2).mean(0) - self.square)
+        self.count += len(rows)
+
     def __call__(self, seen: Any, learn: bool = True) -> Tensor:
         """Scale observations (rows, size); with `learn` they update the statistics first."""
         if learn:
-            share = len(seen) / (self.count + len(seen))
-            self.mean += share * (seen.mean(0) - self.mean)
-            self.square += share * ((seen**2).mean(0) - self.square)
-            self.count += len(seen)
-        spread = np.sqrt(np.maximum(self.square - self.mean**2, 1e-8))
-        return torch.as_tensor(np.clip((seen - self.mean) / spread, -10, 10), dtype=torch.float32)
+            self.learn(seen)
+        return torch.as_tensor(np.clip((seen - self.mean) / self.spread, -10, 10), dtype=torch.float32)
 
 
 class Agent(nn.Module):
@@ -103,7 +111,7 @@ def main(
     envs: Any = gymnasium.make_vec(
         env_id, num_envs, objects=objects or SIMPLE, split="train", autoreset_mode=AutoresetMode.SAME_STEP
     )
-    scale = Scale(envs.single_observation_space.shape[0])
+    scale, paid, discounted = Scale(envs.single_observation_space.shape[0]), Scale(1), np.zeros(num_envs)
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimizer = torch.optim.Adam(agent.parameters(), lr=learning_rate, eps=1e-5)
     seen, returns, ends = scale(envs.reset(seed=seed)[0]), np.zeros(num_envs), []
@@ -122,13 +130,17 @@ def main(
                     last = scale(infos["final_obs"][i][None], learn=False)
                     after[i] = 0.0 if terminated[i] else agent.value(last)[0, 0]
                 value = agent.value(seen)[:, 0]
-            reward, over = torch.as_tensor(rewards, dtype=torch.float32), torch.as_tensor(done, dtype=torch.float32)
+            discounted = GAMMA * discounted + rewards
+            paid.learn(discounted[:, None])
+            discounted[done] = 0.0
+            reward = torch.as_tensor(np.clip(rewards / paid.spread, -10, 10), dtype=torch.float32)
+            over = torch.as_tensor(done, dtype=torch.float32)
             history.append((seen, actions, policy.log_prob(actions).sum(1), value, reward, over, after))
             seen, returns = now, returns + rewards
             ends += [(returns[i], infos["final_info"]["is_success"][i]) for i in np.flatnonzero(done)]
             returns[done] = 0.0
-        observed, acted, logp, values, paid, over, after = (torch.stack(part) for part in zip(*history, strict=True))
-        gain = advantages(paid, values, after, over)
+        observed, acted, logp, values, reward, over, after = (torch.stack(part) for part in zip(*history, strict=True))
+        gain = advantages(reward, values, after, over)
         batch = {"seen": observed, "actions": acted, "logp": logp, "gain": gain, "target": gain + values}
         error = update(agent, optimizer, {name: part.flatten(0, 1) for name, part in batch.items()})
         ends, done_steps = ends[-100:], (number + 1) * num_envs * rollout
