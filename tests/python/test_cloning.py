@@ -1,9 +1,8 @@
-"""Behaviour cloning and fine-tuning from a clone: ``graspbox train clone``, ``train sb3 --clone``, the comparison.
+"""Behaviour cloning and fine-tuning from a clone: ``graspbox train clone``, ``train sb3 --clone``.
 
 Needs the extra ``train``.
 """
 
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from graspbox import evaluation
 from graspbox._common.runs import Rows, read_settings
 from graspbox.data.episodes import Demonstrations, record
 from graspbox.errors import ConfigError
 from graspbox.learn.sb3.settings import CloneSettings, Sb3Settings
-from test_scripts import script
 
 pytestmark = pytest.mark.train
 
@@ -26,6 +25,7 @@ pytest.importorskip("pyarrow")
 cloning = pytest.importorskip("graspbox.learn.sb3.cloning")
 running = pytest.importorskip("graspbox.learn.sb3.running")
 training = pytest.importorskip("graspbox.learn.sb3.training")
+summary = pytest.importorskip("graspbox.sb3.policy").summary
 
 OBJECTS = ("procedural:can:0-9",)
 SEEING = ("depth", "proprio", "tactile")
@@ -50,6 +50,12 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     keywords: dict[str, Any] = {"objects": OBJECTS, "control_freq": 5, "max_episode_steps": 50, "image_size": 16}
     record("expert", out, episodes=10, obs=("state", *SEEING), num_envs=4, split="train", reward="firm", **keywords)
     return out
+
+
+def measured(folder: Path) -> dict[str, Any]:
+    """Evaluate a run on the trials of its evaluations."""
+    options: dict[str, Any] = {"split": "validation", "include_learned": True}
+    return summary(evaluation.evaluate(str(folder), trials=2, seed=10_000, **options))
 
 
 def clone(algorithm: Any, source: Path, folder: Path, **settings: Any) -> dict[str, Any]:
@@ -164,7 +170,7 @@ def test_an_interrupted_clone_is_continued(shown: Path, tmp_path: Path, algorith
     assert clone(algorithm, shown, tmp_path / "parts", epochs=4, evaluations=2) == again
     with pytest.raises(ConfigError, match=r"clone\.epochs was 4, is now 5"):
         clone(algorithm, shown, tmp_path / "parts", epochs=5, evaluations=2)
-    found = script("evaluate_sb3").measure(tmp_path / "parts", {"split": "validation"}, 2, 10_000)["policy"]
+    found = measured(tmp_path / "parts")
     assert (found["success"], found["secure"]) == (whole["success"], whole["secure"])
 
 
@@ -187,7 +193,7 @@ def test_a_clone_is_tuned(shown: Path, tmp_path: Path, algorithm: str, obs: tupl
     ):
         assert (rms.mean == (first[name] if name else first).mean).all()
     first_row = Rows(run / "evaluations.jsonl")[0]
-    found = script("evaluate_sb3").measure(tmp_path / "clone", {"split": "validation"}, 2, 10_000)["policy"]
+    found = measured(tmp_path / "clone")
     assert first_row["return"] == pytest.approx(found["return"])
     # Beyond the warm-up, after a resumption.
     assert train(algorithm, run, clone=tmp_path / "clone", steps=192, set=changes) == 0
@@ -218,50 +224,3 @@ def test_what_cannot_be_is_refused(shown: Path, tmp_path: Path) -> None:
         settings: dict[str, Any] = {"algorithm": "ppo", "clone": tmp_path / "clone", "steps": 64, **given}
         with pytest.raises(ConfigError, match=message):
             train(folder=tmp_path / f"run-{message[:9]}", **settings)
-
-
-def test_a_comparison_runs_once_and_explains_itself(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """All of its programs, tiny and in this process; a second call runs none of them."""
-    from typer.testing import CliRunner
-
-    from command_line import invoke
-
-    program, ran = script("compare_cloning"), []
-
-    def call(words: list[str], output: bool) -> Any:
-        name = Path(words[1]).stem
-        assert output == (name == "evaluate_sb3")
-        ran.append(" ".join(words[3:5]) if words[1] == "-m" else name)
-        given = words[3:] if words[1] == "-m" else words[2:]
-        if name == "evaluate_sb3":
-            app = typer.Typer()
-            app.command()(script(name).main)
-            done = CliRunner().invoke(app, given, catch_exceptions=False)
-        else:
-            done = invoke(given, catch_exceptions=False)
-        return subprocess.CompletedProcess(words, done.exit_code, done.stdout)
-
-    monkeypatch.setattr(program, "call", call)
-    words = [str(tmp_path / "out"), "--inputs", "state", "--shown", "10", "--epochs", "1", "--steps", "64"]
-    words += ["--episodes", "3", "--noise", "0.0", "--evaluations", "1", "--watched", "2", "--keep", "success"]
-    words += [word for change in PPO[:-1] for word in ("--set", change)]
-    assert program.main(words) == 0
-    assert ran[1:] == ["train clone", "evaluate_sb3", "train sb3", "evaluate_sb3", "train sb3", "evaluate_sb3"]
-    assert ran[0].startswith("record ")
-    page = (tmp_path / "out/README.md").read_text()
-    for name in ("clone-state", "rl-state", "tuned-state", "expert", "planner"):
-        assert f"\n| {name} | " in page
-    assert page.count("graspbox train sb3 ppo") == 2
-    assert page.count("--keep success") == 2
-    assert (tmp_path / "out/curves.png").stat().st_size > 10_000
-    ran.clear()
-    assert program.main(words) == 0
-    assert not ran
-    # A longer run is resumed, and tested again; the rest is done.
-    assert program.main([word if word != "64" else "128" for word in words]) == 0
-    assert ran == ["train sb3", "evaluate_sb3", "train sb3", "evaluate_sb3"]
-    capsys.readouterr()
-    assert program.main([*words, "--inputs", "smell"]) == 2
-    assert "--inputs names 'smell'" in capsys.readouterr().err

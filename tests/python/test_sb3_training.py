@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from graspbox import evaluation
 from graspbox._common.runs import Rows, Run
 from graspbox.errors import ConfigError
 from graspbox.learn.sb3.settings import EVALUATION_SEED, PARAMETERS, Sb3Settings, read_parameters
@@ -26,6 +27,7 @@ typer = pytest.importorskip("typer")
 ppo = pytest.importorskip("graspbox.learn.sb3.ppo")
 running = pytest.importorskip("graspbox.learn.sb3.running")
 training = pytest.importorskip("graspbox.learn.sb3.training")
+summary = pytest.importorskip("graspbox.sb3.policy").summary
 
 SMALL = ("num_envs=4", "env.max_episode_steps=12", 'env.objects=["procedural:can:0-9"]')
 PPO = (*SMALL, "steps=256", "model.n_steps=16", "model.batch_size=32", "model.n_epochs=1")
@@ -351,31 +353,20 @@ def test_a_run_has_ten_evaluations_by_default(tmp_path: Path) -> None:
     assert [row["timesteps"] for row in rows_of(tmp_path / "run")] == [128 * i for i in range(11)]
 
 
-def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The same episodes give the last row of the run; another folder is refused."""
+def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path) -> None:
+    """The same episodes give the last row of the run."""
     folder = tmp_path / "run"
     assert run("ppo", folder, PPO) == 0
-    last, program = rows_of(folder)[-1], script("evaluate_sb3")
-    keywords: dict[str, Any] = {"split": "validation"}
-    seed = EVALUATION_SEED
-    found = program.measure(folder, keywords, last["episodes"], seed)["policy"]
+    last = rows_of(folder)[-1]
+    options: dict[str, Any] = {"split": "validation", "include_learned": True, "trials": last["episodes"]}
+    found = summary(evaluation.evaluate(str(folder / "checkpoint"), seed=EVALUATION_SEED, **options))
     assert found == {name: last[name] for name in found}
-    again = {"best": False, "split": "test", "objects": None, "episodes": 4, "seed": 9}
-    capsys.readouterr()
-    program.main(folder, baselines=True, as_json=True, **again)
-    shown = json.loads(capsys.readouterr().out)
-    assert set(shown) == {"policy", "random", "zero", "planner"}
-    assert all(row["episodes"] == 4 for row in shown.values())
-    (tmp_path / "settings.json").write_text('{"algorithm": "ppo"}')
-    for wrong in (tmp_path, tmp_path / "nothing"):
-        with pytest.raises(ConfigError):
-            program.main(wrong, baselines=False, as_json=True, **again)
 
 
 def test_an_off_policy_run_is_evaluated_without_its_buffer(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     assert run("sac", folder, SAC) == 0
     (folder / "checkpoint/replay_buffer.pkl").unlink()
-    for best in (False, True):
-        found = script("evaluate_sb3").measure(folder, {"split": "test"}, 4, 9, best=best)
-        assert found["policy"]["episodes"] == 4
+    for checkpoint in ("checkpoint", "best"):
+        options: dict[str, Any] = {"split": "train", "include_learned": True, "trials": 4}
+        assert len(evaluation.evaluate(str(folder / checkpoint), **options).trials) == 4

@@ -154,7 +154,7 @@ class Sb3Settings(HandOption):
         graspbox train sb3 ppo --out out/train/shown --demonstrations 500
         graspbox train sb3 ppo --out out/train/tuned --clone out/clone --set env.reward=firm
         python scripts/plot_sb3.py out/train/ppo
-        python scripts/evaluate_sb3.py out/train/ppo
+        graspbox evaluate out/train/ppo
 
     A run ends after its number of steps, which is in a file of parameters like all hyperparameters; --steps and
     --set model.gamma=0.98 override one. The same command resumes an interrupted run from its checkpoint, and extends
@@ -272,7 +272,7 @@ class CloneSettings(_Imitation):
     Environment and hand are those of the demonstrations; networks and normalization are those of `graspbox train sb3`,
     in which --set overrides values. Every tenth episode is held out of training. The folder holds evaluations.jsonl,
     whose timesteps count updates; cloning, the folder of the training, with the losses of every epoch; and checkpoint,
-    the policy. scripts/evaluate_sb3.py and scripts/plot_sb3.py read it. Needs the extras cli, data and train.
+    the policy. scripts/plot_sb3.py reads it. Needs the extras cli, data and train.
     """
 
     algorithm: Annotated[Algorithm, typer.Argument()]
