@@ -228,7 +228,7 @@ def test_degenerate_and_colliding_actions_are_infeasible() -> None:
     [
         ({"obs": "deep"}, "no observation 'deep'"),
         ({"reward": "fair"}, "no reward 'fair'"),
-        ({"control": "twist"}, "no keyword 'control'"),
+        ({"control": "twist"}, "control is 'twist'; choose from grasp_pose, grasp_point"),
         ({"objects": "cupboard"}, "no object set"),
         ({"split": "x"}, "split"),
     ],

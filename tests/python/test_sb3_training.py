@@ -146,7 +146,6 @@ def test_decisions_are_trained_too(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     assert run("td3", folder, changes, **settings) == 1
     found = json.loads((folder / "baselines.json").read_text())
-    assert found["zero"]["success"] == 0.0
     assert found["planner"]["success"] > max(0.5, found["random"]["success"])
     plot = script("plot_sb3")
     plot.main([folder], out=tmp_path / "picture.png")

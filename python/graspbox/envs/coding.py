@@ -40,6 +40,8 @@ _CENTER_AXES = {f"center_{name}": axis for name, axis in _AXES.items()}
 #: Rotation of a hand that faces down with its x along the world's.
 _DOWN = np.diag([1.0, -1.0, -1.0])
 _UP = np.array([0.0, 0.0, 1.0])
+#: Control modes whose actions name a pose and a preshape.
+_DECISIONS = ("grasp_pose", "grasp_point", "clear")
 
 
 def rotation_from_columns(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -188,10 +190,10 @@ class Codec:
         """
         values = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         size = sum(row["size"] for row in self._actions)
-        if self._control not in ("grasp_pose", "grasp_point") or values.shape != (size,):
+        if self._control not in _DECISIONS or values.shape != (size,):
             raise ConfigError(
                 f"the action of control mode {self._control!r} has shape {values.shape}; give one of control mode "
-                f"'grasp_pose' or 'grasp_point', here ({size},)"
+                f"{' or '.join(map(repr, _DECISIONS))}, here ({size},)"
             )
         pose, preshape, first, tilt = np.eye(4), 0.0, 0, np.zeros(3)
         for row in self._actions:
