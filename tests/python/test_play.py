@@ -70,7 +70,7 @@ def test_outcomes_are_printed(tmp_path: Path) -> None:
 
 def test_a_long_video_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its pictures are in memory."""
-    monkeypatch.setattr("graspbox.pictures.films.MOST_PICTURES", 3)
+    monkeypatch.setattr("graspbox.pictures.playback.MOST_PICTURES", 3)
     words = ["play", "planner", "--objects", CANS, "--episodes", "2", "--video", tmp_path / "a.gif"]
     result = invoke(words, catch_exceptions=False)
     assert "3 pictures; it ends after 3 pictures" in result.stdout

@@ -39,7 +39,7 @@ from graspbox.learn.sb3.running import (
 from graspbox.learn.sb3.runs import next_commands
 from graspbox.learn.sb3.settings import EVALUATION_SEED, CloneSettings, Parameters, Sb3Settings
 from graspbox.learn.training.options import TrainingOutcome
-from graspbox.pictures import films
+from graspbox.pictures import playback
 from graspbox.policies.base import is_closed_loop
 from graspbox.policies.goals import plain_settings
 from graspbox.policies.published.configs import ACTING
@@ -151,16 +151,16 @@ def train(settings: Sb3Settings, command: str, echo: Callable[[str], None]) -> T
             before = model.num_timesteps
             callback.learn(model, begun=begun)
         if settings.video and not callback.interrupted:
-            _film(settings, run)
+            _record_video(settings, run)
         rate = (model.num_timesteps - before) / (run.seconds - seconds)
         return _outcome(settings, callback, round(rate, 1))
 
 
-def _film(settings: Sb3Settings, run: Run) -> None:
+def _record_video(settings: Sb3Settings, run: Run) -> None:
     """Write the video of a run; one that cannot be made is told, since the policy is complete without it."""
     file = run.folder / "video.webp"
     try:
-        films.save_film(policies.load(str(run.folder)), file, episodes=settings.video, seed=EVALUATION_SEED)
+        playback.record_video(policies.load(str(run.folder)), file, episodes=settings.video, seed=EVALUATION_SEED)
     except GraspboxError as error:
         run.log(f"there is no video: {error}")
     else:

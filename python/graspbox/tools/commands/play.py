@@ -8,7 +8,7 @@ import typer
 from graspbox.cli import common
 from graspbox.envs import IDS
 from graspbox.evaluation import trial_seeds
-from graspbox.pictures import check_video, films
+from graspbox.pictures import check_video, playback
 from graspbox.policies import load
 
 
@@ -43,15 +43,15 @@ def play(
         objects, split = actor.default_objects(split)
     chosen = common.find(objects, split, 1.0)
     shown = None if hand is None else common.hand_like(hand)
-    made = films.make_shown(actor, chosen, env_id=env, hand=shown, filmed=video is not None)
-    film = None if video is None else films.Film.of(made)
-    told = (lambda _: None) if as_json else typer.echo
+    made = playback.make_rendered(actor, chosen, env_id=env, hand=shown, as_video=video is not None)
+    frames = None if video is None else playback.Frames.of(made)
+    report = (lambda _: None) if as_json else typer.echo
     try:
-        rows = list(films.play(actor, made, trial_seeds(seed, episodes), film, told))
+        rows = list(playback.play(actor, made, trial_seeds(seed, episodes), frames, report))
     finally:
         made.close()
-    if film is not None and video is not None:
-        film.save(video)
+    if frames is not None and video is not None:
+        frames.save(video)
     succeeded = sum(row["success"] for row in rows)
     if as_json:
         file = None if video is None else str(video)
@@ -59,6 +59,6 @@ def play(
         common.print_json({**facts, "episodes": rows})
         return
     typer.echo(f"{succeeded} of {len(rows)} episodes succeed")
-    if film is not None:
-        full = f"; it ends after {films.MOST_PICTURES} pictures" if film.is_full else ""
-        typer.echo(f"video: {video}, {len(film.pictures)} pictures{full}")
+    if frames is not None:
+        full = f"; it ends after {playback.MOST_PICTURES} pictures" if frames.is_full else ""
+        typer.echo(f"video: {video}, {len(frames.pictures)} pictures{full}")

@@ -18,7 +18,7 @@ from graspbox.evaluation import trial_seeds
 from graspbox.pictures.videos import save_video
 from graspbox.policies import Policy, Task
 
-__all__ = ["MOST_PICTURES", "Film", "make_shown", "play", "save_film"]
+__all__ = ["MOST_PICTURES", "Frames", "make_rendered", "play", "record_video"]
 
 #: Rows and columns of a picture of a video.
 _SIZE = (360, 480)
@@ -31,7 +31,7 @@ _STILL = 1.0
 
 
 @dataclass
-class Film:
+class Frames:
     """Pictures with captions, each for the same time."""
 
     seconds: float
@@ -40,7 +40,7 @@ class Film:
     captions: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, env: Any) -> "Film":
+    def of(cls, env: Any) -> "Frames":
         """Choose the rate: that of the environment, or every n-th step of it."""
         if not Task.of(env).closed_loop:
             return cls(_STILL)
@@ -53,7 +53,7 @@ class Film:
         return len(self.pictures) >= MOST_PICTURES - self.every
 
     def add(self, env: Any, caption: str, seconds: float = 0.0) -> None:
-        """Add what the environment shows, for at least one picture; nothing once the film is full."""
+        """Add what the environment shows, for at least one picture; nothing once there are as many as it holds."""
         count = max(1, round(seconds / self.seconds))
         if len(self.pictures) + count <= MOST_PICTURES:
             self.pictures += [env.render()] * count
@@ -64,15 +64,15 @@ class Film:
         save_video(path, self.pictures, self.captions, seconds=self.seconds)
 
 
-def make_shown(
+def make_rendered(
     policy: Policy,
     objects: ObjectsArgument,
     *,
     env_id: str | None = None,
     hand: HandArgument | None = None,
-    filmed: bool,
+    as_video: bool,
 ) -> Any:
-    """Make the environment that a policy acts in, to be filmed or with a window; binds the policy.
+    """Make the environment in which a policy acts, with a window or for a video, and bind the policy.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def make_shown(
     if hand is not None:
         settings["hand"] = hand
     shown: dict[str, Any] = {"render_mode": "human"}
-    if filmed:
+    if as_video:
         shown = {"render_mode": "rgb_array", "picture": PictureConfig(_SIZE)}
     made = gymnasium.make(env_id, objects=objects, **settings, **shown)
     policy.bind(Task.of(made))
@@ -99,69 +99,69 @@ def play(
     policy: Policy,
     env: Any,
     seeds: Sequence[int],
-    film: Film | None = None,
-    told: Callable[[str], None] = lambda _: None,
+    frames: Frames | None = None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> Iterator[dict[str, Any]]:
-    """Run an episode per seed; yields its outcome, and tells it.
+    """Run an episode per seed; yields its outcome, and reports it.
 
     Parameters
     ----------
     policy : Policy
         Bound to the environment.
     env : Env
-        From `make_shown`.
+        From `make_rendered`.
     seeds : sequence of int
         Seeds of the episodes.
-    film : Film, optional
+    frames : Frames, optional
         Gets the pictures.
-    told : callable
+    report : callable
         Called with a line for each episode.
     """
     for number, seed in enumerate(seeds, 1):
-        row = _episode(policy, env, seed, film, f"{number}/{len(seeds)}")
+        row = _episode(policy, env, seed, frames, f"{number}/{len(seeds)}")
         outcome = ("secure success" if row["secure"] else "success") if row["success"] else row["failure"]
         after = f" after {row['steps']} steps ({row['seconds']:.1f} s)" if row["seconds"] else ""
-        told(f"{number}: {row['object']}, {outcome}{after}, reward {row['reward']:.2f}")
+        report(f"{number}: {row['object']}, {outcome}{after}, reward {row['reward']:.2f}")
         yield row
 
 
-def save_film(policy: Policy, path: Path, *, episodes: int, seed: int) -> None:
+def record_video(policy: Policy, path: Path, *, episodes: int, seed: int) -> None:
     """Write a video of the first trials of an evaluation of a policy on its held-out objects.
 
     Raises
     ------
     ConfigError, FileError, MissingExtraError
-        As `make_shown` and `graspbox.pictures.check_video`.
+        As `make_rendered` and `graspbox.pictures.check_video`.
     """
     objects, split = policy.default_objects(None)
-    env = make_shown(policy, object_sets.load(objects, split=split), filmed=True)
+    env = make_rendered(policy, object_sets.load(objects, split=split), as_video=True)
     try:
-        film = Film.of(env)
-        for _ in play(policy, env, trial_seeds(seed, episodes), film):
+        frames = Frames.of(env)
+        for _ in play(policy, env, trial_seeds(seed, episodes), frames):
             pass
     finally:
         env.close()
-    film.save(path)
+    frames.save(path)
 
 
-def _episode(policy: Policy, env: Any, seed: int, film: Film | None, number: str) -> dict[str, Any]:
-    """Run an episode."""
+def _episode(policy: Policy, env: Any, seed: int, frames: Frames | None, number: str) -> dict[str, Any]:
+    """Run one episode and return its outcome."""
     observation, info = _shown(env.reset, seed=seed)
     policy.reset(seed, info=info)
     name, steps, reward, done = str(info["object"]), 0, 0.0, False
     period = 1.0 / env.metadata["render_fps"] if policy.task.closed_loop else 0.0
     title = f"{number} {name}"
-    if film is not None:
-        film.add(env, title)
+    if frames is not None:
+        frames.add(env, title)
     while not done:
         observation, gained, terminated, truncated, info = env.step(policy.act(_rows(observation))[0])
         steps, reward, done = steps + 1, reward + float(gained), terminated or truncated
-        if film is not None and not done and steps % film.every == 0:
-            film.add(env, _caption(title, steps * period))
+        if frames is not None and not done and steps % frames.every == 0:
+            frames.add(env, _caption(title, steps * period))
     success = bool(info["is_success"])
     failure = "" if success else str(info["failure"]) or "time_limit"
-    if film is not None:
-        film.add(env, f"{_caption(title, steps * period)}: {failure or 'success'}", _STILL)
+    if frames is not None:
+        frames.add(env, f"{_caption(title, steps * period)}: {failure or 'success'}", _STILL)
     ended = {"success": success, "secure": bool(info["is_secure"]), "failure": failure}
     return {"seed": seed, "object": name, **ended, "steps": steps, "seconds": steps * period, "reward": reward}
 
