@@ -55,7 +55,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def measured(folder: Path) -> dict[str, Any]:
     """Evaluate a run on the trials of its evaluations."""
     options: dict[str, Any] = {"split": "validation", "include_learned": True}
-    return summary(evaluation.evaluate(str(folder), trials=2, seed=10_000, **options))
+    return dict(summary(evaluation.evaluate(str(folder), trials=2, seed=10_000, **options)))
 
 
 def clone(algorithm: Any, source: Path, folder: Path, **settings: Any) -> dict[str, Any]:
