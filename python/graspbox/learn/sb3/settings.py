@@ -11,6 +11,7 @@ import typer
 
 from graspbox._common.imports import imported
 from graspbox._common.runs import read_settings
+from graspbox.envs import GOAL_IDS
 from graspbox.errors import ConfigError
 from graspbox.learn.sb3.checks import check_name, check_parameters
 from graspbox.learn.training.options import HandOption, Options
@@ -79,6 +80,8 @@ def read_parameters(
         If there is no such entry, the file or a change is not YAML, a change names no parameter, or a value is not
         valid.
     """
+    if env_id in GOAL_IDS:
+        raise ConfigError(f"--env is {env_id!r}, a goal task; scripts/examples/sb3_her.py trains in it")
     try:
         values = yaml.safe_load(path.read_text())[algorithm][env_id]
     except yaml.YAMLError as error:
