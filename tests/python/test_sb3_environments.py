@@ -59,7 +59,7 @@ def test_the_files_for_rl_zoo_make_models(algorithm: str, env_id: str) -> None:
     policy, normalize = found.pop("policy"), found.pop("normalize")
     assert normalize is True or set(eval(normalize)) == {"norm_obs", "norm_reward"}
     assert found.pop("n_envs") >= 1
-    assert found.pop("n_timesteps") >= 1e5
+    assert found.pop("n_timesteps") >= 4e4
     found["policy_kwargs"] = eval(found["policy_kwargs"], {"nn": torch.nn})
     if isinstance(found["learning_rate"], str):
         kind, rate = found["learning_rate"].split("_")
