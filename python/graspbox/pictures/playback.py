@@ -1,7 +1,7 @@
 """Episodes of a policy in one environment, in a window or a video."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox.configs import PictureConfig
+from graspbox.configs import VIEWER, PictureConfig
 from graspbox.envs import IDS, SINGLE_OBJECT_IDS
 from graspbox.envs.settings import HandArgument, ObjectsArgument
 from graspbox.errors import ConfigError
@@ -20,8 +20,8 @@ from graspbox.policies import Policy, Task
 
 __all__ = ["MOST_PICTURES", "Frames", "make_rendered", "play", "record_video"]
 
-#: Rows and columns of a picture of a video.
-_SIZE = (360, 480)
+#: Pictures of a video: a hand that an agent lifts fast and far stays in sight.
+_PICTURE = PictureConfig((360, 480), camera=replace(VIEWER, eye=(-0.85, -1.13, 0.95), target=(0.0, 0.0, 0.33)))
 #: Pictures per second at most.
 _RATE = 10.0
 #: Most pictures of a video, which are in memory.
@@ -89,7 +89,7 @@ def make_rendered(
         settings["hand"] = hand
     shown: dict[str, Any] = {"render_mode": "human"}
     if as_video:
-        shown = {"render_mode": "rgb_array", "picture": PictureConfig(_SIZE)}
+        shown = {"render_mode": "rgb_array", "picture": _PICTURE}
     made = gymnasium.make(env_id, objects=objects, **settings, **shown)
     policy.bind(Task.of(made))
     return made
