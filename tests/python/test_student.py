@@ -80,6 +80,9 @@ def test_a_student_whose_teacher_is_missing_is_a_policy(
     policy = policies.load(str(tmp_path / "student"))
     assert "is missing; its own training is unknown" in caplog.text
     assert policy.learned_from == ("procedural:can:0-9/train",)
+    (tmp_path / "student/student.json").write_text('{"run": ')
+    with pytest.raises(ConfigError, match=r"student\.json' is damaged"):
+        policies.load(str(tmp_path / "student"))
 
 
 def test_the_teacher_says_what_to_do_where_another_policy_leads(teacher: Path, tmp_path: Path) -> None:

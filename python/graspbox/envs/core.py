@@ -162,8 +162,9 @@ class GraspCore:
         self.control: Control | DecisionControl | Literal["clear"] = decision if self._decides else acting.control
         known: Iterable[str] = get_args(DecisionControl) if self._decides else self.tables["actions"]
         for name, choices in (("control", known), ("fingers", self.tables["actions"]["twist"])):
-            chosen = getattr(settings, name, None)
-            if chosen is not None and chosen not in choices:
+            # An environment without one of these keywords has no wrong value of it.
+            chosen = getattr(settings, name, next(iter(choices)))
+            if chosen not in choices:
                 with about(name):
                     raise ConfigError(f"{name} is {chosen!r}; choose from {', '.join(choices)}")
         self.action_columns, vectors = spaces.columns_of(self.control, acting.fingers, self.tables)

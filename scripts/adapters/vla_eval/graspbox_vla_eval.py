@@ -182,7 +182,7 @@ class GraspboxBenchmark(StepBenchmark):
     @property
     def _control(self) -> str:
         decides = self._env_id.startswith("graspbox/GraspPose")
-        return "grasp_pose" if decides else str(self._keywords.get("control", "twist"))
+        return str(self._keywords.get("control", "grasp_pose" if decides else "twist"))
 
     @staticmethod
     def _frame(observation: Mapping[str, Any]) -> np.ndarray | None:

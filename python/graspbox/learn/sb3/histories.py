@@ -140,9 +140,15 @@ def _taught(folder: Path) -> dict[str, Any] | None:
     """Read how a student was taught; None for another run, or where the teacher is missing, with a warning."""
     if not (folder / STUDENT).is_file():
         return None
-    found: dict[str, Any] = json.loads((folder / STUDENT).read_text())
-    if not (Path(found["run"]) / "settings.json").is_file():
-        _log.warning("the teacher %s of the student %s is missing; its own training is unknown", found["run"], folder)
+    try:
+        found: dict[str, Any] = json.loads((folder / STUDENT).read_text())
+        run = Path(found["run"])
+    except (ValueError, KeyError, TypeError):
+        raise ConfigError(
+            f"{str(folder / STUDENT)!r} is damaged; the same graspbox train student writes it again"
+        ) from None
+    if not (run / "settings.json").is_file():
+        _log.warning("the teacher %s of the student %s is missing; its own training is unknown", run, folder)
         return None
     return found
 
