@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
+from sb3_contrib.tqc.policies import TQCPolicy
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first, preprocess_obs
 from stable_baselines3.sac.policies import SACPolicy
@@ -48,7 +49,7 @@ class ActionGraph(nn.Module):  # type: ignore[misc]
     Parameters
     ----------
     policy : BasePolicy
-        Of PPO, SAC or TD3; only its actor is kept.
+        Of PPO, SAC, TQC or TD3; only its actor is kept.
     scales : mapping
         Scaling of vector observations, by name.
     names : tuple of str
@@ -66,7 +67,7 @@ class ActionGraph(nn.Module):  # type: ignore[misc]
         boxes = dict(self._space.spaces) if self._named else {names[0]: self._space}
         made = {name: _Input(is_transposed(boxes[name]), scales.get(name)) for name in names}
         self.seen = nn.ModuleDict({f"of_{name}": one for name, one in made.items()})
-        self._on_policy, self._tanh = isinstance(policy, ActorCriticPolicy), isinstance(policy, SACPolicy)
+        self._on_policy, self._tanh = isinstance(policy, ActorCriticPolicy), isinstance(policy, SACPolicy | TQCPolicy)
         self._squashed = policy.squash_output
         if self._on_policy:
             self._tanh = self._squashed

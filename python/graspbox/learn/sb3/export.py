@@ -5,7 +5,7 @@
 | scaling by means and variances, clipping | `VecNormalize`, in double precision as there |
 | channels of colour images first, and in [0, 1] | Stable-Baselines3's preprocessing |
 | features, hidden layers, mean action | features extractor and actor |
-| deterministic action | clipped to the action space (PPO), or squashed and scaled to it (SAC, TD3) |
+| deterministic action | clipped to the action space (PPO), or squashed and scaled to it (SAC, TQC, TD3) |
 
 `graspbox.policies.NetworkPolicy` runs the folder; ``scripts/publish_sb3.py`` exports a run with a card.
 """
@@ -53,7 +53,7 @@ def _scales_of(statistics: VecNormalize | None, names: tuple[str, ...], named: b
     """Return the scaling of the observations."""
     if statistics is None or not statistics.norm_obs:
         return {}
-    keys = statistics.norm_obs_keys if named else names
+    keys = [name for name in statistics.norm_obs_keys if name in names] if named else names
     found = {name: statistics.obs_rms[name] if named else statistics.obs_rms for name in keys}
     return {
         name: (rms.mean, np.sqrt(rms.var + statistics.epsilon), float(statistics.clip_obs))

@@ -51,12 +51,25 @@ class Parameters:
     env: dict[str, Any]
     #: Arguments of the algorithm.
     model: dict[str, Any]
+    #: Observations of the critic in place of those of the policy; the policy never has them.
+    critic: list[str] | None = None
     #: Successful episodes of the scripted expert: off-policy algorithms replay them, ppo clones them.
     demonstrations: int = 0
     #: Passes over the demonstrations when cloning.
     clone_epochs: int = 60
     #: Number of first steps in which only the value function of a cloned policy is trained.
     value_warmup: int = 0
+
+    @property
+    def training_env(self) -> dict[str, Any]:
+        """Keywords of the environments of the training: they also have the observations of the critic."""
+        names = {} if self.critic is None else {"obs": tuple(dict.fromkeys((*self.env["obs"], *self.critic)))}
+        return {**self.env, **names, "split": "train"}
+
+    @property
+    def apart(self) -> dict[str, Any] | None:
+        """Observations of policy and critic, where they differ: arguments of `graspbox.learn.sb3.privileged`."""
+        return None if self.critic is None else {"actor_obs": self.env["obs"], "critic_obs": self.critic}
 
 
 def read_parameters(
@@ -100,6 +113,13 @@ def read_parameters(
             check_name(name, Parameters.__annotations__, "parameter")
         raise ConfigError(f"parameters are {', '.join(Parameters.__annotations__)} ({error})") from None
     check_parameters(vars(found))
+    if found.critic is not None:
+        if demonstrated or found.demonstrations:
+            raise ConfigError(
+                f"critic is {found.critic}; with --demonstrations or --clone it observes what the policy observes"
+            )
+        obs = found.env.get("obs", "state")
+        found.env["obs"] = [obs] if isinstance(obs, str) else list(obs)
     return found
 
 
