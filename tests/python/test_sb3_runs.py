@@ -15,6 +15,7 @@ import pytest
 from command_line import invoke
 from graspbox import evaluation, policies
 from graspbox._common.runs import Rows, read_settings
+from graspbox.envs import GOAL_OBSERVATIONS
 from graspbox.errors import ConfigError
 from graspbox.learn.sb3.runs import next_commands, policy_of_run
 from graspbox.learn.sb3.settings import EVALUATION_SEED, CloneSettings, Sb3Settings
@@ -25,6 +26,8 @@ pytestmark = pytest.mark.train
 
 pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
+export = pytest.importorskip("graspbox.learn.sb3.export")
+running = pytest.importorskip("graspbox.learn.sb3.running")
 training = pytest.importorskip("graspbox.learn.sb3.training")
 Image = pytest.importorskip("PIL.Image")
 
@@ -45,7 +48,20 @@ sac:
     normalize: {{observations: true, reward: false}}
     env: {{objects: "procedural:can:0-39", reward: dense}}
     model: {{learning_starts: 16, buffer_size: 512, batch_size: 16, gamma: 0.0, policy_kwargs: {{net_arch: [16]}}}}
+  graspbox/Reach-v0:
+    steps: 48
+    num_envs: 2
+    normalize: {{observations: true, reward: false}}
+    env: {{objects: ["procedural:box:0-39"], max_episode_steps: 8}}
+    model:
+      replay_buffer_class: HerReplayBuffer
+      learning_starts: 20
+      buffer_size: 512
+      batch_size: 16
+      gamma: 0.9
+      policy_kwargs: {{net_arch: [16]}}
 """
+REACH = "graspbox/Reach-v0"
 FEELS = 'env.obs=["proprio", "tactile"]'
 
 
@@ -86,6 +102,34 @@ def decisions(made: Path) -> Path:
     """Train SAC on decisions, from the state."""
     train(made / "decided", "sac", ONCE)
     return made / "decided"
+
+
+@pytest.fixture(scope="module")
+def reaching(made: Path) -> Path:
+    """Train SAC with hindsight in a goal task."""
+    train(made / "reaching", "sac", REACH)
+    return made / "reaching"
+
+
+def test_a_run_with_goals_is_a_policy(reaching: Path, tmp_path: Path) -> None:
+    """It is evaluated, recorded as a video and exported like others; success is that of the last step."""
+    policy = policies.load(str(reaching))
+    assert (policy.env_id, policy.obs) == (REACH, "proprio")
+    found = evaluation.evaluate(policy, trials=4, **policy.settings)
+    assert [trial.steps for trial in found.trials] == [8] * 4
+    assert all(trial.failure == ("" if trial.success else "goal_missed") for trial in found.trials)
+    assert not any(trial.secure for trial in found.trials)
+    played = invoke(["play", reaching, "--video", tmp_path / "reach.webp", "--episodes", "1"])
+    assert played.exit_code == 0, played.output
+    settings = read_settings(reaching)
+    model = running.load_policy("sac", reaching / "best")
+    keywords = {"algorithm": "sac", "env_id": REACH, "env": settings["env"], "learned_from": policy.learned_from}
+    config = export.export_policy(
+        tmp_path / "published", "reach", model, policy_kwargs=settings["model"]["policy_kwargs"], **keywords
+    )
+    assert {one.name for one in config.inputs} == set(GOAL_OBSERVATIONS)
+    again = evaluation.evaluate(str(tmp_path / "published"), REACH, ["procedural:box:0-39"], trials=4, split="test")
+    assert [trial.success for trial in again.trials] == [trial.success for trial in found.trials]
 
 
 def best_row(run: Path) -> dict[str, Any]:

@@ -194,7 +194,7 @@ def test_wrong_arguments_are_named(
     ("words", "message"),
     [
         (("--env", "CartPole-v1"), "has no entry 'ppo', 'CartPole-v1'"),
-        (("--env", "graspbox/Reach-v0"), "a goal task; scripts/examples/sb3_her.py trains in it"),
+        (("--env", "graspbox/Reach-v0"), "has no entry 'ppo', 'graspbox/Reach-v0'; add one"),
         (("--parameters", "none.yaml"), "none.yaml"),
         (("--set", "gamma"), "--set 'gamma' names no parameter"),
         (("--set", "model.gamma.x=1"), "names no parameter"),

@@ -9,7 +9,7 @@ from graspbox._common.files import dumps, write_text
 from graspbox.cli import common
 from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
 from graspbox.cli.recorders import CommandRecorder, Rerun, RerunEpisodes, rerun_recorder
-from graspbox.envs import SINGLE_OBJECT_IDS
+from graspbox.envs import EVALUATED_IDS
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
@@ -25,7 +25,7 @@ NumEnvs = Annotated[
 ]
 EnvId = Annotated[
     str | None,
-    typer.Option(help=f"Environment: {' or '.join(SINGLE_OBJECT_IDS)}; by default the policy's own, else the first."),
+    typer.Option(help=f"Environment: {' or '.join(EVALUATED_IDS)}; by default the policy's own, else the first."),
 ]
 IncludeLearned = Annotated[
     bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")

@@ -29,6 +29,10 @@ IDS = ("graspbox/GraspPose-v0", "graspbox/Grasp-v0", "graspbox/Clear-v0")
 SINGLE_OBJECT_IDS = IDS[:2]
 #: Those of goal tasks, for hindsight experience replay.
 GOAL_IDS = ("graspbox/Reach-v0", "graspbox/Place-v0")
+#: Observations of goal tasks.
+GOAL_OBSERVATIONS = ("observation", "achieved_goal", "desired_goal")
+#: Those in which policies are evaluated: an episode is an attempt on one object, or has one goal.
+EVALUATED_IDS = (*SINGLE_OBJECT_IDS, *GOAL_IDS)
 
 #: Episodes of ``graspbox/Grasp-v0`` are truncated after this number of steps unless ``max_episode_steps`` is set.
 MAX_EPISODE_STEPS = 40

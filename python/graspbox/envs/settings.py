@@ -30,6 +30,7 @@ from graspbox.errors import ConfigError, UnknownKeywordError
 from graspbox.simulation.layouts import SceneLayout
 
 __all__ = [
+    "KINDS",
     "ClearConfig",
     "ClearVectorConfig",
     "DecisionConfig",
@@ -46,6 +47,7 @@ __all__ = [
     "VectorConfig",
     "complete",
     "documented_type",
+    "kind_of",
 ]
 
 ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
@@ -304,6 +306,19 @@ class PlaceVectorConfig(VectorConfig, PlaceConfig):
     """Keywords of the vector environment of ``Place-v0``."""
 
 
+#: Environment id, and whether it is a vector environment, by the class of its keywords.
+KINDS: dict[type[EnvironmentConfig], tuple[str, bool]] = {
+    GraspConfig: ("graspbox/Grasp-v0", False),
+    GraspVectorConfig: ("graspbox/Grasp-v0", True),
+    GraspPoseConfig: ("graspbox/GraspPose-v0", False),
+    GraspPoseVectorConfig: ("graspbox/GraspPose-v0", True),
+    ClearConfig: ("graspbox/Clear-v0", False),
+    ClearVectorConfig: ("graspbox/Clear-v0", True),
+    ReachConfig: ("graspbox/Reach-v0", False),
+    ReachVectorConfig: ("graspbox/Reach-v0", True),
+    PlaceConfig: ("graspbox/Place-v0", False),
+    PlaceVectorConfig: ("graspbox/Place-v0", True),
+}
 #: What to pass instead of former keywords.
 _REPLACED = {"frame_skip": "pass control_freq=20 / frame_skip"}
 #: Keywords whose types are checked where they are used.
@@ -311,6 +326,15 @@ _CHECKED_LATER = ("remote", "hand", "num_threads")
 
 
 Config = TypeVar("Config", bound=EnvironmentConfig)
+
+
+def kind_of(environment: str, vector: bool) -> type[EnvironmentConfig]:
+    """Find the class of the keywords of an environment; ConfigError for an unknown id."""
+    for kind, found in KINDS.items():
+        if found == (environment, vector):
+            return kind
+    known = ", ".join(sorted({name for name, _ in KINDS.values()}))
+    raise ConfigError(f"there is no environment {shown(environment)}; choose from {known}")
 
 
 def complete(kind: type[Config], arguments: Mapping[str, Any], hidden: Collection[str] = ()) -> Config:

@@ -19,7 +19,7 @@ from gymnasium.vector import AutoresetMode
 
 from graspbox import object_sets, policies
 from graspbox._common.arguments import natural, plain
-from graspbox.envs import SINGLE_OBJECT_IDS
+from graspbox.envs import EVALUATED_IDS
 from graspbox.envs.settings import ObjectsArgument
 from graspbox.errors import ConfigError, MissingExtraError, ObjectSetError
 from graspbox.evaluation.conditions import settings_of
@@ -74,7 +74,7 @@ def evaluate(
     policy : Policy or str
         A policy, or a name for `graspbox.policies.load`.
     env_id : str, optional
-        One of `graspbox.envs.SINGLE_OBJECT_IDS`; by default the policy's own, else ``graspbox/GraspPose-v0``.
+        One of `graspbox.envs.EVALUATED_IDS`; by default the policy's own, else ``graspbox/GraspPose-v0``.
     objects : str, Path, ObjectSet or sequence of str, optional
         Object sets, from which each trial samples one object: see `graspbox.object_sets`. With ``remote`` those that
         the server offers. By default those of `Policy.held_out`, else ``procedural``.
@@ -108,9 +108,9 @@ def evaluate(
     count = _within("trials", trials, MAX_TRIALS)
     first = natural(seed, "seed", bits=64)
     width = min(_within("num_envs", num_envs, MAX_ENVS), count)
-    env_id = env_id or chosen.env_id or SINGLE_OBJECT_IDS[0]
-    if env_id.removeprefix("graspbox:") not in SINGLE_OBJECT_IDS:
-        raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(SINGLE_OBJECT_IDS)}")
+    env_id = env_id or chosen.env_id or EVALUATED_IDS[0]
+    if env_id.removeprefix("graspbox:") not in EVALUATED_IDS:
+        raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(EVALUATED_IDS)}")
     changed = settings_of(condition, env_id.removeprefix("graspbox:"))
     if twice := [name for name in changed if name in settings]:
         raise ConfigError(f"{twice[0]} is set, and the condition {condition!r} sets it too; leave one of them out")

@@ -10,7 +10,7 @@ from typing import Any
 
 from graspbox.configs import Randomization, ShakeConfig, TrialConfig
 from graspbox.configs.cameras import FRONT, CamerasConfig
-from graspbox.envs import SINGLE_OBJECT_IDS
+from graspbox.envs import EVALUATED_IDS
 from graspbox.errors import ConfigError
 
 __all__ = ["CONDITIONS", "Condition", "settings_of"]
@@ -22,7 +22,7 @@ class Condition:
 
     meaning: str
     settings: Mapping[str, Any] = field(default_factory=dict)
-    env_ids: tuple[str, ...] = SINGLE_OBJECT_IDS
+    env_ids: tuple[str, ...] = EVALUATED_IDS
 
 
 def _hand(millimetres: float, degrees: float) -> Condition:

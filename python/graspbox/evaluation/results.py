@@ -87,7 +87,7 @@ class TrialResult:
         As `graspbox.simulation` defines them; a secure grasp is a success too. `survives_shake` is False unless the
         environments apply a shake.
     failure : str
-        Kind of the failure; empty for a success.
+        Kind of the failure; empty for a success, ``goal_missed`` in goal tasks.
     fits : bool
         Whether the object's least width in plan view, as it rested, is within the width that the hand states
         (`graspbox.Hand.widest`); True for a hand that states none.

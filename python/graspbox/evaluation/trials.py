@@ -289,8 +289,9 @@ class TrialRun:
             seed=self._seeds[int(self._trial[env])],
             object=self._objects[env],
             success=success,
-            secure=bool(info["is_secure"][row]),
-            failure="" if success else str(info["failure"][row]),
+            # Goal tasks have no grasp.
+            secure=bool(info["is_secure"][row]) if "is_secure" in info else False,
+            failure="" if success else str(info["failure"][row]) if "failure" in info else "goal_missed",
             steps=int(self._steps[env]),
             reward=float(self._rewards[env]),
             # Only in GraspPose-v0.

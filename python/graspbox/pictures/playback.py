@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox.configs import VIEWER, PictureConfig
-from graspbox.envs import IDS, SINGLE_OBJECT_IDS
+from graspbox.envs import GOAL_IDS, IDS
 from graspbox.envs.settings import HandArgument, ObjectsArgument
 from graspbox.errors import ConfigError
 from graspbox.evaluation import trial_seeds
@@ -77,11 +77,11 @@ def make_rendered(
     Raises
     ------
     ConfigError
-        For another id than those of `graspbox.envs.IDS`, or if the policy does not suit the environment.
+        For an unknown id, or if the policy does not suit the environment.
     """
-    env_id = (env_id or policy.env_id or SINGLE_OBJECT_IDS[0]).removeprefix("graspbox:")
-    if env_id not in IDS:
-        raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
+    env_id = (env_id or policy.env_id or IDS[0]).removeprefix("graspbox:")
+    if env_id not in (*IDS, *GOAL_IDS):
+        raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join((*IDS, *GOAL_IDS))}")
     settings = policy.settings_in(env_id)
     if (obs := policy.needed_obs(target=False)) is not None:
         settings["obs"] = obs
@@ -159,10 +159,10 @@ def _episode(policy: Policy, env: Any, seed: int, frames: Frames | None, number:
         if frames is not None and not done and steps % frames.every == 0:
             frames.add(env, _caption(title, steps * period))
     success = bool(info["is_success"])
-    failure = "" if success else str(info["failure"]) or "time_limit"
+    failure = "" if success else str(info.get("failure", "goal_missed")) or "time_limit"
     if frames is not None:
         frames.add(env, f"{_caption(title, steps * period)}: {failure or 'success'}", _STILL)
-    ended = {"success": success, "secure": bool(info["is_secure"]), "failure": failure}
+    ended = {"success": success, "secure": bool(info.get("is_secure", False)), "failure": failure}
     return {"seed": seed, "object": name, **ended, "steps": steps, "seconds": steps * period, "reward": reward}
 
 

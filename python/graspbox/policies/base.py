@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from graspbox import object_sets
 from graspbox._common.arguments import config_of
 from graspbox.configs.cameras import CamerasConfig
-from graspbox.envs import IDS, SINGLE_OBJECT_IDS
+from graspbox.envs import GOAL_IDS, IDS, SINGLE_OBJECT_IDS
 from graspbox.envs.settings import (
     ClearConfig,
     GraspConfig,
     GraspPoseConfig,
     HandArgument,
     ObjectsArgument,
+    kind_of,
 )
 from graspbox.errors import ConfigError
 from graspbox.simulation.layouts import Arrangement, SceneLayout
@@ -42,7 +43,7 @@ class Task:
     Attributes
     ----------
     env_id : str
-        Registered id: one of `graspbox.envs.IDS`.
+        Registered id: one of `graspbox.envs.IDS`, or of the goal tasks `GOAL_IDS`.
     num_envs : int
         Number of environments; rows of observations and actions.
     observation_space, action_space : Space
@@ -89,9 +90,9 @@ class Task:
             If they are not graspbox's, or were made without a registered id.
         """
         spec = envs.spec
-        if spec is None or spec.id not in IDS:
+        if spec is None or spec.id not in (*IDS, *GOAL_IDS):
             shown = "no registered id" if spec is None else f"the id {spec.id!r}"
-            raise ConfigError(f"the environments have {shown}; make one of {', '.join(IDS)} by its id")
+            raise ConfigError(f"the environments have {shown}; make one of {', '.join((*IDS, *GOAL_IDS))} by its id")
         if isinstance(envs, VectorEnv):
             num_envs, observation_space = envs.num_envs, envs.single_observation_space
             action_space = envs.single_action_space
@@ -100,14 +101,13 @@ class Task:
         if not isinstance(action_space, spaces.Box):
             raise ConfigError(f"the action space is {action_space}; policies need a Box")
         names = ("obs", "scale", "mass", "split", "control", "fingers", "control_freq", "hand")
-        values = {name: spec.kwargs.get(name, getattr(GraspConfig, name)) for name in names}
+        kinds = kind_of(spec.id, vector=True), GraspPoseConfig, GraspConfig
+        defaults = {name: next(getattr(kind, name) for kind in kinds if hasattr(kind, name)) for name in names}
+        values = {name: spec.kwargs.get(name, value) for name, value in defaults.items()}
         values["obs"] = values["obs"] if isinstance(values["obs"], str) else tuple(values["obs"])
         values |= {"sets": spec.kwargs.get("objects", "procedural"), "cameras": cameras_of(spec.kwargs)}
-        clears = spec.id not in SINGLE_OBJECT_IDS
-        if not is_closed_loop(spec.id):
-            values["control"] = spec.kwargs.get("control", GraspPoseConfig.control)
-        layout = spec.kwargs.get("layout", (ClearConfig if clears else GraspConfig).layout)
-        values["layout"] = layout
+        clears = spec.id.startswith("graspbox/Clear-")
+        layout = values["layout"] = spec.kwargs.get("layout", kinds[0].layout)
         if layout == "bin":
             values["bin_size"] = spec.kwargs.get("bin_size", ClearConfig.bin_size)
         scenes = _Scenes(envs) if clears or layout != "single" else None
@@ -133,13 +133,13 @@ class Task:
 
     @property
     def closed_loop(self) -> bool:
-        """Whether an episode is many actions (``Grasp-v0``), not one decision (``GraspPose-v0``)."""
+        """Whether an episode is many actions (``Grasp-v0``, goal tasks), not one decision (``GraspPose-v0``)."""
         return is_closed_loop(self.env_id)
 
 
 def is_closed_loop(env_id: str) -> bool:
     """Whether an episode of these environments is many actions, not one decision or several."""
-    return env_id.removeprefix("graspbox:").startswith("graspbox/Grasp-")
+    return not env_id.removeprefix("graspbox:").startswith(("graspbox/GraspPose-", "graspbox/Clear-"))
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ class Policy(ABC):
     closed_loop_settings : mapping
         Further keywords that suit it in ``Grasp-v0``.
     env_id : str or None
-        The one environment that it acts in, one of `graspbox.envs.IDS`; None: any.
+        The one environment that it acts in; None: any.
     learned_from : tuple of str
         Object sets from which it learned, ``NAME`` or ``NAME/SPLIT``, whose objects `graspbox.evaluation.evaluate`
         leaves
@@ -258,6 +258,8 @@ class Policy(ABC):
             raise ConfigError(f"the policy {self.name!r} needs obs={needed!r}; the environments have obs={task.obs!r}")
         space = task.observation_space
         boxes = space.spaces if isinstance(space, spaces.Dict) else {observed[0]: space}
+        if task.env_id in GOAL_IDS:
+            boxes = {observed[0]: boxes["observation"]}
         seen_as_bytes = (name for name in names if name.partition("_")[0] == "depth" and boxes[name].dtype == np.uint8)
         if self._names_poses and task.control == "grasp_point":
             raise ConfigError(f"the policy {self.name!r} names poses; make environments with control='grasp_pose'")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from graspbox._common.made_once import MadeOnce
 from graspbox.envs.settings import GraspConfig
@@ -99,9 +100,9 @@ class ActingNetwork(Policy):
         """Compare an observation of the environments with an input of the network."""
         space: Any = task.observation_space
         if self._goals is not None and wanted.name == GOAL_NAME:
-            box = goal_space()
+            box: Any = goal_space()
         else:
-            box = space if isinstance(task.obs, str) else space[wanted.name]
+            box = space[wanted.name] if isinstance(space, spaces.Dict) else space
         if (box.shape, str(box.dtype)) != (wanted.shape, wanted.dtype):
             raise ConfigError(
                 f"the observation {wanted.name!r} has shape {box.shape} and type {box.dtype}; the policy "

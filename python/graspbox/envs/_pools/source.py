@@ -14,52 +14,17 @@ from graspbox.envs._pools.local import Fields
 from graspbox.envs._pools.remote import RemotePool
 from graspbox.envs._pools.spread import SpreadPool
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.envs.settings import (
-    ClearConfig,
-    ClearVectorConfig,
-    EnvironmentConfig,
-    GraspConfig,
-    GraspPoseConfig,
-    GraspPoseVectorConfig,
-    GraspVectorConfig,
-    ObjectsArgument,
-    PlaceConfig,
-    PlaceVectorConfig,
-    ReachConfig,
-    ReachVectorConfig,
-)
+from graspbox.envs.settings import KINDS, EnvironmentConfig, ObjectsArgument
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet
 from graspbox.simulation import load_hand
 
-__all__ = ["KINDS", "RemoteSource", "kind_of"]
+__all__ = ["RemoteSource"]
 
-#: Environment id, and whether it is a vector environment, by the class of its keywords.
-KINDS: dict[type[EnvironmentConfig], tuple[str, bool]] = {
-    GraspConfig: ("graspbox/Grasp-v0", False),
-    GraspVectorConfig: ("graspbox/Grasp-v0", True),
-    GraspPoseConfig: ("graspbox/GraspPose-v0", False),
-    GraspPoseVectorConfig: ("graspbox/GraspPose-v0", True),
-    ClearConfig: ("graspbox/Clear-v0", False),
-    ClearVectorConfig: ("graspbox/Clear-v0", True),
-    ReachConfig: ("graspbox/Reach-v0", False),
-    ReachVectorConfig: ("graspbox/Reach-v0", True),
-    PlaceConfig: ("graspbox/Place-v0", False),
-    PlaceVectorConfig: ("graspbox/Place-v0", True),
-}
 #: Keywords that concern only the client.
 _LOCAL = ("remote", "num_threads", "copy", "prepare_files", "depth_limits")
 #: Keywords that choose objects; those with a value other than the default are sent to the server.
 _CHOICE: tuple[Literal["scale", "mass", "split"], ...] = ("scale", "mass", "split")
-
-
-def kind_of(environment: str, vector: bool) -> type[EnvironmentConfig]:
-    """Find the class of the keywords of an environment; ConfigError for an unknown id."""
-    for kind, found in KINDS.items():
-        if found == (environment, vector):
-            return kind
-    known = ", ".join(sorted({name for name, _ in KINDS.values()}))
-    raise ConfigError(f"there is no environment {shown(environment)}; choose from {known}")
 
 
 class RemoteSource:

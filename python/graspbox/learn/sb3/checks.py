@@ -94,6 +94,8 @@ _VALUES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "model.target_kl": (lambda value: value is None or _is_number(value, 0.0), "a number of at least 0, or null"),
     "model.max_grad_norm": _NOT_NEGATIVE,
     "model.action_noise": _NOT_NEGATIVE,
+    "model.replay_buffer_class": (lambda value: value == "HerReplayBuffer", "HerReplayBuffer, or leave it out"),
+    "model.replay_buffer_kwargs": _MAPPING,
     "model.value_lr_scale": _NOT_NEGATIVE,
 }
 

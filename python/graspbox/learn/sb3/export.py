@@ -24,7 +24,7 @@ from stable_baselines3.common.preprocessing import is_image_space, is_image_spac
 from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
 
 from graspbox._common.arguments import plain, shown
-from graspbox.envs.settings import GraspPoseVectorConfig, GraspVectorConfig
+from graspbox.envs.settings import kind_of
 from graspbox.errors import ConfigError
 from graspbox.hands import load_hand
 from graspbox.learn.export.exports import Traced, export
@@ -49,22 +49,21 @@ _NETWORK = "policy.onnx"
 _ENVS, _STEPS, _SEED = 4, 16, 77_000
 
 
-def _scales_of(statistics: VecNormalize | None, names: tuple[str, ...], named: bool) -> Scales:
+def _scales_of(statistics: VecNormalize | None, names: tuple[str, ...]) -> Scales:
     """Return the scaling of the observations."""
     if statistics is None or not statistics.norm_obs:
         return {}
-    keys = [name for name in statistics.norm_obs_keys if name in names] if named else names
-    found = {name: statistics.obs_rms[name] if named else statistics.obs_rms for name in keys}
+    scaled = statistics.obs_rms if isinstance(statistics.obs_rms, dict) else {names[0]: statistics.obs_rms}
     return {
         name: (rms.mean, np.sqrt(rms.var + statistics.epsilon), float(statistics.clip_obs))
-        for name, rms in found.items()
+        for name, rms in scaled.items()
+        if name in names
     }
 
 
 def published_settings(env_id: str, env: Mapping[str, Any]) -> dict[str, Any]:
     """Select the keywords of a run's environments that its policy needs, besides the hand."""
-    decision = env_id.startswith("graspbox/GraspPose-")
-    kind: type = GraspPoseVectorConfig if decision else GraspVectorConfig
+    kind: type = kind_of(env_id, vector=True)
     found = {name: env.get(name, getattr(kind, name)) for name in ACTING if hasattr(kind, name)}
     return {**found, **{name: env[name] for name in SETTINGS if hasattr(kind, name) and env.get(name) is not None}}
 
@@ -104,18 +103,19 @@ def export_policy(
     HandError
         If the hand cannot be read.
     """
-    hand, observed = (env.get(keyword, getattr(GraspVectorConfig, keyword)) for keyword in ("hand", "obs"))
+    keywords = kind_of(env_id, vector=True)
+    hand, observed = (env.get(keyword, getattr(keywords, keyword)) for keyword in ("hand", "obs"))
     loaded = load_hand(hand)
     obs = observed if isinstance(observed, str) else tuple(observed)
     acts_in = Environment(env_id, obs, plain(published_settings(env_id, env), "env"))
     uses, looked = _goal_of(Path(folder), env.get("goal_from"))
     names = acts_in.names
-    graph = ActionGraph(policy.model.policy, _scales_of(policy.statistics, names, not isinstance(obs, str)), names)
+    graph = ActionGraph(policy.model.policy, _scales_of(policy.statistics, names), names)
     settings = {**acts_in.settings, **looked, "obs": obs, "hand": hand}
     envs = _environments(env_id, _ENVS, settings, env.get("objects", "procedural"))
     try:
         seen = list(_observations(policy, envs))
-        boxes = _boxes(envs.single_observation_space, obs)
+        boxes = _boxes(envs.single_observation_space, names)
         inputs = tuple(NetworkInput(one, boxes[one].shape, str(boxes[one].dtype)) for one in names)
         actions = int(envs.single_action_space.shape[0])  # type: ignore[index]
     finally:
@@ -205,8 +205,8 @@ def _named(observation: Any, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     return {names[0]: observation}
 
 
-def _boxes(space: gymnasium.Space[Any], obs: str | tuple[str, ...]) -> dict[str, Any]:
-    return {obs: space} if isinstance(obs, str) else {name: space[name] for name in obs}  # type: ignore[index]
+def _boxes(space: gymnasium.Space[Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return dict(space.spaces) if isinstance(space, gymnasium.spaces.Dict) else {names[0]: space}
 
 
 def load_graph(folder: Path) -> ActionGraph:

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from graspbox._common.made_once import MadeOnce
-from graspbox.envs.settings import GraspVectorConfig
+from graspbox.envs.settings import kind_of
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.learn.sb3.action_graphs import is_transposed
 from graspbox.learn.sb3.export import published_settings
@@ -51,7 +51,8 @@ class RunPolicy(ActingNetwork):
                 f"{run / 'settings.json'}: algorithm is {algorithm!r}; only policies of {', '.join(ALGORITHMS)}, which "
                 "have no memory, are loaded"
             )
-        hand, obs = (env.get(name, getattr(GraspVectorConfig, name)) for name in ("hand", "obs"))
+        kind = kind_of(settings["id"], vector=True)
+        hand, obs = (env.get(name, getattr(kind, name)) for name in ("hand", "obs"))
         hand, obs = (value if isinstance(value, str) else tuple(value) for value in (hand, obs))
         network: MadeOnce[Any] = MadeOnce(partial(_Network, algorithm, checkpoint))
         acts_in = Environment(settings["id"], obs, published_settings(settings["id"], env))

@@ -31,7 +31,7 @@ import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from sb3_contrib import TQC
-from stable_baselines3 import SAC, TD3
+from stable_baselines3 import SAC, TD3, HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
@@ -148,7 +148,8 @@ def load(algorithm: type[BaseAlgorithm], folder: Path, **settings: Any) -> Any:
         env.returns = state["returns"]
     model = algorithm.load(found / "model.zip", env=env, force_reset=False, **settings)
     if isinstance(model, OffPolicyAlgorithm):
-        model.load_replay_buffer(found / "replay_buffer.pkl")
+        # The episodes in it go on.
+        model.load_replay_buffer(found / "replay_buffer.pkl", truncate_last_traj=False)
     _set_random_states(state["random"])
     return model
 
@@ -190,7 +191,10 @@ def load_policy(name: str, folder: Path, device: str = "cpu") -> ModelPolicy:
     found = _checkpoint(folder)
     statistics = found / "normalize.pkl"
     scales = pickle.loads(statistics.read_bytes()) if statistics.is_file() else None
-    return ModelPolicy(ALGORITHMS[name].load(found / "model.zip", device=device), scales, name)
+    algorithm = ALGORITHMS[name]
+    # Without environments there can be no hindsight.
+    unused = {"replay_buffer_class": None, "buffer_size": 1} if issubclass(algorithm, OffPolicyAlgorithm) else {}
+    return ModelPolicy(algorithm.load(found / "model.zip", device=device, **unused), scales, name)
 
 
 def has_checkpoint(run: Path) -> bool:
@@ -433,6 +437,8 @@ def model_arguments(
     found = {**arguments, "policy": "MultiInputPolicy" if named else "MlpPolicy", "policy_kwargs": policy}
     if apart is not None:
         found |= {"policy": privileged.POLICIES[algorithm], "policy_kwargs": {**policy, **apart}}
+    if "replay_buffer_class" in arguments:
+        found["replay_buffer_class"] = HerReplayBuffer
     if demonstrations and issubclass(algorithm, OffPolicyAlgorithm):
         found["replay_buffer_class"] = DemonstratedBuffer
     if "learning_rate" in found:

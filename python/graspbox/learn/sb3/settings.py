@@ -93,8 +93,6 @@ def read_parameters(
         If there is no such entry, the file or a change is not YAML, a change names no parameter, or a value is not
         valid.
     """
-    if env_id in GOAL_IDS:
-        raise ConfigError(f"--env is {env_id!r}, a goal task; scripts/examples/sb3_her.py trains in it")
     try:
         values = yaml.safe_load(path.read_text())[algorithm][env_id]
     except yaml.YAMLError as error:
@@ -113,6 +111,8 @@ def read_parameters(
             check_name(name, Parameters.__annotations__, "parameter")
         raise ConfigError(f"parameters are {', '.join(Parameters.__annotations__)} ({error})") from None
     check_parameters(vars(found))
+    if env_id in GOAL_IDS and (demonstrated or found.demonstrations or found.critic):
+        raise ConfigError(f"--env is {env_id!r}, a goal task; there are no demonstrations of it, nor a critic apart")
     if found.critic is not None:
         if demonstrated or found.demonstrations:
             raise ConfigError(

@@ -14,8 +14,8 @@ import numpy as np
 
 from graspbox import _core
 from graspbox._common.arguments import check_range
-from graspbox.envs import IDS
-from graspbox.envs.settings import GraspPoseVectorConfig, GraspVectorConfig, complete
+from graspbox.envs import GOAL_IDS, GOAL_OBSERVATIONS, IDS
+from graspbox.envs.settings import complete, kind_of
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.hands import Hand
 from graspbox.perception.configs import CropConfig, FinderConfig, HandGridConfig, ProposalConfig
@@ -72,17 +72,18 @@ class Environment:
     settings: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        if self.id not in IDS:
-            raise ConfigError(f"id is {self.id!r}; choose from {', '.join(IDS)}")
+        if self.id not in (*IDS, *GOAL_IDS):
+            raise ConfigError(f"id is {self.id!r}; choose from {', '.join((*IDS, *GOAL_IDS))}")
         for name in self.settings:
             if name not in SETTINGS:
                 raise ConfigError(f"settings has {name!r}; a policy names only {', '.join(SETTINGS)}")
-        decision = self.id.startswith("graspbox/GraspPose-")
-        complete(GraspPoseVectorConfig if decision else GraspVectorConfig, self.settings)
+        complete(kind_of(self.id, vector=True), self.settings)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the observations."""
+        if self.id in GOAL_IDS:
+            return GOAL_OBSERVATIONS
         return (self.obs,) if isinstance(self.obs, str) else self.obs
 
 
@@ -390,7 +391,9 @@ class NetworkPolicyConfig(PolicyConfig):
         """Check the settings of its environment too, by making one; raises as `PolicyConfig.check`."""
         super().check(hand)
         # The observation `goal` comes from a policy; `Grasp-v0` shows `proprio` in any case.
-        obs = tuple(name for name in self.environment.names if name != GOAL_NAME) or ("proprio",)
+        obs: Any = self.environment.obs
+        if not isinstance(obs, str):
+            obs = tuple(name for name in obs if name != GOAL_NAME) or ("proprio",)
         try:
             keywords = {**self.environment.settings, "hand": hand, "obs": obs, "objects": _ANY_OBJECT}
             env = gymnasium.make_vec(self.environment.id, num_envs=1, num_threads=1, **keywords)

@@ -16,9 +16,8 @@ import numpy as np
 
 from graspbox import _core
 from graspbox.envs import GOAL_IDS, IDS
-from graspbox.envs._pools.source import KINDS, kind_of
 from graspbox.envs.core import GraspCore
-from graspbox.envs.settings import complete
+from graspbox.envs.settings import KINDS, complete, kind_of
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.tools.remote.catalog import Catalog
 from graspbox.tools.remote.running import PAUSE, RunningServer
