@@ -121,6 +121,10 @@ def test_a_run_with_goals_is_a_policy(reaching: Path, tmp_path: Path) -> None:
     assert not any(trial.secure for trial in found.trials)
     played = invoke(["play", reaching, "--video", tmp_path / "reach.webp", "--episodes", "1"])
     assert played.exit_code == 0, played.output
+    assert "graspbox view" not in next_commands(reaching)
+    for words in (["view", reaching], ["serve-policy", reaching]):
+        with pytest.raises(ConfigError, match="acts in the goal task 'graspbox/Reach-v0'"):
+            invoke(words, catch_exceptions=False)
     settings = read_settings(reaching)
     model = running.load_policy("sac", reaching / "best")
     keywords = {"algorithm": "sac", "env_id": REACH, "env": settings["env"], "learned_from": policy.learned_from}

@@ -7,6 +7,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
 from graspbox import evaluation, policies
+from graspbox.envs import GOAL_IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import Evaluation
 from graspbox.policies import Actions, Policy
@@ -85,12 +86,13 @@ def summary(found: Evaluation) -> dict[str, Any]:
 def evaluate_baselines(env_id: str, num_envs: int, episodes: int, seed: int, **settings: Any) -> dict[str, Any]:
     """Return the `summary` of random actions, zero actions and the planner on the trials of a policy, by name.
 
-    `settings` are those of `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``, and the planner decides on poses.
+    `settings` are those of `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``, and the planner decides on poses. It
+    has no part in goal tasks.
     """
     settings.pop("goal_from", None)
     keywords = {**settings, "obs": "state", "trials": episodes, "seed": seed, "num_envs": num_envs}
     found = {}
-    for name in BASELINES:
+    for name in BASELINES if env_id not in GOAL_IDS else BASELINES[:2]:
         policy = policies.load(name)
         if name == "planner" and not is_closed_loop(env_id):
             keywords = {key: value for key, value in keywords.items() if key != "control"}

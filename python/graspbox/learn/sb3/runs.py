@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from graspbox import learn
 from graspbox._common.runs import read_settings
+from graspbox.envs import GOAL_IDS
 from graspbox.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def next_commands(run: Path) -> str:
     """Name the commands that take a run."""
     name = shlex.quote(str(run))
     file = shlex.quote(f"{run}.webp"), shlex.quote(f"{run}.html")
-    return (
-        f"next: graspbox evaluate {name}; graspbox play {name} --video {file[0]}; graspbox view {name}; "
-        f"graspbox report {name} --out {file[1]}"
-    )
+    commands = [f"evaluate {name}", f"play {name} --video {file[0]}", f"report {name} --out {file[1]}"]
+    if read_settings(run)["id"] not in GOAL_IDS:
+        commands.append(f"view {name}")
+    return "next: " + "; ".join(f"graspbox {words}" for words in commands)

@@ -18,7 +18,7 @@ import numpy as np
 
 from graspbox import _core, policies
 from graspbox._common.arguments import about, natural, plain, shown
-from graspbox.envs import IDS
+from graspbox.envs import GOAL_IDS, IDS
 from graspbox.envs.settings import EnvironmentConfig
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.hands import Hand, HandLike, load_hand
@@ -63,6 +63,8 @@ class PolicyServer(RunningServer):
         if prototype.obs is not None and "state" in _names(prototype):
             raise ConfigError(f"the policy {prototype.name!r} reads the state, which no camera measures")
         self._env_id = settings.env_id or prototype.env_id or IDS[0]
+        if self._env_id in GOAL_IDS:
+            raise ConfigError(f"the policy {prototype.name!r} acts in the goal task {self._env_id!r}; none is served")
         if self._env_id not in IDS:
             raise ConfigError(f"there is no environment {self._env_id!r}; choose from {', '.join(IDS)}")
         # Subclasses do not decide on one image, or have no scorer.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox._common.files import read_bounded
-from graspbox.envs import IDS
+from graspbox.envs import GOAL_IDS, IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.meshes import Mesh, as_mesh
@@ -102,6 +102,8 @@ def _policy(source: Any, options: ViewerOptions) -> Policy | None:
     if not isinstance(source, str | Path) or not Path(source).is_dir():
         return None
     found: Policy | None = policy_of(source) if (Path(source) / CONFIG).is_file() else other_policy(Path(source))
+    if found is not None and found.env_id in GOAL_IDS:
+        raise ConfigError(f"the policy {found.name!r} acts in the goal task {found.env_id!r}; graspbox play shows it")
     return found
 
 
