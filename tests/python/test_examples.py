@@ -76,13 +76,13 @@ def test_its_advantages_are_those_of_the_definition() -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_torchrl_rolls_out() -> None:
+def test_torchrl_trains() -> None:
     need("torchrl", "TorchRL is in no extra; the example says how to install it")
-    env = example("torchrl_env").make("procedural:can:0")
-    env.set_seed(0)
-    rollout = env.rollout(5)
-    assert rollout["depth"].shape == (5, 64, 64, 1)
-    assert rollout["next", "reward"].shape == (5, 1)
+    program = example("torchrl_ppo")
+    first, second = (program.main(5120, 16, ["procedural:can:0"], seed) for seed in (1, 1))
+    assert first == second
+    assert len(first) > 3
+    assert all(0 <= rate <= 1 for rate in first.values())
 
 
 def test_a_planner_on_distance_fields_clears_objects() -> None:
