@@ -15,7 +15,6 @@ from acting import OBJECTS
 from graspbox import errors
 from graspbox.envs import GOAL_IDS
 from graspbox.tools.remote import EnvironmentServer, ServerSettings
-from program_files import imported
 
 ROOT = Path(__file__).parents[2]
 REACH, PLACE = GOAL_IDS
@@ -278,12 +277,3 @@ def test_hindsight_experience_replay_learns(env_id: str) -> None:
     rewards = model.replay_buffer.sample(200).rewards.numpy()
     assert set(np.unique(rewards)) == {-1.0, 0.0}
     assert (rewards == 0).mean() > 0.2
-
-
-@pytest.mark.train
-def test_the_example_trains_and_counts_successes(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("stable_baselines3")
-    rates = imported(ROOT / "scripts/examples/sb3_her.py").main(REACH, steps=70, first=55, trials=3)
-    assert list(rates) == [*range(7, 71, 7)]
-    assert all(3 * rate == round(3 * rate) for rate in rates.values())
-    assert "70 steps: success" in capsys.readouterr().out

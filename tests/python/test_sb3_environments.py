@@ -1,5 +1,6 @@
 """Stable-Baselines3 accepts the environments unchanged. Needs the extra ``train``; `make test-train` runs these."""
 
+import itertools
 import warnings
 from pathlib import Path
 from typing import Any
@@ -48,8 +49,10 @@ def test_ppo_learns_for_a_few_steps(env_id: str, remote: str | None) -> None:
     assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
 
 
-@pytest.mark.parametrize("env_id", SINGLE_OBJECT_IDS)
-@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
+@pytest.mark.parametrize(
+    ("algorithm", "env_id"),
+    [*itertools.product(["ppo", "sac", "td3"], SINGLE_OBJECT_IDS), ("sac", "graspbox/Reach-v0")],
+)
 def test_the_files_for_rl_zoo_make_models(algorithm: str, env_id: str) -> None:
     """Every entry is read as RL Zoo reads it, and takes a few steps; RL Zoo itself is in no extra."""
     import torch
@@ -59,13 +62,18 @@ def test_the_files_for_rl_zoo_make_models(algorithm: str, env_id: str) -> None:
     policy, normalize = found.pop("policy"), found.pop("normalize")
     assert normalize is True or set(eval(normalize)) == {"norm_obs", "norm_reward"}
     assert found.pop("n_envs") >= 1
-    assert found.pop("n_timesteps") >= 4e4
+    assert found.pop("n_timesteps") >= 2500
     found["policy_kwargs"] = eval(found["policy_kwargs"], {"nn": torch.nn})
     if isinstance(found["learning_rate"], str):
         kind, rate = found["learning_rate"].split("_")
         assert kind == "lin"
         found["learning_rate"] = float(rate)
-    env = gymnasium.make(env_id, objects="procedural:ball:0")
+    limit = {}
+    if "replay_buffer_class" in found:
+        assert found["replay_buffer_class"] == "HerReplayBuffer"
+        # It samples from complete episodes.
+        found["replay_buffer_class"], limit = sb3.HerReplayBuffer, {"max_episode_steps": 2}
+    env = gymnasium.make(env_id, objects="procedural:ball:0", **limit)
     if "noise_type" in found:
         assert found.pop("noise_type") == "normal"
         size = env.action_space.shape or ()
