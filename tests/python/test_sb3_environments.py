@@ -68,7 +68,7 @@ def test_the_files_for_rl_zoo_make_models(algorithm: str, env_id: str) -> None:
         kind, rate = found["learning_rate"].split("_")
         assert kind == "lin"
         found["learning_rate"] = float(rate)
-    limit = {}
+    limit: dict[str, Any] = {}
     if "replay_buffer_class" in found:
         assert found["replay_buffer_class"] == "HerReplayBuffer"
         # It samples from complete episodes.
