@@ -1,7 +1,7 @@
 """Publish a policy of Stable-Baselines3: a folder that ``graspbox evaluate`` runs without torch, with its scores.
 
     python scripts/publish_sb3.py out/clone --out policies/clone
-    python scripts/publish_sb3.py out/tuned --out policies/tuned --best \
+    python scripts/publish_sb3.py out/ppo --out policies/ppo --best \
         --objects procedural:unseen:0-19 --objects ycb/test
 
 Takes the folder of a run of ``graspbox train sb3`` or ``graspbox train clone``. The ONNX file includes all

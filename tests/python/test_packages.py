@@ -66,7 +66,7 @@ def test_the_wheel_holds_the_policies(wheel: Path, tmp_path: Path, monkeypatch: 
     # Installed, each name leads to its folder, and the policies find the one that they use.
     monkeypatch.syspath_prepend(tmp_path)
     assert {entry.name for entry in entry_points(group=installed.GROUP)} >= set(installed.PUBLISHED)
-    for name, role in (("feel", "depth"), ("clone", "goal"), ("tuned", "goal")):
+    for name, role in (("feel", "depth"), ("clone", "goal")):
         folder = installed.find(name)
         assert used_folder(folder, load(folder), role).resolve() == (package / "depth").resolve()
 

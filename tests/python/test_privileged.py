@@ -88,7 +88,7 @@ def test_an_extended_run_has_the_same_networks(tmp_path: Path, algorithm: str) -
     [
         (("critic=state",), r"critic is 'state' \(str\); give a list of observations, such as \[state\], or null"),
         (("critic=[]",), r"critic is \[\] \(list\); give a list"),
-        (("critic=[state]", "demonstrations=5"), r"critic is \['state'\]; with --demonstrations or --clone"),
+        (("critic=[state]", "demonstrations=5"), r"critic is \['state'\]; with --demonstrations it observes"),
     ],
 )
 def test_wrong_values_are_refused(changes: tuple[str, ...], message: str) -> None:

@@ -28,7 +28,6 @@ LEAST = {
     "robotiq": (17, "graspbox/GraspPose-v0", "robotiq"),
     "soft_hand": (10, "graspbox/GraspPose-v0", "soft_hand"),
     "study": (5, "graspbox/GraspPose-v0", "study"),
-    "tuned": (17, "graspbox/Grasp-v0", "tuned"),
 }
 
 

@@ -70,13 +70,13 @@ def test_heads_and_completions_are_restored_from_their_files(name: str) -> None:
     assert differ(best["scores"][:count], all_of["scores"][:count]) <= PARITY
 
 
-@pytest.mark.parametrize(("name", "rows"), [("clone", 1), ("clone", 40), ("tuned", 1), ("tuned", 40)])
-def test_policies_of_observations_are_restored_from_their_files(name: str, rows: int) -> None:
+@pytest.mark.parametrize("rows", [1, 40])
+def test_policies_of_observations_are_restored_from_their_files(rows: int) -> None:
     pytest.importorskip("stable_baselines3")
     from graspbox.learn.sb3.export import load_graph
 
-    graph, rng = load_graph(POLICIES / name), np.random.default_rng(0)
-    session = onnx_network(POLICIES / name / "policy.onnx", 1)
+    graph, rng = load_graph(POLICIES / "clone"), np.random.default_rng(0)
+    session = onnx_network(POLICIES / "clone" / "policy.onnx", 1)
     sizes = {"proprio": 28, "tactile": 27, "goal": 14}
     inputs = {one: rng.normal(size=(rows, sizes[one])).astype(np.float32) for one in graph.inputs}
     assert differ(session(inputs)["action"], torch_network(graph)(inputs)["action"]) <= PARITY

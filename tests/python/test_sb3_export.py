@@ -235,7 +235,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path: Path) -> None:
+def test_a_clone_and_what_learns_from_rewards_are_published(shown: Path, tmp_path: Path) -> None:
     """By one command each; the card tells every step with a command, and the folder runs without torch."""
     changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.n_epochs=1",
                "model.policy_kwargs={net_arch: [16], log_std_init: -3.0}")  # fmt: skip
@@ -259,7 +259,7 @@ def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path:
     (cloned,) = (line for line in card.splitlines() if line.startswith("graspbox train clone"))
     words = shlex.split(cloned)
     assert words[3:7] == ["ppo", "out/shown", "--out", "out/clone"]
-    assert {"num_envs=2", "model.n_steps=32"} <= set(words)
+    assert {"num_envs=2", "model.batch_size=32"} <= set(words)
     # It has no activation_fn, unlike the file of parameters: no single value says that.
     assert "model.policy_kwargs={net_arch: [16], log_std_init: -3.0}" in words
     assert str(tmp_path) not in card
@@ -270,20 +270,19 @@ def test_a_clone_and_what_was_tuned_from_it_are_published(shown: Path, tmp_path:
         "assert 'torch' not in sys.modules and 'onnxruntime' in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
-    # Tuned, and published as it was at its best.
+    # From rewards, and published as it was at its best.
     env = ("env.objects=[procedural:can:0-9]", "env.reward=firm", "env.image_size=16", f"env.obs={json.dumps(SEEING)}")
-    train("ppo", tmp_path / "tuned", clone=tmp_path / "clone", steps=64, set=(*changes, *env))
-    card = published(tmp_path / "tuned", tmp_path / "policies/tuned", "--best")["card"]
-    assert "# tuned\n\nA clone of demonstrations, fine-tuned by rewards with Stable-Baselines3's PPO" in card
+    train("ppo", tmp_path / "run", steps=64, set=(*changes, *env))
+    card = published(tmp_path / "run", tmp_path / "policies/run", "--best")["card"]
+    assert "# run\n\nA policy trained by rewards with Stable-Baselines3's PPO" in card
     steps = [line.split()[1] for line in card.splitlines() if line.startswith(("| demonst", "| clone", "| train"))]
-    assert steps == ["demonstrations", "clone", "training"]
+    assert steps == ["training"]
     (line,) = (line for line in card.splitlines() if line.startswith("graspbox train sb3"))
     words = shlex.split(line)
-    assert words[words.index("--clone") + 1] == "out/clone"
     assert "env.reward=firm" in words
     assert "env.obs=[depth, proprio, tactile]" in words
-    assert (tmp_path / "policies/tuned/LICENSE").is_file()
-    assert not list((tmp_path / "policies/tuned").glob("*.pkl"))
+    assert (tmp_path / "policies/run/LICENSE").is_file()
+    assert not list((tmp_path / "policies/run").glob("*.pkl"))
 
 
 def test_a_clone_of_a_hand_of_ones_own_is_recorded_and_published(tmp_path: Path) -> None:

@@ -26,12 +26,12 @@ def refusal(algorithm: Any, folder: Path, *changes: str) -> str:
     ("algorithm", "change", "message"),
     [
         ("ppo", "model.gama=0.9", "no argument of PPO 'gama'; did you mean 'gamma'?"),
-        ("ppo", "model.value_lr_scal=0.9", "did you mean 'value_lr_scale'?"),
         ("sac", "model.n_epochs=3", "no argument of SAC 'n_epochs';"),
         ("sac", "model.learning_start=3", "did you mean 'learning_starts'?"),
         ("ppo", "model.policy_kwargs.net_arc=[3]", "'net_arc'; did you mean 'net_arch'?"),
         ("ppo", "model.policy_kwargs.activation_fn=Tan", "no activation 'Tan'; did you mean 'Tanh'?"),
         ("ppo", "demonstration=3", "no parameter 'demonstration'; did you mean 'demonstrations'?"),
+        ("ppo", "demonstrations=5", "ppo learns from its own episodes alone; sac, tqc and td3 replay demonstrations"),
         ("ppo", "demonstrations=-1", "demonstrations is -1 (int); give an integer of at least 0"),
         ("ppo", "steps=0", "steps is 0 (int); give an integer of at least 1"),
         ("ppo", "num_envs=-1", "num_envs is -1 (int); give an integer of at least 1"),

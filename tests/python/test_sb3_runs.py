@@ -5,6 +5,7 @@ import logging
 import pickle
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -261,7 +262,7 @@ def test_a_run_whose_trials_were_of_the_test_split_is_shown_on_another(run: Path
     assert policy.default_objects("train") == (["procedural:can:0-39"], "train")
 
 
-def test_a_clone_and_what_begins_as_one(made: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_clone_and_what_begins_as_one(made: Path, caplog: pytest.LogCaptureFixture) -> None:
     from graspbox.data.episodes import record
     from graspbox.learn.sb3 import cloning
 
@@ -277,14 +278,15 @@ def test_a_clone_and_what_begins_as_one(made: Path, tmp_path: Path, caplog: pyte
     assert (policy.name, policy.obs) == ("clone/checkpoint", "proprio")
     assert policy.settings["fingers"] == "each"
     assert policy.learned_from == ("procedural:box:0-39/train",)
-    tuned = made / "tuned"
-    train(tuned, clone=clone, set=("env.objects=procedural:can:0-39", "env.control=twist", "steps=64"), evaluations=1)
-    cans = ("procedural:can:0-39/train", "procedural:can:0-39/validation")
-    assert policies.load(tuned).learned_from == ("procedural:box:0-39/train", *cans)
-    moved = copied(tuned, tmp_path / "moved", begins_as=str(tmp_path / "nowhere"))
+    more, second = made / "more", made / "second"
+    record("expert", more, CLOSED, "procedural:can:0-39", 10, ("proprio",), num_envs=4, split="train")
+    cloning.train(replace(options, demonstrations=(more,), out=second, clone=clone), "", lambda _: None)
+    learned = ("procedural:box:0-39/train", "procedural:can:0-39/train")
+    assert policies.load(second).learned_from == learned
+    shutil.rmtree(clone)
     with caplog.at_level(logging.WARNING):
-        assert policies.load(moved).learned_from == cans
-    assert "moved learned are unknown: it is missing" in caplog.text
+        assert policies.load(second).learned_from == learned[1:]
+    assert "second learned are unknown: it is missing" in caplog.text
 
 
 def answer(*words: Any) -> Any:

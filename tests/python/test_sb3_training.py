@@ -25,7 +25,6 @@ pytestmark = pytest.mark.train
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
 typer = pytest.importorskip("typer")
-ppo = pytest.importorskip("graspbox.learn.sb3.ppo")
 running = pytest.importorskip("graspbox.learn.sb3.running")
 training = pytest.importorskip("graspbox.learn.sb3.training")
 summary = pytest.importorskip("graspbox.sb3.policy").summary
@@ -65,7 +64,7 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
         assert 0 < row["length"] <= 12
     assert list(folder.glob("tensorboard/*/events*"))
     assert (folder / "best/model.zip").is_file()
-    first = ppo.PPO.load(folder / "checkpoint/model.zip")
+    first = sb3.PPO.load(folder / "checkpoint/model.zip")
     with pytest.raises(ConfigError, match="holds a run; resume it, or name another folder"):
         run("ppo", folder, PPO, resume=False)
     with pytest.raises(ConfigError, match=r"other settings: model\.gamma was 0\.97, is now 0\.5"):
@@ -73,7 +72,7 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
     # A finished run is extended.
     assert run("ppo", folder, PPO, steps=512, evaluations=4) == 0
     assert [row["timesteps"] for row in rows_of(folder)] == [0, 128, 256, 384, 512]
-    second = ppo.PPO.load(folder / "checkpoint/model.zip")
+    second = sb3.PPO.load(folder / "checkpoint/model.zip")
     assert (first.num_timesteps, second.num_timesteps) == (256, 512)
     # The statistics continue: they hold each of the 512 steps, and one reset per environment.
     import pickle
@@ -85,10 +84,6 @@ def test_a_run_and_its_resumption(tmp_path: Path) -> None:
     assert len(rows_of(folder)) == 5
 
 
-#: Goals of another policy: its looks are part of a checkpoint.
-GOALS = (*PPO, "env.goal_from=partial_view_planner", "env.obs=[proprio, goal]", "env.image_size=64")
-
-
 #: A goal task with hindsight: the episodes in the replay buffer go on.
 HINDSIGHT = (*SAC, "env.max_episode_steps=8", "model.learning_starts=40")
 
@@ -97,7 +92,6 @@ HINDSIGHT = (*SAC, "env.max_episode_steps=8", "model.learning_starts=40")
     ("algorithm", "changes", "env"),
     [
         ("ppo", PPO, GRASP),
-        ("ppo", GOALS, GRASP),
         ("sac", SAC, GRASP),
         ("tqc", SAC, GRASP),
         ("sac", HINDSIGHT, "graspbox/Place-v0"),
@@ -130,7 +124,7 @@ def test_the_same_seed_trains_the_same_policy(tmp_path: Path) -> None:
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         assert run("ppo", tmp_path / name, PPO, seed=seed) == 0
     a, b, c = (
-        torch.cat([p.flatten() for p in ppo.PPO.load(tmp_path / name / "checkpoint/model.zip").policy.parameters()])
+        torch.cat([p.flatten() for p in sb3.PPO.load(tmp_path / name / "checkpoint/model.zip").policy.parameters()])
         for name in "abc"
     )
     assert (a == b).all()
@@ -166,30 +160,6 @@ def test_decisions_are_trained_too(tmp_path: Path) -> None:
 
 
 SHOWN = ("env.control_freq=5", "env.max_episode_steps=50", "normalize.reward=false", "demonstrations=12", "num_envs=4")
-
-
-def test_a_clone_of_the_expert_acts_like_it(tmp_path: Path) -> None:
-    """The first evaluation of a run is that of the cloned policy."""
-    small = ("steps=32", "model.n_steps=8", "model.batch_size=32", "clone_epochs=300", "value_warmup=1000")
-    changes = (*SHOWN, 'env.objects=["procedural:can:0-9"]', *small)
-    folder = tmp_path / "run"
-    assert run("ppo", folder, changes, episodes=12) == 0
-    clone, *_ = rows_of(folder)
-    assert clone["timesteps"] == 0
-    # It reaches the object and touches it, whether it holds it or not.
-    assert clone["failures"].get("no_contact", 0) <= 6
-    # At first its value function learns alone.
-    first = ppo.PPO.load(folder / "checkpoint/model.zip").policy
-    assert run("ppo", folder, changes, episodes=12, steps=96) == 0
-    last = ppo.PPO.load(folder / "checkpoint/model.zip").policy
-    for part in ("action_net", "mlp_extractor.policy_net"):
-        pairs = zip(first.get_submodule(part).parameters(), last.get_submodule(part).parameters(), strict=True)
-        assert all((a == b).all() for a, b in pairs)
-    # Its actions stay the same, as do the statistics that scale its observations.
-    assert len({(row["success"], row["return"]) for row in rows_of(folder)}) == 1
-    with pytest.raises(ConfigError, match=r"normalize\.reward"):
-        run("ppo", tmp_path / "scaled", (*changes, "normalize.reward=true"))
-    assert any((a != b).any() for a, b in zip(first.parameters(), last.parameters(), strict=True))
 
 
 def test_demonstrations_are_half_of_what_sac_sees(tmp_path: Path) -> None:
@@ -247,7 +217,7 @@ def test_a_result_without_trials_has_no_summary() -> None:
 def test_images_are_trained_on(tmp_path: Path) -> None:
     changes = (*PPO, "env.obs=[proprio, depth]", "env.image_size=16", "steps=128")
     assert run("ppo", tmp_path / "run", changes) == 0
-    model = ppo.PPO.load(tmp_path / "run/checkpoint/model.zip")
+    model = sb3.PPO.load(tmp_path / "run/checkpoint/model.zip")
     assert type(model.policy.features_extractor).__name__ == "Extractor"
 
 
@@ -308,22 +278,6 @@ def test_every_entry_names_what_exists() -> None:
             model = ALGORITHMS[algorithm](env=env, device="cpu", **settings)
             assert model.gamma == parameters.model["gamma"]
             env.close()
-
-
-def test_the_value_function_has_its_own_learning_rate(tmp_path: Path) -> None:
-    """A checkpoint keeps both rates."""
-    env: Any = program_env()
-    model = ppo.PPO(
-        "MlpPolicy", env, n_steps=8, batch_size=16, learning_rate=1e-3, value_lr_scale=5.0, device="cpu", seed=0
-    )
-    model.learn(32)
-    assert [group["lr"] for group in model.policy.optimizer.param_groups] == pytest.approx([1e-3, 5e-3])
-    model.save(tmp_path / "model.zip")
-    again = ppo.PPO.load(tmp_path / "model.zip", env=env)
-    again.learn(32)
-    assert [group["lr"] for group in again.policy.optimizer.param_groups] == pytest.approx([1e-3, 5e-3])
-    count = sum(len(group["params"]) for group in again.policy.optimizer.param_groups)
-    assert count == len(list(again.policy.parameters()))
 
 
 def program_env() -> Any:

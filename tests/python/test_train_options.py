@@ -106,7 +106,7 @@ def test_arguments_replace_the_defaults(tmp_path: Path) -> None:
     given = ["ppo", "--out", "x", "--steps", "64", "--set", "model.gamma=0.5", "--set", "env.obs=[proprio, depth]"]
     found = parse("sb3", [*given, "--target", "0.5"])
     assert isinstance(found, Sb3Settings)
-    assert (found.steps, found.target, found.clone) == (64, 0.5, None)
+    assert (found.steps, found.target) == (64, 0.5)
     assert found.set == ("model.gamma=0.5", "env.obs=[proprio, depth]")
 
 

@@ -55,8 +55,6 @@ _VALUES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "steps": _at_least(1),
     "num_envs": _at_least(1),
     "demonstrations": _at_least(0),
-    "clone_epochs": _at_least(1),
-    "value_warmup": _at_least(0),
     "normalize": (
         lambda value: (
             isinstance(value, Mapping)
@@ -96,7 +94,6 @@ _VALUES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "model.action_noise": _NOT_NEGATIVE,
     "model.replay_buffer_class": (lambda value: value == "HerReplayBuffer", "HerReplayBuffer, or leave it out"),
     "model.replay_buffer_kwargs": _MAPPING,
-    "model.value_lr_scale": _NOT_NEGATIVE,
 }
 
 

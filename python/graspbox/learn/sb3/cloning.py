@@ -28,7 +28,6 @@ from graspbox.errors import ConfigError
 from graspbox.learn.sb3.checks import check_arguments
 from graspbox.learn.sb3.running import (
     ALGORITHMS,
-    actor_parameters,
     load_policy,
     make_env,
     model_arguments,
@@ -143,6 +142,18 @@ def _scaled(model: BaseAlgorithm, observations: Any) -> Any:
         numbers = statistics.normalize_obs(numbers)
     tensors, _ = model.policy.obs_to_tensor(numbers)
     return tensors
+
+
+def actor_parameters(model: BaseAlgorithm) -> list[torch.nn.Parameter]:
+    """List the parameters that determine the actions: in on-policy models all but those of the value function alone."""
+    policy: Any = model.policy
+    if isinstance(model, OffPolicyAlgorithm):
+        return list(policy.actor.parameters())
+    parts = [policy.mlp_extractor.value_net, policy.value_net]
+    if not policy.share_features_extractor:
+        parts.append(policy.vf_features_extractor)
+    of_value = {id(parameter) for part in parts for parameter in part.parameters()}
+    return [parameter for parameter in policy.parameters() if id(parameter) not in of_value]
 
 
 def mean_actions(model: BaseAlgorithm, observations: Any) -> tuple[Tensor, Tensor | None]:
@@ -373,8 +384,6 @@ def _evaluate(settings: CloneSettings, run: Run, model: Any, updates: int) -> di
 def begin_as(model: BaseAlgorithm, folder: Path) -> None:
     """Initialize a new model with the policy of a clone, and freeze the statistics that scale its observations.
 
-    The critic of an off-policy model is initialized with the clone's features extractor.
-
     Parameters
     ----------
     model : BaseAlgorithm
@@ -399,8 +408,6 @@ def begin_as(model: BaseAlgorithm, folder: Path) -> None:
     if (statistics is None) != (clone.statistics is None):
         raise ConfigError(f"normalize.observations differs from that of the clone in {str(folder)!r}")
     if statistics is not None and clone.statistics is not None:
-        if statistics.norm_reward:
-            raise ConfigError("a clone needs the statistics of its demonstrations; set normalize.reward=false")
         statistics.obs_rms, statistics.training = clone.statistics.obs_rms, False
     policy: Any = model.policy
     try:
@@ -410,7 +417,3 @@ def begin_as(model: BaseAlgorithm, folder: Path) -> None:
         raise ConfigError(
             f"the clone in {str(folder)!r} has other networks ({first}); give model.policy_kwargs as for the clone"
         ) from None
-    if isinstance(model, OffPolicyAlgorithm):
-        features = policy.actor.features_extractor.state_dict()
-        for critic in (policy.critic, policy.critic_target):
-            critic.features_extractor.load_state_dict(features)

@@ -1,8 +1,7 @@
 """History of a policy of Stable-Baselines3, read from the folders of its runs; without torch.
 
-A run of ``graspbox train sb3`` may start from a clone of ``graspbox train clone``, which in turn was trained on
-demonstrations of ``graspbox record``; a student of ``graspbox train student`` learned from such a run. Each step is
-described with a command that reproduces it.
+A clone of ``graspbox train clone`` was trained on demonstrations of ``graspbox record``, a student of ``graspbox train
+student`` by a run of ``graspbox train sb3``. Each step is described with a command that reproduces it.
 """
 
 import json
@@ -81,7 +80,7 @@ def trained_on(folder: Path) -> list[Mapping[str, Any]]:
         # Its rounds have the environments of its teacher.
         chosen = {"objects": settings["env"].get("objects", "procedural"), "split": settings_of(teacher)["evaluate"]}
         return [*trained_on(teacher), *([chosen] if taught["checkpoint"] == "best" else [])]
-    env, split, begun = settings["env"], "train", settings.get("begins_as")
+    env, split, begun = settings["env"], "train", None
     if "clone" in settings:
         env, begun = settings["clone"]["shown_by"]["env_spec"]["kwargs"], settings["clone"].get("begins_as")
         split = env.get("split")
@@ -131,9 +130,7 @@ def history(folder: Path, parameters: Path, checkpoint: str = "checkpoint") -> l
         return [*before, _student(folder, settings, parameters, taught, progress)]
     if "clone" in settings:
         return [_recorded(settings["clone"]), _cloned(folder, settings, parameters, progress)]
-    begun = settings.get("begins_as")
-    before = history(Path(begun), parameters) if begun else []
-    return [*before, _trained(folder, settings, parameters, progress)]
+    return [_trained(folder, settings, parameters, progress)]
 
 
 def _taught(folder: Path) -> dict[str, Any] | None:
@@ -184,16 +181,13 @@ def _progress(folder: Path) -> dict[str, Any]:
 
 
 def _trained(folder: Path, settings: Mapping[str, Any], parameters: Path, progress: Mapping[str, Any]) -> TrainingStep:
-    begun = settings.get("begins_as")
-    shows = bool(begun or settings.get("demonstrations"))
+    shows = bool(settings.get("demonstrations"))
     known = read_parameters(parameters, settings["algorithm"], settings["id"], demonstrated=shows)
-    # A clone replaces its own demonstrations.
-    skipped = ("steps", "demonstrations") if begun else ("steps",)
     words = ["graspbox", "train", "sb3", settings["algorithm"], "--out", shown(folder)]
-    words += ["--env", settings["id"], *(["--clone", shown(Path(begun))] if begun else [])]
+    words += ["--env", settings["id"]]
     words += ["--steps", str(progress["timesteps"]), "--seed", str(settings["seed"])]
-    words += _changes(vars(known), settings, skipped)
-    how = "from a clone" if begun else "from demonstrations" if settings.get("demonstrations") else "from scratch"
+    words += _changes(vars(known), settings, ("steps",))
+    how = "from demonstrations" if shows else "from scratch"
     description = f"{settings['algorithm'].upper()} {how}, {progress['timesteps']} steps of the environments, reward "
     description += f"`{settings['env'].get('reward', 'sparse')}`, seed {settings['seed']}"
     objects = {"objects": settings["env"].get("objects", "procedural"), "split": "train"}

@@ -10,13 +10,11 @@ from typing import Any
 from gymnasium import spaces
 from sb3_contrib import TQC
 from sb3_contrib.tqc.policies import MultiInputPolicy as TQCPolicy
-from stable_baselines3 import SAC, TD3
+from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
 from stable_baselines3.sac.policies import MultiInputPolicy as SACPolicy
 from stable_baselines3.td3.policies import MultiInputPolicy as TD3Policy
-
-from graspbox.learn.sb3.ppo import PPO
 
 __all__ = ["POLICIES"]
 

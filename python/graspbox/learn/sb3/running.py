@@ -31,7 +31,7 @@ import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from sb3_contrib import TQC
-from stable_baselines3 import SAC, TD3, HerReplayBuffer
+from stable_baselines3 import PPO, SAC, TD3, HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
@@ -45,8 +45,7 @@ from graspbox._common.runs import Run
 from graspbox.errors import ConfigError
 from graspbox.evaluation import run_trials, trial_seeds
 from graspbox.learn.sb3 import privileged
-from graspbox.learn.sb3.ppo import PPO
-from graspbox.policies import Policy, Task
+from graspbox.policies import Task
 from graspbox.sb3.extractors import Extractor
 from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy, summary
@@ -57,7 +56,6 @@ __all__ = [
     "DemonstratedBuffer",
     "Linear",
     "RunCallback",
-    "actor_parameters",
     "has_checkpoint",
     "load",
     "load_policy",
@@ -220,18 +218,6 @@ def _checkpoint(folder: Path) -> Path:
     return found
 
 
-def actor_parameters(model: BaseAlgorithm) -> list[torch.nn.Parameter]:
-    """List the parameters that determine the actions: in on-policy models all but those of the value function alone."""
-    policy: Any = model.policy
-    if isinstance(model, OffPolicyAlgorithm):
-        return list(policy.actor.parameters())
-    parts = [policy.mlp_extractor.value_net, policy.value_net]
-    if not policy.share_features_extractor:
-        parts.append(policy.vf_features_extractor)
-    of_value = {id(parameter) for part in parts for parameter in part.parameters()}
-    return [parameter for parameter in policy.parameters() if id(parameter) not in of_value]
-
-
 class _Stopped(Exception):  # noqa: N818 (no error)
     """Ends the training between two rollouts."""
 
@@ -256,11 +242,6 @@ class RunCallback(BaseCallback):  # type: ignore[misc]
     every_minutes : float, optional
         Also evaluate when this time has passed since the last evaluation began, unless evaluations take longer than
         training.
-    value_warmup : int
-        Number of first steps in which only the value function is trained: after cloning the policy is
-        better than the value function, whose first advantages would degrade it.
-    policy : callable
-        Makes the policy to evaluate from the model and its statistics; `ModelPolicy` by default.
     """
 
     def __init__(
@@ -274,12 +255,9 @@ class RunCallback(BaseCallback):  # type: ignore[misc]
         seed: int,
         minutes: float | None = None,
         every_minutes: float | None = None,
-        value_warmup: int = 0,
-        policy: Callable[[BaseAlgorithm, VecNormalize | None], Policy] = ModelPolicy,
     ) -> None:
         super().__init__()
-        self._policy = policy
-        self.run, self.rows, self.steps, self.value_warmup = run, run.rows("evaluations"), steps, value_warmup
+        self.run, self.rows, self.steps = run, run.rows("evaluations"), steps
         self.every, self.minutes, self.every_minutes = every, minutes, every_minutes
         self._envs, self._seeds = envs, trial_seeds(seed, episodes)
         self.interrupted, self._evaluation = False, 0.0
@@ -325,7 +303,7 @@ class RunCallback(BaseCallback):  # type: ignore[misc]
     def evaluate(self) -> None:
         """Evaluate now, and write the checkpoint."""
         began = time.monotonic()
-        policy = self._policy(self.model, self.model.get_vec_normalize_env())
+        policy = ModelPolicy(self.model, self.model.get_vec_normalize_env())
         policy.bind(Task.of(self._envs))
         found = summary(run_trials(policy, self._envs, self._seeds))
         row = {"timesteps": self.model.num_timesteps, "seconds": round(self.run.seconds, 1), **found}
@@ -354,9 +332,6 @@ class RunCallback(BaseCallback):  # type: ignore[misc]
             raise _Stopped
         if self._is_due():
             self.evaluate()
-        if self.value_warmup:
-            for parameter in actor_parameters(self.model):
-                parameter.requires_grad_(self.num_timesteps >= self.value_warmup)
 
     def _on_step(self) -> bool:
         self.run.report(f"{self.num_timesteps} of {self.steps} steps", self.num_timesteps / max(self.steps, 1))

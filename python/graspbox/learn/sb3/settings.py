@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import typer
@@ -53,12 +52,8 @@ class Parameters:
     model: dict[str, Any]
     #: Observations of the critic in place of those of the policy; the policy never has them.
     critic: list[str] | None = None
-    #: Successful episodes of the scripted expert: off-policy algorithms replay them, ppo clones them.
+    #: Successful episodes of the scripted expert, which off-policy algorithms replay.
     demonstrations: int = 0
-    #: Passes over the demonstrations when cloning.
-    clone_epochs: int = 60
-    #: Number of first steps in which only the value function of a cloned policy is trained.
-    value_warmup: int = 0
 
     @property
     def training_env(self) -> dict[str, Any]:
@@ -79,13 +74,12 @@ def read_parameters(
     changes: tuple[str, ...] = (),
     *,
     demonstrated: bool = False,
-    env: Mapping[str, Any] = MappingProxyType({}),
     **others: int | None,
 ) -> Parameters:
     """Read the entry of an algorithm and an environment.
 
-    Values of the entry's ``demonstrated`` replace its own if that is true or there are demonstrations, then keywords
-    `env`, then `changes` such as ``model.gamma=0.98``, then `others` that are not None.
+    Values of the entry's ``demonstrated`` replace its own if that is true or there are demonstrations, then `changes`
+    such as ``model.gamma=0.98``, then `others` that are not None.
 
     Raises
     ------
@@ -102,7 +96,6 @@ def read_parameters(
     shown, plain = values.pop("demonstrated", {}), deepcopy(values)
     if demonstrated or _changed(plain, changes, others).get("demonstrations"):
         _merge(values, shown)
-    _merge(values, {"env": env})
     _changed(values, changes, others)
     try:
         found = Parameters(**values)
@@ -111,13 +104,16 @@ def read_parameters(
             check_name(name, Parameters.__annotations__, "parameter")
         raise ConfigError(f"parameters are {', '.join(Parameters.__annotations__)} ({error})") from None
     check_parameters(vars(found))
+    if algorithm == "ppo" and found.demonstrations:
+        raise ConfigError(
+            f"demonstrations is {found.demonstrations}, but ppo learns from its own episodes alone; sac, tqc and td3 "
+            "replay demonstrations, and graspbox train clone imitates them"
+        )
     if env_id in GOAL_IDS and (demonstrated or found.demonstrations or found.critic):
         raise ConfigError(f"--env is {env_id!r}, a goal task; there are no demonstrations of it, nor a critic apart")
     if found.critic is not None:
         if demonstrated or found.demonstrations:
-            raise ConfigError(
-                f"critic is {found.critic}; with --demonstrations or --clone it observes what the policy observes"
-            )
+            raise ConfigError(f"critic is {found.critic}; with --demonstrations it observes what the policy observes")
         obs = found.env.get("obs", "state")
         found.env["obs"] = [obs] if isinstance(obs, str) else list(obs)
     return found
@@ -174,8 +170,7 @@ class Sb3Settings(HandOption):
 
         graspbox train sb3 ppo --out out/train/ppo
         graspbox train sb3 sac --out out/train/sac --env graspbox/GraspPose-v0 --evaluate test --baselines
-        graspbox train sb3 ppo --out out/train/shown --demonstrations 500
-        graspbox train sb3 ppo --out out/train/tuned --clone out/clone --set env.reward=firm
+        graspbox train sb3 sac --out out/train/shown --demonstrations 500
         python scripts/plot_sb3.py out/train/ppo
         graspbox evaluate out/train/ppo
 
@@ -186,10 +181,8 @@ class Sb3Settings(HandOption):
     current rollout and saves it (twice: at once, keeping the last checkpoint). The files of a run's folder are
     documented in graspbox.learn.sb3.running. Needs the extras cli and train.
 
-    A run learns from nothing. With --demonstrations it begins with episodes of the scripted expert, which knows the
-    objects' meshes: off-policy algorithms sample half of each batch from them, ppo clones them. With --clone it starts
-    from the policy of `graspbox train clone` in its environment; the networks must be the same. Both take the values
-    under `demonstrated` in the parameters; only the value function is trained for the first value_warmup steps.
+    A run learns from nothing. With --demonstrations an off-policy algorithm samples half of each batch from episodes
+    of the scripted expert, which knows the objects' meshes; values under `demonstrated` in the parameters then apply.
 
     Exit status: 0 for a complete run that reached its --target, if any; 1 for one that did not reach it, 2 for
     wrong arguments, 130 for an interrupted run.
@@ -201,10 +194,8 @@ class Sb3Settings(HandOption):
     """Id of the environment."""
     parameters: Path = PARAMETERS
     """File of parameters, by algorithm and environment."""
-    clone: Path | None = None
-    """Start from the policy of `graspbox train clone` in this folder."""
     demonstrations: int | None = None
-    """Successful episodes of the scripted expert with which the run begins; by default as in the parameters: none."""
+    """Successful episodes of the scripted expert to replay; by default as in the parameters: none."""
     set: tuple[str, ...] = ()
     """Override a parameter, for example model.gamma=0.98 or env.obs=depth; may be repeated."""
     steps: int | None = None
@@ -230,21 +221,17 @@ class Sb3Settings(HandOption):
         self._positive("minutes")
         if self.demonstrations is not None:
             self._at_least(demonstrations=0)
-        if self.clone is not None and self.demonstrations:
-            raise ConfigError("--clone and --demonstrations are two beginnings; give one of them")
         if self.target is not None and not 0 <= self.target <= 1:
             raise ConfigError(f"--target is {self.target}; give a rate between 0 and 1")
 
     def read_parameters(self) -> Parameters:
-        """Read the parameters; the environment is that of a clone, and --hand replaces its hand."""
-        clone = None if self.clone is None else settings_of_clone(self.clone)
+        """Read the parameters; --hand replaces their hand."""
         values = read_parameters(
             self.parameters,
             self.algorithm,
             self.env,
             self.set,
-            demonstrated=bool(self.demonstrations or clone),
-            env={} if clone is None else clone["env"],
+            demonstrated=bool(self.demonstrations),
             steps=self.steps,
             demonstrations=self.demonstrations,
         )
@@ -256,7 +243,7 @@ class Sb3Settings(HandOption):
         """Return the settings that must not change when the run is resumed; it may be extended."""
         values: dict[str, Any] = {"algorithm": self.algorithm, "id": self.env, "evaluate": self.evaluate}
         values |= {"seed": self.seed, "episodes": self.episodes, **asdict(replace(self.read_parameters(), steps=0))}
-        return values | {"begins_as": None if self.clone is None else str(self.clone.resolve())}
+        return values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,7 +277,6 @@ class CloneSettings(_Imitation):
         graspbox record expert --out out/shown --objects procedural:can:0-99 --split train --set control_freq=5
         graspbox train clone ppo out/shown --out out/clone
         graspbox train clone ppo out/shown --out out/seeing --obs depth --obs proprio --obs tactile
-        graspbox train sb3 ppo --out out/tuned --clone out/clone
 
     Environment and hand are those of the demonstrations; networks and normalization are those of `graspbox train sb3`,
     in which --set overrides values. Every tenth episode is held out of training. The folder holds evaluations.jsonl,

@@ -1,9 +1,8 @@
 """Reinforcement learning runs with Stable-Baselines3: the model, its demonstrations, and the run (`train`).
 
-A run with demonstrations records successful episodes of the scripted expert. An off-policy learner samples half of each
-batch from them (`DemonstratedBuffer`; Ball, Smith, Kostrikov, Levine, "Efficient Online Reinforcement Learning with
-Offline Data", 2023); an on-policy learner begins as their clone. The expert uses the objects' meshes; the trained
-policy does not.
+A run with demonstrations records successful episodes of the scripted expert, and samples half of each batch from them
+(`DemonstratedBuffer`; Ball, Smith, Kostrikov, Levine, "Efficient Online Reinforcement Learning with Offline Data",
+2023). The expert uses the objects' meshes; the trained policy does not.
 """
 
 import math
@@ -15,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from graspbox import policies
 from graspbox._common.files import dumps, write_text
@@ -23,9 +21,7 @@ from graspbox._common.runs import Run
 from graspbox.data.episodes import Demonstrations, record
 from graspbox.envs.settings import GraspConfig
 from graspbox.errors import ConfigError, GraspboxError
-from graspbox.learn.sb3 import cloning
 from graspbox.learn.sb3.checks import check_arguments
-from graspbox.learn.sb3.cloning import begin_as
 from graspbox.learn.sb3.running import (
     ALGORITHMS,
     RunCallback,
@@ -37,14 +33,12 @@ from graspbox.learn.sb3.running import (
     normalized,
 )
 from graspbox.learn.sb3.runs import next_commands
-from graspbox.learn.sb3.settings import EVALUATION_SEED, CloneSettings, Parameters, Sb3Settings
+from graspbox.learn.sb3.settings import EVALUATION_SEED, Parameters, Sb3Settings
 from graspbox.learn.training.options import TrainingOutcome
 from graspbox.pictures import playback
 from graspbox.policies.base import is_closed_loop
-from graspbox.policies.goals import plain_settings
 from graspbox.policies.published.configs import ACTING
-from graspbox.sb3.goal_env import goal_base, with_goals
-from graspbox.sb3.policy import ModelPolicy, evaluate_baselines
+from graspbox.sb3.policy import evaluate_baselines
 
 __all__ = ["train"]
 
@@ -94,26 +88,6 @@ def _replay(model: Any, folder: Path) -> None:
     model.replay_buffer.demonstrations = buffer
 
 
-def _cloned(settings: Sb3Settings, parameters: Parameters, run: Run, folder: Path) -> Path:
-    """Clone the demonstrations of a run; returns the folder of the clone."""
-    clone = CloneSettings(
-        algorithm=settings.algorithm,
-        demonstrations=(folder,),
-        out=run.folder / "cloning",
-        obs=() if (obs := parameters.env.get("obs")) is None else (obs,) if isinstance(obs, str) else tuple(obs),
-        keep="success",
-        epochs=parameters.clone_epochs,
-        parameters=settings.parameters,
-        set=tuple(change for change in settings.set if change.startswith(("model.", "normalize."))),
-        episodes=settings.episodes,
-        evaluate=settings.evaluate,
-        seed=settings.seed,
-        device=settings.device,
-    )
-    cloning.train(clone, "demonstrations", run.log)
-    return clone.out
-
-
 def train(settings: Sb3Settings, command: str, echo: Callable[[str], None]) -> TrainingOutcome:
     """Run ``graspbox train sb3``.
 
@@ -128,8 +102,8 @@ def train(settings: Sb3Settings, command: str, echo: Callable[[str], None]) -> T
     num_envs = min(parameters.num_envs, settings.episodes)
     with settings.run(echo) as run:
         run.log(command)
-        begun, seconds, base = has_checkpoint(run.folder), run.seconds, goal_base(held)
-        test = make_held_out(settings.env, num_envs, **(held if base is None else plain_settings(held, base)))
+        begun, seconds = has_checkpoint(run.folder), run.seconds
+        test = make_held_out(settings.env, num_envs, **held)
         model = _resumed(settings, run) if begun else _model(settings, parameters, run)
         with closing(test), closing(model.get_env()):
             if settings.baselines:
@@ -145,8 +119,6 @@ def train(settings: Sb3Settings, command: str, echo: Callable[[str], None]) -> T
                 seed=EVALUATION_SEED,
                 minutes=None if settings.minutes is None else settings.minutes - spent,
                 every_minutes=None if settings.minutes is None else settings.minutes / settings.evaluations,
-                value_warmup=parameters.value_warmup if parameters.demonstrations or settings.clone else 0,
-                policy=lambda model, statistics: with_goals(ModelPolicy(model, statistics), held, base)[0],
             )
             before = model.num_timesteps
             callback.learn(model, begun=begun)
@@ -181,11 +153,7 @@ def _model(settings: Sb3Settings, parameters: Parameters, run: Run) -> Any:
     algorithm = ALGORITHMS[settings.algorithm]
     env = make_env(settings.env, parameters.num_envs, **parameters.training_env)
     env = normalized(env, float(parameters.model.get("gamma", 0.99)), **parameters.normalize)
-    if (
-        parameters.demonstrations
-        and issubclass(algorithm, OffPolicyAlgorithm)
-        and len(env.observation_space.shape or ()) != 1
-    ):
+    if parameters.demonstrations and len(env.observation_space.shape or ()) != 1:
         raise ConfigError(
             f"env.obs is {parameters.env.get('obs')!r}; {settings.algorithm} replays demonstrations of one vector only"
         )
@@ -194,14 +162,8 @@ def _model(settings: Sb3Settings, parameters: Parameters, run: Run) -> Any:
         model = algorithm(env=env, seed=settings.seed, **arguments, **_logs(settings, run))
     except (AssertionError, AttributeError, RuntimeError, TypeError, ValueError) as error:
         raise ConfigError(f"{algorithm.__name__} refuses the values of model: {error}") from error
-    if settings.clone is not None:
-        begin_as(model, settings.clone)
-    elif parameters.demonstrations:
-        shown = _demonstrated(settings, parameters, run)
-        if isinstance(model, OffPolicyAlgorithm):
-            _replay(model, shown)
-        else:
-            begin_as(model, _cloned(settings, parameters, run, shown))
+    if parameters.demonstrations:
+        _replay(model, _demonstrated(settings, parameters, run))
     return model
 
 

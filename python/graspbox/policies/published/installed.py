@@ -28,7 +28,7 @@ GROUP = "graspbox.policies"
 PACKAGE = "graspbox-policies"
 PUBLISHED = (
     "any_hand", "clone", "depth", "feel", "feel_inspire", "head", "inspire", "leap", "panda",
-    "panda_clutter", "reflex_clutter", "robotiq", "soft_hand", "study", "tuned",
+    "panda_clutter", "reflex_clutter", "robotiq", "soft_hand", "study",
 )  # fmt: skip
 _BARE = re.compile(r"[A-Za-z0-9][\w.-]*")
 _DOTTED = re.compile(r"\w+(\.\w+)*")

@@ -105,6 +105,4 @@ def _origin(steps: Sequence[str], algorithm: str) -> str:
         return f"A student of a policy that knows the state, a policy of Stable-Baselines3's {algorithm.upper()}"
     if steps[-1] == "clone":
         return f"A clone of demonstrations, a policy of Stable-Baselines3's {algorithm.upper()}"
-    if "clone" in steps:
-        return f"A clone of demonstrations, fine-tuned by rewards with Stable-Baselines3's {algorithm.upper()}"
     return f"A policy trained by rewards with Stable-Baselines3's {algorithm.upper()}"
