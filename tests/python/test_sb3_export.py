@@ -73,6 +73,7 @@ def exported(folder: Path, policy: ModelPolicy, algorithm: str, env_id: str, env
         ("sac", DECISION, "state", True),
         ("sac", GRASP, ("proprio", "rgb"), False),
         ("td3", GRASP, ("proprio",), True),
+        ("tqc", GRASP, ("proprio",), True),
     ],
 )
 def test_a_published_policy_acts_as_its_model(

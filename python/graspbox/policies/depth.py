@@ -151,15 +151,6 @@ class DepthPolicy(SeededPolicy):
         if not self.has_looked(env) and not self.executor.sees_hand(row):
             self._look(env, row)
 
-    @property
-    def looks(self) -> tuple[Any, ...]:
-        """What it has seen in the current episodes of ``Grasp-v0`` without moving, and its random streams."""
-        return self._streams, self._waiting, self.found, self._failed
-
-    @looks.setter
-    def looks(self, saved: tuple[Any, ...]) -> None:
-        self._streams, self._waiting, self.found, self._failed = saved
-
     def retry(self, env: int, row: Mapping[str, Any]) -> None:
         """Release the current grasp in ``Grasp-v0``, look again, and execute a grasp unlike it."""
         grasp = self.found[env]

@@ -74,15 +74,6 @@ class Goals:
         self._period = 1.0 / task.control_freq
         self._shown: list[FoundGrasp | None] = [None] * task.num_envs
 
-    @property
-    def state(self) -> tuple[Any, ...]:
-        """The goals of the current episodes; another one of these continues them."""
-        return self._since, self._shown, self.base.looks
-
-    @state.setter
-    def state(self, saved: tuple[Any, ...]) -> None:
-        self._since, self._shown, self.base.looks = saved
-
     def look(self, observation: Mapping[str, NDArray[Any]]) -> None:
         """Take the pending image once the hand is out of view."""
         for env in range(len(self._since)):

@@ -59,13 +59,11 @@ def make_vec(env_id: str, num_envs: int, **settings: Any) -> VectorEnv[Any, Any,
     if base is None:
         return gymnasium.make_vec(env_id, num_envs=num_envs, **settings)
     envs = gymnasium.make_vec(env_id, num_envs=num_envs, **plain_settings(settings, base))
-    return GoalVectorEnv(envs, base, settings["obs"], str(settings["goal_from"]))
+    return GoalVectorEnv(envs, base, settings["obs"])
 
 
 class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
     """Environments of ``Grasp-v0`` whose agent observes the grasp of another policy.
-
-    A pickle, which is at the same step of the same episodes, names the goal policy and does not hold it.
 
     Parameters
     ----------
@@ -76,8 +74,6 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         The goal policy; see `graspbox.policies.goals.Goals`.
     names : sequence of str
         The agent's observations, ``"goal"`` among them.
-    source : str
-        Folder or name of `base`, for `graspbox.policies.load`.
 
     Attributes
     ----------
@@ -90,9 +86,8 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         For other environments, or a base policy that cannot decide there.
     """
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], base: Policy, names: Sequence[str], source: str) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], base: Policy, names: Sequence[str]) -> None:
         super().__init__(env)
-        self._source = source
         if env.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
             raise ConfigError("goals need environments with autoreset_mode='SameStep'")
         self.goals = Goals(base)
@@ -102,14 +97,6 @@ class GoalVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         boxes = {name: observed[name] for name in self._names} | {GOAL_NAME: goal_space()}
         self.single_observation_space = spaces.Dict(boxes)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"made_of": (self.env, (*self._names, GOAL_NAME), self._source), "goals": self.goals.state}
-
-    def __setstate__(self, saved: dict[str, Any]) -> None:
-        env, names, source = saved["made_of"]
-        self.__init__(env, policies.load(source), names, source)  # type: ignore[misc]
-        self.goals.state = saved["goals"]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

@@ -34,17 +34,9 @@ class ModelPolicy(Policy):
 
     def __init__(self, model: BaseAlgorithm, statistics: VecNormalize | None = None, name: str = "policy") -> None:
         self.model, self.statistics, self.name = model, statistics, name
-        self._critic_only: tuple[str, ...] = getattr(model.policy, "critic_only", ())
-
-    def _absent(self, rows: int) -> dict[str, Actions]:
-        """Return zeros in place of what the actor does not read, for Stable-Baselines3 checks all of the space."""
-        space: Any = self.model.observation_space
-        return {name: np.zeros((rows, *space[name].shape), space[name].dtype) for name in self._critic_only}
 
     def act(self, observation: Any) -> Actions:
-        """Scale the observations and predict; those that only the critic had in training need not be there."""
-        if self._critic_only:
-            observation = {**observation, **self._absent(len(next(iter(observation.values()))))}
+        """Scale the observations and predict."""
         if self.statistics is not None:
             observation = self.statistics.normalize_obs(observation)
         actions, _ = self.model.predict(observation, deterministic=True)

@@ -31,10 +31,6 @@ def _is_number(value: Any, least: float, most: float = float("inf")) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and least <= float(value) <= most
 
 
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
 def _at_least(least: int) -> tuple[Callable[[Any], bool], str]:
     return (lambda value: _is_integer(value, least)), f"an integer of at least {least}"
 
@@ -64,10 +60,6 @@ _VALUES: dict[str, tuple[Callable[[Any], bool], str]] = {
         "observations and reward, true or false each: normalize.reward=true",
     ),
     "env": _MAPPING,
-    "critic": (
-        lambda value: value is None or (isinstance(value, list) and bool(value) and all(map(_is_text, value))),
-        "a list of observations, such as [state], or null",
-    ),
     "model": _MAPPING,
     "model.policy_kwargs": _MAPPING,
     "model.learning_rate": (_is_rate, "a positive number, or linear_X for one that falls from X to 0"),

@@ -20,7 +20,7 @@ import random
 import shutil
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from threading import current_thread, main_thread
@@ -44,7 +44,6 @@ from stable_baselines3.common.vec_env import VecNormalize, VecTransposeImage
 from graspbox._common.runs import Run
 from graspbox.errors import ConfigError
 from graspbox.evaluation import run_trials, trial_seeds
-from graspbox.learn.sb3 import privileged
 from graspbox.policies import Task
 from graspbox.sb3.extractors import Extractor
 from graspbox.sb3.goal_env import make_vec
@@ -380,9 +379,7 @@ class _LossRows(KVWriter):  # type: ignore[misc]
         """Nothing is open."""
 
 
-def model_arguments(
-    algorithm: Any, arguments: dict[str, Any], env: Any, demonstrations: int, apart: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
+def model_arguments(algorithm: Any, arguments: dict[str, Any], env: Any, demonstrations: int) -> dict[str, Any]:
     """Build an algorithm's arguments from its entry in the parameter file.
 
     Names of classes become classes, ``linear_X`` becomes a schedule, and the observation space determines the policy
@@ -398,9 +395,6 @@ def model_arguments(
         The training environment.
     demonstrations : int
         Number of demonstrations; with any, an off-policy algorithm gets a `DemonstratedBuffer`.
-    apart : mapping, optional
-        ``actor_obs`` and ``critic_obs`` of a policy whose critic observes something else than it does
-        (`graspbox.learn.sb3.privileged`).
     """
     policy = dict(arguments.get("policy_kwargs", {}))
     if "activation_fn" in policy:
@@ -410,8 +404,6 @@ def model_arguments(
     if any(len(box.shape) > 1 for box in (space.values() if named else [space])):
         policy.setdefault("features_extractor_class", Extractor)
     found = {**arguments, "policy": "MultiInputPolicy" if named else "MlpPolicy", "policy_kwargs": policy}
-    if apart is not None:
-        found |= {"policy": privileged.POLICIES[algorithm], "policy_kwargs": {**policy, **apart}}
     if "replay_buffer_class" in arguments:
         found["replay_buffer_class"] = HerReplayBuffer
     if demonstrations and issubclass(algorithm, OffPolicyAlgorithm):

@@ -50,21 +50,8 @@ class Parameters:
     env: dict[str, Any]
     #: Arguments of the algorithm.
     model: dict[str, Any]
-    #: Observations of the critic in place of those of the policy; the policy never has them.
-    critic: list[str] | None = None
     #: Successful episodes of the scripted expert, which off-policy algorithms replay.
     demonstrations: int = 0
-
-    @property
-    def training_env(self) -> dict[str, Any]:
-        """Keywords of the environments of the training: they also have the observations of the critic."""
-        names = {} if self.critic is None else {"obs": tuple(dict.fromkeys((*self.env["obs"], *self.critic)))}
-        return {**self.env, **names, "split": "train"}
-
-    @property
-    def apart(self) -> dict[str, Any] | None:
-        """Observations of policy and critic, where they differ: arguments of `graspbox.learn.sb3.privileged`."""
-        return None if self.critic is None else {"actor_obs": self.env["obs"], "critic_obs": self.critic}
 
 
 def read_parameters(
@@ -109,13 +96,8 @@ def read_parameters(
             f"demonstrations is {found.demonstrations}, but ppo learns from its own episodes alone; sac, tqc and td3 "
             "replay demonstrations, and graspbox train clone imitates them"
         )
-    if env_id in GOAL_IDS and (demonstrated or found.demonstrations or found.critic):
-        raise ConfigError(f"--env is {env_id!r}, a goal task; there are no demonstrations of it, nor a critic apart")
-    if found.critic is not None:
-        if demonstrated or found.demonstrations:
-            raise ConfigError(f"critic is {found.critic}; with --demonstrations it observes what the policy observes")
-        obs = found.env.get("obs", "state")
-        found.env["obs"] = [obs] if isinstance(obs, str) else list(obs)
+    if env_id in GOAL_IDS and found.demonstrations:
+        raise ConfigError(f"demonstrations is {found.demonstrations}; there are none of the goal task {env_id!r}")
     return found
 
 

@@ -151,13 +151,13 @@ def _resumed(settings: Sb3Settings, run: Run) -> Any:
 def _model(settings: Sb3Settings, parameters: Parameters, run: Run) -> Any:
     """Create the model of a run, with its environments and demonstrations."""
     algorithm = ALGORITHMS[settings.algorithm]
-    env = make_env(settings.env, parameters.num_envs, **parameters.training_env)
+    env = make_env(settings.env, parameters.num_envs, **{**parameters.env, "split": "train"})
     env = normalized(env, float(parameters.model.get("gamma", 0.99)), **parameters.normalize)
     if parameters.demonstrations and len(env.observation_space.shape or ()) != 1:
         raise ConfigError(
             f"env.obs is {parameters.env.get('obs')!r}; {settings.algorithm} replays demonstrations of one vector only"
         )
-    arguments = model_arguments(algorithm, parameters.model, env, parameters.demonstrations, parameters.apart)
+    arguments = model_arguments(algorithm, parameters.model, env, parameters.demonstrations)
     try:
         model = algorithm(env=env, seed=settings.seed, **arguments, **_logs(settings, run))
     except (AssertionError, AttributeError, RuntimeError, TypeError, ValueError) as error:
