@@ -340,13 +340,24 @@ def _each(task: str, out: Path, only: list[str] | None, *options: str) -> None:
 
 
 @app.command()
-def rates(out: Out, only: Only = None, seconds: float = 5.0, seed: Seed = 1) -> None:
+def rates(
+    out: Out,
+    only: Only = None,
+    seconds: Annotated[float, typer.Option(help="Processor seconds of each rate.")] = 5.0,
+    seed: Seed = 1,
+) -> None:
     """Measure steps per processor second."""
     _each("rates", out, only, "--seconds", str(seconds), "--seed", str(seed))
 
 
 @app.command()
-def learn(out: Out, only: Only = None, steps: int = 1_000_000, minutes: float = 12.0, seed: Seed = 1) -> None:
+def learn(
+    out: Out,
+    only: Only = None,
+    steps: Annotated[int, typer.Option(help="Steps of all environments together.")] = 1_000_000,
+    minutes: Annotated[float, typer.Option(help="Processor minutes.")] = 12.0,
+    seed: Seed = 1,
+) -> None:
     """Learn for so many steps or processor minutes, whichever is over first."""
     _each("learn", out, only, "--steps", str(steps), "--minutes", str(minutes), "--seed", str(seed))
 

@@ -81,7 +81,6 @@ def evaluate_baselines(env_id: str, num_envs: int, episodes: int, seed: int, **s
     `settings` are those of `graspbox.evaluation.evaluate`; ``obs`` is ``"state"``, and the planner decides on poses. It
     has no part in goal tasks.
     """
-    settings.pop("goal_from", None)
     keywords = {**settings, "obs": "state", "trials": episodes, "seed": seed, "num_envs": num_envs}
     found = {}
     for name in BASELINES if env_id not in GOAL_IDS else BASELINES[:2]:
