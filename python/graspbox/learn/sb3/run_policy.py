@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from gymnasium import spaces
@@ -91,11 +92,13 @@ class _Network:
             ) from error
         self.space: Any = self._policy.model.observation_space
         self.actions = int(self._policy.model.action_space.shape[0])
-        self._named = isinstance(self.space, spaces.Dict)
+        self._named, self._lock = isinstance(self.space, spaces.Dict), Lock()
 
     def __call__(self, rows: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Return the actions (n, k) for observations (n, ...)."""
-        return {"action": self._policy.act(dict(rows) if self._named else next(iter(rows.values())))}
+        # Stable-Baselines3's policies keep the distribution of the last prediction, so that threads would mix actions.
+        with self._lock:
+            return {"action": self._policy.act(dict(rows) if self._named else next(iter(rows.values())))}
 
 
 def _input(name: str, box: spaces.Box) -> NetworkInput:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from graspbox import planning
 from graspbox._core import Mesh
-from graspbox.envs import SINGLE_OBJECT_IDS, expert
+from graspbox.envs import GOAL_IDS, SINGLE_OBJECT_IDS, expert
 from graspbox.envs.coding import encode_action, hand_pose, object_pose
 from graspbox.envs.scripted import MotionOptions
 from graspbox.errors import ConfigError
@@ -78,9 +78,8 @@ class Planner(Policy):
 
     def _bind(self, task: Task) -> None:
         if task.env_id not in SINGLE_OBJECT_IDS:
-            raise ConfigError(
-                f"the policy {self.name!r} grasps a single object; for {task.env_id!r} use 'scene_planner'"
-            )
+            other = "it does not act in goal tasks" if task.env_id in GOAL_IDS else "use 'scene_planner'"
+            raise ConfigError(f"the policy {self.name!r} grasps a single object; in {task.env_id!r} {other}")
         self._hand = load_hand(task.hand)
         self._objects: list[str | None] = [None] * task.num_envs
         self._experts: list[expert.ExpertGrasp | None] = [None] * task.num_envs

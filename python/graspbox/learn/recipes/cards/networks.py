@@ -79,7 +79,9 @@ def write_network_card(
 
     The seed is that of the trials; the command published the policy.
     """
-    simulated = {*tables(load_hand(hand_of(folder, config)))["privileged"], "segmentation", "amodal"}
+    simulated = {*tables(load_hand(hand_of(folder, config)))["privileged"], "segmentation", "amodal", "achieved"}
+    # In goal tasks a vector or an image is named by its entry.
+    meant = {"observation": str(config.environment.obs)}
     sets = []
     for objects in (step.objects for step in steps if step.objects):
         names, split = objects["objects"], objects.get("split")
@@ -94,7 +96,7 @@ def write_network_card(
         steps=steps,
         origin=_origin([step.kind for step in steps], config.algorithm),
         goal=config.uses.get(GOAL_NAME),
-        privileged=[name for name in config.environment.names if name.split("_")[0] in simulated],
+        privileged=[name for name in config.environment.names if meant.get(name, name).split("_")[0] in simulated],
         sets=list(dict.fromkeys(sets)),
         environment=", ".join(f"`{name}={value!r}`" for name, value in config.settings.items()),
     )
