@@ -1,10 +1,10 @@
 """Publish a policy of Stable-Baselines3: a folder that ``graspbox evaluate`` runs without torch, with its scores.
 
-    python scripts/publish_sb3.py out/clone --out policies/clone
+    python scripts/publish_sb3.py out/student --out policies/student
     python scripts/publish_sb3.py out/ppo --out policies/ppo --best \
         --objects procedural:unseen:0-19 --objects ycb/test
 
-Takes the folder of a run of ``graspbox train sb3`` or ``graspbox train clone``. The ONNX file includes all
+Takes the folder of a run of ``graspbox train sb3``, ``clone`` or ``student``. The ONNX file includes all
 transformations of observations and actions; nothing is published unless it acts like the model on observations of the
 environment. The folder is then evaluated, and its card has the training commands and the scores.
 

@@ -146,11 +146,7 @@ def test_trainings_take_the_name(site: Path, tmp_path: Path) -> None:
     pytest.importorskip("torch")
     from graspbox.learn.recipes import feel
     from graspbox.learn.recipes.settings.feel import FeelSettings
-    from graspbox.learn.sb3 import export
 
-    assert export._goal_of(tmp_path / "clone", "depth")[0]["goal"].policy == "depth"
-    with pytest.raises(ConfigError, match="which is not a published policy's folder"):
-        export._goal_of(tmp_path / "clone", "partial_view_planner")
     with pytest.raises(ConfigError, match="did you mean 'depth'"):
         feel.train(FeelSettings(out=tmp_path / "run", policy=Path("dept")), "graspbox train feel", print)
     with pytest.raises(ConfigError, match="kind is 'feel'; expected 'depth'"):

@@ -66,9 +66,9 @@ def test_the_wheel_holds_the_policies(wheel: Path, tmp_path: Path, monkeypatch: 
     # Installed, each name leads to its folder, and the policies find the one that they use.
     monkeypatch.syspath_prepend(tmp_path)
     assert {entry.name for entry in entry_points(group=installed.GROUP)} >= set(installed.PUBLISHED)
-    for name, role in (("feel", "depth"), ("clone", "goal")):
+    for name, used in (("feel", "depth"), ("feel_inspire", "inspire")):
         folder = installed.find(name)
-        assert used_folder(folder, load(folder), role).resolve() == (package / "depth").resolve()
+        assert used_folder(folder, load(folder), "depth").resolve() == (package / used).resolve()
 
 
 def test_the_wheel_is_data_with_the_version_of_graspbox(wheel: Path) -> None:

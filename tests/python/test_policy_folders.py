@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,8 @@ from graspbox.learn.models.scenes import SceneConfig
 from graspbox.learn.recipes.cards.depth import write_depth_card
 from graspbox.policies import DepthGrasp
 from graspbox.policies.published.calibration import Calibration, calibration_error, fit_logits
-from graspbox.policies.published.configs import DepthPolicyConfig, Environment, FeelPolicyConfig, NetworkInput
-from graspbox.policies.published.folders import load, save, use_of
+from graspbox.policies.published.configs import DepthPolicyConfig, FeelPolicyConfig
+from graspbox.policies.published.folders import load
 from graspbox.policies.published.registry import kinds, policy_class
 
 pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
@@ -450,19 +449,6 @@ def test_another_hand_and_another_backend_are_refused(tiny: Path, tmp_path: Path
         DepthGrasp(tiny, backend="jax")  # type: ignore[arg-type]
     with pytest.raises(errors.ConfigError, match="no policy 'nothing'"):
         policies.load("nothing")
-
-
-def test_a_goal_for_another_hand_is_refused(tmp_path: Path) -> None:
-    tiny_policy.make(tmp_path / "chooser", hand="panda_gripper")
-    config = tiny_policy.make_network(tmp_path)
-    environment = Environment("graspbox/Grasp-v0", (*tiny_policy.SEEN, "goal"), config.environment.settings)
-    inputs = (*config.inputs, NetworkInput("goal", (14,), "float32"))
-    uses = {"goal": use_of(tmp_path, tmp_path / "chooser")}
-    save(tmp_path, replace(config, environment=environment, inputs=inputs, uses=uses))
-    with pytest.raises(
-        errors.ConfigError, match=r"hand is 'reflex', but .* uses\.goal, 'chooser', knows .*'panda_gripper'"
-    ):
-        policies.load(str(tmp_path))
 
 
 def test_logits_are_made_to_say_how_often() -> None:

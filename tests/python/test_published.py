@@ -15,7 +15,6 @@ FOLDER = Path(__file__).parents[2] / "policies"
 #: trials; networks differ in their last digits between processors, so that a few outcomes may differ.
 LEAST = {
     "any_hand": (15, "graspbox/GraspPose-v0", "any_hand"),
-    "clone": (20, "graspbox/Grasp-v0", "clone"),
     "depth": (20, "graspbox/GraspPose-v0", "depth"),
     "feel": (22, "graspbox/Grasp-v0", "depth-feel"),
     "feel_inspire": (18, "graspbox/Grasp-v0", "inspire-feel"),

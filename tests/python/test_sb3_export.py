@@ -37,7 +37,6 @@ from graspbox.learn.sb3.settings import CloneSettings, Sb3Settings  # noqa: E402
 from graspbox.sb3.policy import ModelPolicy  # noqa: E402
 
 OBJECTS = ("procedural:can:0-3",)
-HEAD = Path(__file__).parents[2] / "policies/head"
 SEEING = ("depth", "proprio", "tactile")
 GRASP, DECISION = "graspbox/Grasp-v0", "graspbox/GraspPose-v0"
 NETWORKS = {"net_arch": [16], "activation_fn": "ELU"}
@@ -242,10 +241,10 @@ def test_a_clone_and_what_learns_from_rewards_are_published(shown: Path, tmp_pat
                "model.policy_kwargs={net_arch: [16], log_std_init: -3.0}")  # fmt: skip
     given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, "obs": SEEING}
     clone(shown, tmp_path / "clone", **given)
-    found = published(tmp_path / "clone", tmp_path / "policies/cloned")
+    found = published(tmp_path / "clone", tmp_path / "policies/copy")
     card = found["card"]
     assert all(title in card for title in ("## Scores", "## Data and training", "## Limits", "## Licence"))
-    assert "# cloned\n\nA clone of demonstrations, a policy of Stable-Baselines3's PPO" in card
+    assert "# copy\n\nA clone of demonstrations, a policy of Stable-Baselines3's PPO" in card
     assert "observes `depth`, `proprio` and `tactile`" in " ".join(card.split())
     assert "privileged" not in card
     assert "| `procedural:can:0-19` | 3 | " in card
@@ -266,7 +265,7 @@ def test_a_clone_and_what_learns_from_rewards_are_published(shown: Path, tmp_pat
     assert str(tmp_path) not in card
     code = (
         "import sys; from graspbox import evaluation\n"
-        f"result = evaluation.evaluate({str(tmp_path / 'policies/cloned')!r}, objects='procedural:can:0', trials=2)\n"
+        f"result = evaluation.evaluate({str(tmp_path / 'policies/copy')!r}, objects='procedural:can:0', trials=2)\n"
         "assert result.env_id == 'graspbox/Grasp-v0' and all(trial.steps <= 50 for trial in result.trials)\n"
         "assert 'torch' not in sys.modules and 'onnxruntime' in sys.modules\n"
     )
@@ -298,7 +297,7 @@ def test_a_clone_of_a_hand_of_ones_own_is_recorded_and_published(tmp_path: Path)
     changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.policy_kwargs={net_arch: [16]}")
     given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, "obs": ("proprio",), "keep": "success"}
     clone(tmp_path / "shown", tmp_path / "clone", **given)
-    found = published(tmp_path / "clone", tmp_path / "policies/cloned")
+    found = published(tmp_path / "clone", tmp_path / "policies/copy")
     assert "observes `proprio`." in " ".join(found["card"].split())
     assert "for the hand `mine`" in " ".join(found["card"].split())
     (recorded,) = (line for line in found["card"].splitlines() if line.startswith("graspbox record"))
@@ -306,38 +305,10 @@ def test_a_clone_of_a_hand_of_ones_own_is_recorded_and_published(tmp_path: Path)
     assert words[words.index("--hand") + 1] == "out/a.urdf,out/a.toml"
     shutil.rmtree(tmp_path / "own")
     shutil.rmtree(tmp_path / "clone")
-    folder = (tmp_path / "policies/cloned").rename(tmp_path / "moved")
+    folder = (tmp_path / "policies/copy").rename(tmp_path / "moved")
     result = evaluation.evaluate(str(folder), objects="procedural:bottle:2000-2003", trials=2)
     assert len(result.trials) == 2
     assert policies.load(folder).settings["hand"] == (str(folder / "hand.urdf"), str(folder / "hand.toml"))
-
-
-def test_a_policy_that_observes_goals_is_published_beside_the_one_that_looks(tmp_path: Path) -> None:
-    """It finds it there, says so on its card, and refuses another one."""
-    base = tmp_path / "policies/head"
-    shutil.copytree(HEAD, base)
-    keywords: dict[str, Any] = {
-        "objects": ("procedural:can:0-9",),
-        "fingers": "each",
-        "control_freq": 5,
-        "max_episode_steps": 50,
-    }
-    names = ("proprio", "goal")
-    record(str(base), tmp_path / "shown", episodes=10, obs=names, num_envs=4, split="train", keep="all", **keywords)
-    changes = ("num_envs=2", "model.n_steps=32", "model.batch_size=32", "model.policy_kwargs={net_arch: [16]}")
-    given = {"epochs": 2, "episodes": 2, "batch": 64, "set": changes, "obs": names, "keep": "all"}
-    clone(tmp_path / "shown", tmp_path / "clone", **given)
-    found = published(tmp_path / "clone", tmp_path / "policies/clone")
-    assert "the grasp that the policy in `../head` finds in one depth image" in " ".join(found["card"].split())
-    (recorded,) = (line for line in found["card"].splitlines() if line.startswith("graspbox record"))
-    assert shlex.split(recorded).count("--obs") == 2
-    policy = policies.load(str(tmp_path / "policies/clone"))
-    assert policy.obs == ("proprio", "depth")
-    assert export.load_graph(tmp_path / "policies/clone").inputs == names
-    config = json.loads((base / "config.json").read_text())
-    (base / "config.json").write_text(json.dumps({**config, "name": "other"}))
-    with pytest.raises(errors.ConfigError, match=r"uses\.goal\.policy is '\.\./head', but .* differs from the policy"):
-        policies.load(str(tmp_path / "policies/clone"))
 
 
 def test_a_run_from_the_state_is_privileged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

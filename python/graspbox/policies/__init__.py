@@ -22,7 +22,7 @@
 ``planner``, ``expert``, ``robust_oracle`` (which use ``state`` and the object's mesh) and ``scene_planner`` (which uses
 the scene) are **privileged**. `load` makes a policy by its name, and `available` lists names;
 `graspbox.evaluation.evaluate` measures one; a policy of your own is a subclass of `Policy`. Others are in modules:
-`goals`, `grasp_image` for your own depth image, and `baselines.oracles` with partial ground truth.
+`grasp_image`, for your own depth image, and `baselines.oracles`, with partial ground truth.
 
 A policy is bound to its environments once, is reset at the start of every episode, and then acts:
 

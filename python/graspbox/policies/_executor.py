@@ -67,18 +67,10 @@ class GraspExecutor:
         """Begin an episode in one environment."""
         self._motions[env] = None
 
-    def hand_pose(self, row: Row) -> NDArray[np.float64]:
-        """Read ``world_from_hand`` (4, 4) off an environment's row of ``proprio``."""
-        return self._proprio.pose(row["proprio"], "hand")
-
-    def sees_hand(self, row: Row) -> bool:
-        """Return whether part of the hand may be in the image."""
-        return self._view.sees(self.hand_pose(row), self._preshape_of(row))
-
     def ready(self, env: int, row: Row) -> bool:
         """Return whether the camera's view is free of the hand; until then `act` moves the hand out of the image."""
         if self._motions[env] is None:
-            hand, preshape = self.hand_pose(row), self._preshape_of(row)
+            hand, preshape = self._hand_pose(row), self._preshape_of(row)
             if stops := self._view.leave(hand, preshape):
                 self._motions[env] = ScriptedMotion([hand, *stops], preshape, **self._options)
         motion = self._motions[env]
@@ -86,12 +78,12 @@ class GraspExecutor:
 
     def start(self, env: int, grasp: FoundGrasp | None, row: Row) -> None:
         """Begin to execute a grasp, if there is one."""
-        self._motions[env] = None if grasp is None else self.grasping(grasp, self.hand_pose(row))
+        self._motions[env] = None if grasp is None else self.grasping(grasp, self._hand_pose(row))
 
     def act(self, env: int, row: Row) -> NDArray[np.float32] | None:
         """Choose the next action of the current motion."""
         motion = self._motions[env]
-        return None if motion is None else motion.follow(self.hand_pose(row))
+        return None if motion is None else motion.follow(self._hand_pose(row))
 
     def grasping(self, grasp: FoundGrasp, world_from_hand: NDArray[np.float64]) -> ScriptedGrasp:
         """Make the motion from ``world_from_hand`` (4, 4) to a grasp, which then closes and lifts."""
@@ -108,7 +100,11 @@ class GraspExecutor:
         behind = goal.copy()
         behind[:3, 3] -= TrialConfig().standoff * behind[:3, 2]
         stops = self._view.leave(behind, grasp.preshape)
-        self._motions[env] = ScriptedRelease(self.hand_pose(row), goal, grasp.preshape, stops, **self._options)
+        self._motions[env] = ScriptedRelease(self._hand_pose(row), goal, grasp.preshape, stops, **self._options)
+
+    def _hand_pose(self, row: Row) -> NDArray[np.float64]:
+        """Read ``world_from_hand`` (4, 4) off an environment's row of ``proprio``."""
+        return self._proprio.pose(row["proprio"], "hand")
 
     def _preshape_of(self, row: Row) -> float:
         """Read the hand's current preshape; without a preshape actuator it is the lower limit."""

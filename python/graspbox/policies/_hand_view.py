@@ -35,11 +35,6 @@ class HandView:
         self._inward = np.array([[1, 0, -edges[0]], [-1, 0, edges[1]], [0, 1, -ends[0]], [0, -1, ends[1]]])
         self._low, self._high = (np.array(bound) for bound in spaces.tables(hand)["workspace"])
 
-    def sees(self, world_from_hand: ArrayLike, preshape: float) -> bool:
-        """Return whether part of the open hand may be in the image."""
-        shapes, halves, _, _ = self._hand.shapes(self._hand.open(preshape))
-        return self._meets(np.asarray(world_from_hand, dtype=np.float64), shapes, halves)
-
     def _meets(
         self, world_from_hand: NDArray[np.float64], shapes: NDArray[np.float64], halves: NDArray[np.float64]
     ) -> bool:

@@ -53,8 +53,6 @@ class DepthPolicy(SeededPolicy):
 
     Attributes
     ----------
-    needed : tuple of str
-        Observations that it reads, once the policy is bound.
     found : list of FoundGrasp or None
         The last grasp in each environment; None without one.
     """
@@ -66,7 +64,6 @@ class DepthPolicy(SeededPolicy):
     closed_loop_settings = SCRIPTED
     _names_poses = True
     hand: Hand
-    needed: tuple[str, ...]
     observer: Observer
     finder: Finder
     executor: Executor
@@ -96,7 +93,7 @@ class DepthPolicy(SeededPolicy):
         self._waiting: list[int | None] = [None] * task.num_envs
         self._failed: list[tuple[FoundGrasp, ...]] = [()] * task.num_envs
         self._clears = task.env_id == IDS[2]
-        self.needed = (*self.obs, *(self.target_obs if task.has_target else ()))
+        self._needed = (*self.obs, *(self.target_obs if task.has_target else ()))
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
         super()._begin(env, seed, info)
@@ -117,7 +114,7 @@ class DepthPolicy(SeededPolicy):
                 if (last := self.found[env]) is not None:
                     self._failed[env] = (*self._failed[env], last)[-_REMEMBERED:]
                 self._wait(env)
-            row = {name: observation[name][env] for name in self.needed}
+            row = {name: observation[name][env] for name in self._needed}
             if self._waiting[env] is not None and self.executor.ready(env, row):
                 self.executor.start(env, self._look(env, row), row)
             action = self.executor.act(env, row)
@@ -141,16 +138,6 @@ class DepthPolicy(SeededPolicy):
         self.found[env] = self.find(env, seed, row)
         return self.found[env]
 
-    def has_looked(self, env: int) -> bool:
-        """Whether it has looked in the current episode of an environment."""
-        return self._waiting[env] is None
-
-    def look(self, env: int, row: Mapping[str, Any]) -> None:
-        """Look in ``Grasp-v0`` without moving, once per episode, if the hand is out of the image."""
-        assert isinstance(self.executor, GraspExecutor)
-        if not self.has_looked(env) and not self.executor.sees_hand(row):
-            self._look(env, row)
-
     def retry(self, env: int, row: Mapping[str, Any]) -> None:
         """Release the current grasp in ``Grasp-v0``, look again, and execute a grasp unlike it."""
         grasp = self.found[env]
@@ -168,7 +155,7 @@ class DepthPolicy(SeededPolicy):
 
     def found_nothing(self, env: int) -> bool:
         """Whether its last look at an environment found no grasp."""
-        return self.has_looked(env) and self.found[env] is None
+        return self._waiting[env] is None and self.found[env] is None
 
 
 class DepthGrasp(DepthPolicy):

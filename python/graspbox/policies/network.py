@@ -12,9 +12,8 @@ from graspbox._common.made_once import MadeOnce
 from graspbox.envs.settings import GraspConfig
 from graspbox.errors import ConfigError
 from graspbox.policies.base import Actions, Policy, Task
-from graspbox.policies.goals import GOAL_NAME, Goals, goal_space, plain_settings
 from graspbox.policies.published.configs import ACTING, Environment, NetworkInput, NetworkPolicyConfig
-from graspbox.policies.published.folders import hand_of, load, policy_of, used_folder
+from graspbox.policies.published.folders import hand_of, load
 from graspbox.policies.published.runtimes import Network, onnx_network, output
 from graspbox.simulation import load_hand
 
@@ -41,9 +40,7 @@ class ActingNetwork(Policy):
     network : MadeOnce
         Makes the network: observations of n environments by their names to ``action`` (n, `actions`).
     learned_from : sequence of str
-        As of `graspbox.policies.Policy`, without those of `base`.
-    base : Policy, optional
-        The policy whose grasps are the observation ``goal``.
+        As of `graspbox.policies.Policy`.
     """
 
     #: The inputs state the types of the observations.
@@ -59,17 +56,11 @@ class ActingNetwork(Policy):
         network: MadeOnce[Network],
         *,
         learned_from: Sequence[str] = (),
-        base: Policy | None = None,
     ) -> None:
         self.name, self.obs, self.env_id = name, environment.obs, environment.id
         self.settings = {**environment.settings, "hand": hand}
-        self.learned_from = (*learned_from, *(base.learned_from if base else ()))
+        self.learned_from = tuple(learned_from)
         self._hand, self._inputs, self._actions, self._network = hand, tuple(inputs), actions, network
-        self._goals: Goals | None = None
-        if base is not None:
-            plain = plain_settings({**self.settings, "obs": environment.obs}, base)
-            self.obs, self.settings, self._goals = plain.pop("obs"), plain, Goals(base)
-        self.base = self._goals.base if self._goals else None
 
     def _bind(self, task: Task) -> None:
         if task.env_id != self.env_id:
@@ -92,17 +83,12 @@ class ActingNetwork(Policy):
                 f"the actions of the environments have shape {shape}; those of the policy {self.name!r} have "
                 f"({self._actions},)"
             )
-        if self._goals is not None:
-            self._goals.bind(task)
         self._network()
 
     def _check(self, wanted: NetworkInput, task: Task) -> None:
         """Compare an observation of the environments with an input of the network."""
         space: Any = task.observation_space
-        if self._goals is not None and wanted.name == GOAL_NAME:
-            box: Any = goal_space()
-        else:
-            box = space[wanted.name] if isinstance(space, spaces.Dict) else space
+        box = space[wanted.name] if isinstance(space, spaces.Dict) else space
         if (box.shape, str(box.dtype)) != (wanted.shape, wanted.dtype):
             raise ConfigError(
                 f"the observation {wanted.name!r} has shape {box.shape} and type {box.dtype}; the policy "
@@ -116,9 +102,6 @@ class ActingNetwork(Policy):
         network = self._network()
         names = [one.name for one in self._inputs]
         rows: Mapping[str, Any] = observation if isinstance(observation, Mapping) else {names[0]: observation}
-        if self._goals is not None:
-            self._goals.look(observation)
-            rows = {**rows, GOAL_NAME: self._goals.show(rows["proprio"])}
         for i in range(len(actions)):
             inputs = {name: np.ascontiguousarray(rows[name][i : i + 1]) for name in names}
             actions[i] = output(network(inputs), "action", (1, actions.shape[1]), self.name)[0]
@@ -154,5 +137,4 @@ class NetworkPolicy(ActingNetwork):
             config.actions,
             MadeOnce(partial(onnx_network, Path(folder) / "policy.onnx", num_threads)),
             learned_from=config.learned_from,
-            base=policy_of(used_folder(folder, config, "goal")) if config.roles else None,
         )

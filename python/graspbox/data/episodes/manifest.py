@@ -85,7 +85,6 @@ class _Settings:
     policy: str
     keep: str
     versions: dict[str, str]
-    goal_from: str | None = None
 
 
 def write_manifest(

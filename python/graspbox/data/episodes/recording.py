@@ -23,7 +23,6 @@ from graspbox.errors import ConfigError, GraspboxError
 from graspbox.evaluation.results import TrialResult
 from graspbox.evaluation.trials import Refusals, Steps, TrialRun, trial_seeds
 from graspbox.policies import Actions, Policy, Task
-from graspbox.policies.goals import GOAL_NAME, Goals, goal_space
 
 __all__ = ["KEEP", "record"]
 
@@ -76,10 +75,7 @@ def record(
     episodes : int
         Number of episodes to keep.
     obs : str or sequence of str
-        Observations to record; they need not include the policy's own. ``"goal"``, together with others, is the grasp
-        that the policy found, if it finds one in a depth image; the environment takes it from the policy's folder: see
-        `graspbox.policies.goals`. The policy decides once it has moved the hand out of the image, possibly a step later
-        than a policy that observes goals.
+        Observations to record; they need not include the policy's own.
     seed : int
         Determines the seeds of the trials.
     keep : {"secure", "success", "all"}
@@ -130,15 +126,9 @@ def record(
     )
     names = (obs,) if isinstance(obs, str) else tuple(dict.fromkeys(obs))
     kwargs = {**chosen.settings_in(env_id), **settings, "objects": objects, "split": split}
-    goals = Goals(chosen) if GOAL_NAME in names else None
-    if goals is not None and not isinstance(policy, str):
-        raise ConfigError(
-            "obs has 'goal', and policy is an object; pass its name or folder, so that a clone can load it"
-        )
     described = {
         **_describe(env_id, names, kwargs),
         "policy": chosen.name,
-        **({} if goals is None else {"goal_from": policy}),
         **({} if pupil is None else {"acting": pupil.name}),
         "keep": keep,
         "noise": float(noise),
@@ -150,10 +140,10 @@ def record(
         store = Store(Path(out), described)
         if store.gaps or store.kept < wanted:
             needed = [_names(one.obs) for one in (chosen, pupil) if one is not None]
-            together = tuple(name for name in dict.fromkeys(chain(names, *needed)) if name != GOAL_NAME)
-            envs = gymnasium.make_vec(env_id, width, obs=together, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
+            shown = tuple(dict.fromkeys(chain(names, *needed)))
+            envs = gymnasium.make_vec(env_id, width, obs=shown, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
             try:
-                noisy = _Noisy(chosen, noise, goals, pupil)
+                noisy = _Noisy(chosen, noise, pupil)
                 noisy.bind(Task.of(envs))
                 _Recording(noisy, envs, names, store, wanted, KEEP[keep]).run(described, progress)
             finally:
@@ -172,12 +162,11 @@ def _describe(env_id: str, names: tuple[str, ...], kwargs: dict[str, Any]) -> di
     """Describe the environment and its spaces in plain JSON values."""
     if env_id.removeprefix("graspbox:") not in IDS:
         raise ConfigError(f"there is no environment {env_id!r}; choose from {', '.join(IDS)}")
-    plain = tuple(name for name in names if name != GOAL_NAME)
-    if not plain:
-        raise ConfigError(f"obs is {names or 'empty'}; name at least one observation of the environment")
-    env = gymnasium.make(env_id, obs=plain, **kwargs)
+    if not names:
+        raise ConfigError("obs is empty; name at least one observation of the environment")
+    env = gymnasium.make(env_id, obs=names, **kwargs)
     try:
-        spaces = {**env.observation_space.spaces, GOAL_NAME: goal_space()}  # type: ignore[attr-defined]
+        spaces = env.observation_space.spaces  # type: ignore[attr-defined]
         assert env.spec is not None
         spec = json.loads(env.spec.to_json())
         fps = env.metadata["render_fps"]
@@ -200,15 +189,14 @@ def _names(obs: str | Sequence[str] | None) -> tuple[str, ...]:
 class _Noisy(Policy):
     """Stores the actions of a policy; executes them, or those of another one that is `acting`, with noise."""
 
-    def __init__(self, policy: Policy, noise: float, goals: Goals | None, acting: Policy | None) -> None:
-        self._policy, self._noise, self._goals, self._acting = policy, noise, goals, acting
+    def __init__(self, policy: Policy, noise: float, acting: Policy | None) -> None:
+        self._policy, self._noise, self._acting = policy, noise, acting
         self.name, self.obs = policy.name, policy.obs
 
     def _bind(self, task: Task) -> None:
-        (self._goals or self._policy).bind(task)
+        self._policy.bind(task)
         if self._acting is not None:
             self._acting.bind(task)
-        self._shown: dict[str, Any] = {}
         self._streams = [np.random.default_rng(0) for _ in range(task.num_envs)]
         self.chosen = self._zeros()
 
@@ -229,23 +217,11 @@ class _Noisy(Policy):
         self.chosen = chosen
         if self._acting is not None:
             chosen = np.clip(self._acting.act(observation), -1.0, 1.0)
-        if self._goals is not None:
-            self._shown = {GOAL_NAME: self._goals.show(observation["proprio"])}
         if not self._noise:
             return chosen
         noise = np.stack([stream.normal(0.0, self._noise, chosen.shape[1]) for stream in self._streams])
         disturbed: Actions = np.clip(chosen + noise, -1.0, 1.0).astype(np.float32)
         return disturbed
-
-    def before(self, name: str, steps: Steps, row: int) -> Any:
-        """Return an observation from before a step."""
-        return self._shown[name][steps.env[row]] if name in self._shown else steps.observation[name][row]
-
-    def after(self, name: str, steps: Steps, row: int) -> Any:
-        """Return an observation from after the last step of an episode."""
-        if name in self._shown and self._goals is not None:
-            return self._goals.after(int(steps.env[row]), steps.following["proprio"][row])
-        return steps.following[name][row]
 
 
 class _Recording:
@@ -325,9 +301,9 @@ class _Recording:
 
     def _watch(self, steps: Steps) -> None:
         for row, trial in enumerate(steps.trial.tolist()):
-            seen = {name: self._policy.before(name, steps, row) for name in self._names}
+            seen = {name: steps.observation[name][row] for name in self._names}
             ends = bool(steps.terminated[row]), bool(steps.truncated[row])
-            last = {name: self._policy.after(name, steps, row) for name in self._names} if any(ends) else None
+            last = {name: steps.following[name][row] for name in self._names} if any(ends) else None
             action = self._policy.chosen[steps.env[row]]
             self._open.setdefault(trial, []).append((seen, action, float(steps.reward[row]), *ends, last))
 

@@ -13,7 +13,6 @@ from graspbox._common.runs import refuse_changes
 from graspbox.data.episodes.manifest import REMEDY, Episode, File, content_of, read_manifest, write_manifest
 from graspbox.data.files import MANIFEST, parquet, parquet_bytes, pyarrow, sha256, write_durably
 from graspbox.errors import ConfigError
-from graspbox.policies.goals import GOAL_NAME
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -100,8 +99,6 @@ class Demonstrations:
             name: value for name, value in spec["kwargs"].items() if name not in _RECORDING_ONLY and value is not None
         }
         seen: Any = list(obs) if len(obs) > 1 else (*obs, "state")[0]
-        if GOAL_NAME in obs:
-            keywords["goal_from"] = self.settings["goal_from"]
         return self.settings["env_id"], {**keywords, "max_episode_steps": spec["max_episode_steps"], "obs": seen}
 
     def read(self, names: tuple[str, ...] | None = None) -> Iterator[EpisodeSteps]:

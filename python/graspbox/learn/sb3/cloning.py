@@ -39,7 +39,6 @@ from graspbox.learn.sb3.settings import EVALUATION_SEED, CloneSettings, Paramete
 from graspbox.learn.training.configs import TrainConfig
 from graspbox.learn.training.options import TrainingOutcome
 from graspbox.learn.training.trainer import Trainer, TrainProgress, moved
-from graspbox.sb3.goal_env import with_goals
 from graspbox.sb3.policy import ModelPolicy, summary
 
 __all__ = [
@@ -370,10 +369,8 @@ def _evaluate(settings: CloneSettings, run: Run, model: Any, updates: int) -> di
     model.num_timesteps = updates
     save(model, run.folder / "checkpoint", run.seconds, buffer=False)
     kept = read_settings(run.folder)
-    policy: Any = ModelPolicy(model, model.get_vec_normalize_env(), "clone")
-    policy, keywords = with_goals(policy, kept["env"])
-    # Validation objects are allowed here, even if the policy that provides the goals was trained on them.
-    keywords |= {"split": settings.evaluate, "trials": settings.episodes, "include_learned": True}
+    policy = ModelPolicy(model, model.get_vec_normalize_env(), "clone")
+    keywords = {**kept["env"], "split": settings.evaluate, "trials": settings.episodes}
     keywords |= {"seed": EVALUATION_SEED, "num_envs": min(kept["num_envs"], settings.episodes)}
     row = summary(evaluation.evaluate(policy, kept["id"], **keywords))
     rows.append({"timesteps": updates, "seconds": round(run.seconds, 1), **row})

@@ -33,13 +33,9 @@ from graspbox.learn.export.weight_files import load_weights, restore_weights
 from graspbox.learn.sb3.action_graphs import ActionGraph, Scales
 from graspbox.learn.sb3.running import ALGORITHMS, model_arguments
 from graspbox.policies import Task
-from graspbox.policies import names as baselines
-from graspbox.policies.published.configs import ACTING, SETTINGS, Environment, NetworkInput, NetworkPolicyConfig, Use
-from graspbox.policies.published.downloads import folder_of
-from graspbox.policies.published.folders import CONFIG, hand_of, load, use_of, used_folder
-from graspbox.policies.published.installed import is_bare
+from graspbox.policies.published.configs import ACTING, SETTINGS, Environment, NetworkInput, NetworkPolicyConfig
+from graspbox.policies.published.folders import CONFIG, hand_of, load
 from graspbox.policies.published.runtimes import Network, onnx_network
-from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy
 
 __all__ = ["export_policy", "load_graph", "published_settings"]
@@ -108,10 +104,9 @@ def export_policy(
     loaded = load_hand(hand)
     obs = observed if isinstance(observed, str) else tuple(observed)
     acts_in = Environment(env_id, obs, plain(published_settings(env_id, env), "env"))
-    uses, looked = _goal_of(Path(folder), env.get("goal_from"))
     names = acts_in.names
     graph = ActionGraph(policy.model.policy, _scales_of(policy.statistics, names), names)
-    settings = {**acts_in.settings, **looked, "obs": obs, "hand": hand}
+    settings = {**acts_in.settings, "obs": obs, "hand": hand}
     envs = _environments(env_id, _ENVS, settings, env.get("objects", "procedural"))
     try:
         seen = list(_observations(policy, envs))
@@ -125,7 +120,6 @@ def export_policy(
         hand=loaded.name,
         environment=acts_in,
         learned_from=tuple(learned_from),
-        uses=uses,
         inputs=inputs,
         actions=actions,
         algorithm=algorithm,
@@ -147,19 +141,6 @@ def export_policy(
             f"the policy cannot be written as ONNX; its features extractor, {kind}, or a layer has an operation "
             f"that ONNX lacks, such as numpy's functions: {first}"
         ) from error
-
-
-def _goal_of(folder: Path, goal: str | None) -> tuple[dict[str, Use], dict[str, str]]:
-    """Describe the policy whose grasps are the observation ``goal``, and return the keyword that selects it."""
-    if goal is None:
-        return {}, {}
-    # A baseline has no folder, and one on the hub no place that lasts.
-    used = folder_of(goal) if is_bare(goal) and goal not in baselines() else Path(goal)
-    if not used.is_dir():
-        raise ConfigError(
-            f"goal_from is {goal!r}, which is not a published policy's folder; train with one, such as policies/depth"
-        )
-    return {"goal": use_of(folder, used)}, {"goal_from": goal}
 
 
 def check_parity(
@@ -185,7 +166,8 @@ def check_parity(
 
 
 def _environments(env_id: str, count: int, settings: Mapping[str, Any], objects: Any) -> VectorEnv[Any, Any, Any]:
-    return make_vec(env_id, count, objects=objects, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
+    keywords = {**settings, "objects": objects, "autoreset_mode": AutoresetMode.SAME_STEP}
+    return gymnasium.make_vec(env_id, num_envs=count, **keywords)
 
 
 def _observations(policy: ModelPolicy, envs: VectorEnv[Any, Any, Any]) -> Iterator[Any]:
@@ -219,8 +201,7 @@ def load_graph(folder: Path) -> ActionGraph:
     """
     config = load(folder, NetworkPolicyConfig)
     acts_in = config.environment
-    looked = {f"{role}_from": used_folder(folder, config, role) for role in config.roles}
-    settings = {**config.settings, **looked, "hand": hand_of(folder, config), "obs": acts_in.obs}
+    settings = {**config.settings, "hand": hand_of(folder, config), "obs": acts_in.obs}
     envs = _environments(acts_in.id, 1, settings, "procedural:can:0")
     spaces = envs.single_observation_space, envs.single_action_space
     envs.close()

@@ -225,15 +225,7 @@ def _recorded(clone: Mapping[str, Any]) -> TrainingStep:
     for name in ("obs", "num_threads"):
         kept.pop(name, None)
     counts = _counts(source)
-    words = [
-        "graspbox",
-        "record",
-        recording.get("goal_from", recording["policy"]),
-        "--out",
-        shown(source),
-        "--env",
-        recording["env_id"],
-    ]
+    words = ["graspbox", "record", recording["policy"], "--out", shown(source), "--env", recording["env_id"]]
     words += ["--episodes", str(counts["episodes"])] if counts else []
     words += ["--seed", str(recording["seed"]), "--keep", recording["keep"], "--noise", str(recording["noise"])]
     words += [*(["--split", split] if split else []), *_repeated("--objects", objects)]

@@ -19,7 +19,6 @@ from graspbox.learn.sb3.running import ALGORITHMS, load_policy
 from graspbox.object_sets import Split, set_names
 from graspbox.policies.network import ActingNetwork
 from graspbox.policies.published.configs import Environment, NetworkInput
-from graspbox.sb3.goal_env import goal_base
 
 __all__ = ["RunPolicy"]
 
@@ -68,7 +67,6 @@ class RunPolicy(ActingNetwork):
             network().actions,
             network,
             learned_from=learned_from(trained_on(run), chosen_on),
-            base=goal_base(env),
         )
         # Returns are then those of the training.
         rewards = {name: env[name] for name in ("reward", "reward_weights") if name in env}

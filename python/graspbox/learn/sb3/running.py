@@ -46,7 +46,6 @@ from graspbox.errors import ConfigError
 from graspbox.evaluation import run_trials, trial_seeds
 from graspbox.policies import Task
 from graspbox.sb3.extractors import Extractor
-from graspbox.sb3.goal_env import make_vec
 from graspbox.sb3.policy import ModelPolicy, summary
 from graspbox.sb3.vec_env import VecEnv
 
@@ -72,8 +71,8 @@ ALGORITHMS: dict[str, Any] = {"ppo": PPO, "sac": SAC, "td3": TD3, "tqc": TQC}
 
 
 def make_env(env_id: str, num_envs: int, **settings: Any) -> VecEnv:
-    """Make the environments of a training; keywords as for `goal_env.make_vec`."""
-    return VecEnv(make_vec(env_id, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings))
+    """Make the environments of a training."""
+    return VecEnv.make(env_id, num_envs, **settings)
 
 
 def normalized(env: Any, gamma: float, *, observations: bool, reward: bool) -> Any:

@@ -30,7 +30,6 @@ from graspbox.policies.stability_inputs import check_times
 __all__ = [
     "ACTING",
     "COMPLETION",
-    "GOAL_NAME",
     "HAND_FILES",
     "SETTINGS",
     "DepthPolicyConfig",
@@ -47,8 +46,6 @@ __all__ = [
 HAND_FILES = ("hand.urdf", "hand.toml")
 #: Role of the policy whose completion another one uses, and the name of its files.
 COMPLETION = "completion"
-#: Name of the observation that comes from another policy, `graspbox.policies.goals`.
-GOAL_NAME = "goal"
 #: Settings of an environment that determine the effect of an action; a published network lists all that its
 #: environment has. The hand is a separate field.
 ACTING = ("control", "fingers", "control_freq")
@@ -346,7 +343,7 @@ class NetworkInput:
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkPolicyConfig(PolicyConfig):
-    """A network from observations to actions; the policy in the role ``goal``, if any, yields the observation ``goal``.
+    """A network from observations to actions.
 
     ``policy.onnx`` maps `inputs`, one for each name in ``environment.obs``, (n, ...) in the environment's format, to
     ``action`` (n, `actions`) float32. `algorithm` of Stable-Baselines3 and its `policy_kwargs` record the training;
@@ -373,11 +370,6 @@ class NetworkPolicyConfig(PolicyConfig):
             )
 
     @property
-    def roles(self) -> tuple[str, ...]:
-        """Roles of the policies that it uses."""
-        return ("goal",) if GOAL_NAME in self.environment.names else ()
-
-    @property
     def holds(self) -> tuple[str, ...]:
         """Names of the files of its networks."""
         return ("policy.onnx",)
@@ -390,12 +382,8 @@ class NetworkPolicyConfig(PolicyConfig):
     def check(self, hand: Hand) -> None:
         """Check the settings of its environment too, by making one; raises as `PolicyConfig.check`."""
         super().check(hand)
-        # The observation `goal` comes from a policy; `Grasp-v0` shows `proprio` in any case.
-        obs: Any = self.environment.obs
-        if not isinstance(obs, str):
-            obs = tuple(name for name in obs if name != GOAL_NAME) or ("proprio",)
         try:
-            keywords = {**self.environment.settings, "hand": hand, "obs": obs, "objects": _ANY_OBJECT}
+            keywords = {**self.environment.settings, "hand": hand, "obs": self.environment.obs, "objects": _ANY_OBJECT}
             env = gymnasium.make_vec(self.environment.id, num_envs=1, num_threads=1, **keywords)
         except GraspboxError as error:
             raise ConfigError(f"environment, with the hand {self.hand!r}: {error}") from None

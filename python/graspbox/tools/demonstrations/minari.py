@@ -12,7 +12,6 @@ from gymnasium.envs.registration import EnvSpec
 from graspbox._common.imports import imported
 from graspbox.data.episodes.store import Demonstrations
 from graspbox.errors import ConfigError
-from graspbox.policies.goals import GOAL_NAME
 
 __all__ = ["to_minari"]
 
@@ -44,8 +43,6 @@ def to_minari(demonstrations: Demonstrations, dataset_id: str) -> Any:
     if not demonstrations.episodes:
         raise ConfigError(f"{str(demonstrations.folder)!r} has no episode; record some")
     settings = demonstrations.settings
-    if GOAL_NAME in settings["observations"]:
-        raise ConfigError("'goal' is not an observation of the environment, which Minari requires; record without it")
     spec = EnvSpec.from_json(json.dumps(settings["env_spec"]))
     try:
         minari.dataset.minari_dataset.parse_dataset_id(dataset_id)

@@ -11,7 +11,7 @@ from graspbox.hands import load_hand
 from graspbox.learn.recipes.cards.writing import ScoreRow, listed, write_card
 from graspbox.learn.sb3.histories import TrainingStep
 from graspbox.policies import Policy
-from graspbox.policies.published.configs import GOAL_NAME, NetworkPolicyConfig
+from graspbox.policies.published.configs import NetworkPolicyConfig
 from graspbox.policies.published.folders import hand_of
 
 __all__ = ["ObjectSetScore", "measure", "object_set", "write_network_card"]
@@ -95,7 +95,6 @@ def write_network_card(
         seed=seed,
         steps=steps,
         origin=_origin([step.kind for step in steps], config.algorithm),
-        goal=config.uses.get(GOAL_NAME),
         privileged=[name for name in config.environment.names if meant.get(name, name).split("_")[0] in simulated],
         sets=list(dict.fromkeys(sets)),
         environment=", ".join(f"`{name}={value!r}`" for name, value in config.settings.items()),
