@@ -14,6 +14,7 @@ use crate::objects::{Need, Prepared, RestingChoice};
 use crate::pool::env_spec::EnvSpec;
 use crate::starts::clutter::{ClutterSamples, check_options, scene_of};
 use crate::starts::goal_samples::{Resting, goal};
+use crate::starts::grasp_starts::{HandStart, at_grasp};
 use crate::starts::hand_placement::HandPlacement;
 use crate::starts::initial_samples::InitialSamples;
 use crate::starts::random_stream::RandomStream;
@@ -74,7 +75,8 @@ impl InitialState {
             return Ok(ClutterSamples::new(&spec.config.clutter, layout, &samples, spec.objects.len()).needs(model));
         }
         let resting = options.resting.map_or(RestingChoice::Share(samples.resting), RestingChoice::Index);
-        Ok(vec![Need { object: object_index(spec, &samples, options)?, resting: Some(resting), model }])
+        let object = object_index(spec, &samples, options)?;
+        Ok(vec![Need { object, resting: Some(resting), model, grasps: spec.config.grasp_starts > 0.0 }])
     }
 
     /// The samples of the scene of several objects with which the state of [`InitialState::sample`] would begin; the stream is unchanged.
@@ -124,13 +126,24 @@ impl InitialState {
         let Start { object, scene, prepared, objects } = start;
         let resting = resting(&prepared[scene.target()], &scene, &world_from_object, dropped);
         let goal = goal(spec.config.goal.as_ref(), samples.viewpoint, &resting, options)?;
+        let near = match &objects {
+            StartObjects::Single { resting } if dropped.is_none() && !options.places_hand() => {
+                let share = spec.config.grasp_starts;
+                let at_rest = (&*prepared[0], *resting);
+                at_grasp(share, samples.viewpoint, &spec.objects, at_rest, &world_from_object)?
+            }
+            _ => None,
+        };
         let placement = HandPlacement {
             spec,
             object: scene.name(),
             obstacles: scene.obstacles_at(&world_from_object),
             world_from_object: &world_from_object,
         };
-        let world_from_hand = placement.place(&samples, options, preshape)?;
+        let HandStart { world_from_hand, preshape } = match near {
+            Some(start) => start,
+            None => HandStart { world_from_hand: placement.place(&samples, options, preshape)?, preshape },
+        };
         let scene_kind = |kind| Mode::of_one(spec.config.control, kind);
         let mode = match objects {
             StartObjects::Single { resting } => scene_kind(SceneKind::Single { resting, dropped: dropped.is_some() }),
