@@ -666,9 +666,20 @@ def crops(
     intrinsics: NDArray[np.float64],
     world_from_camera: NDArray[np.float64],
     labels: NDArray[np.bool_] | None,
+    middle: NDArray[np.bool_] | None,
     crop: _Config,
     num_threads: int | None,
 ) -> CropArrays: ...
+def pixel_heights(
+    depth: NDArray[np.float32], intrinsics: NDArray[np.float64], world_from_camera: NDArray[np.float64]
+) -> NDArray[np.float32]: ...
+def pixel_groups(
+    depth: NDArray[np.float32],
+    intrinsics: NDArray[np.float64],
+    world_from_camera: NDArray[np.float64],
+    chosen: NDArray[np.bool_],
+    gap: float,
+) -> NDArray[np.uint32]: ...
 def solids(
     meshes: Sequence[Mesh],
     mesh_of: Sequence[int],

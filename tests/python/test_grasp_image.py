@@ -263,7 +263,7 @@ def test_grasps_are_ranked_and_differ(seen: Views, depth: NDArray[np.float64], t
     assert (within.object == found.object).mean() > 0.999
     with pytest.raises(errors.ConfigError, match="no object rises above the table"):
         grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, region=(0, 0, 20, 20))
-    with pytest.raises(errors.ConfigError, match="the camera's pose does not fit the image: 4% of it"):
+    with pytest.raises(errors.ConfigError, match="the camera's pose does not fit the image: 4% of the image"):
         grasp_image(depth, seen.intrinsics, np.linalg.inv(seen.world_from_camera[0]), tiny)
     with pytest.raises(errors.ConfigError, match="left < right"):
         grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tiny, region=(20, 0, 10, 20))

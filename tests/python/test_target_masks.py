@@ -153,7 +153,7 @@ def test_a_mask_chooses_the_object_of_an_image(image: Any, tmp_path: Path) -> No
             places.append(found.table_from_hand[0, :2, 3])
     assert len(places) == 2
     assert np.linalg.norm(places[0] - places[1]) > 0.02
-    with pytest.raises(ConfigError, match="the mask shows nothing"):
+    with pytest.raises(ConfigError, match="the mask has 0 pixels with a depth"):
         grasp_image(depth, lens, pose, POLICY, mask=np.zeros(depth.shape, dtype=np.bool_))
     with pytest.raises(ConfigError, match="mask is uint8"):
         grasp_image(depth, lens, pose, POLICY, mask=(labels == 2).astype(np.uint8))

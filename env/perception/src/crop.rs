@@ -3,7 +3,8 @@
 //! The crop frame has its origin on the table (z = 0 of the world) below the middle of the object's visible part, z up, and x horizontally away from
 //! the camera. It rotates with the camera, so the crop does not depend on the world's x and y axes.
 //!
-//! The object is the largest group of pixels above the table. In plan view, gaps between pixels of one group are at most `gap`.
+//! The object is the largest group of pixels above the table, or given by its pixels. In plan view, gaps between pixels of one group are at
+//! most `gap`.
 
 use crate::PerceptionError;
 use graspbox_mesh::{VoxelFrame, in_range};
@@ -78,6 +79,7 @@ pub struct Observed {
 ///
 /// * `depth`: (H, W), metres along the optical axis; 0 for no depth.
 /// * `labels`: pixels of the object, (H, W), if they are known.
+/// * `middle`: pixels around which the crop lies, (H, W), if these are not all of the object.
 ///
 /// # Errors
 /// [`PerceptionError::OutOfRange`] for the config or images of another size than the camera's.
@@ -85,23 +87,56 @@ pub fn observe(
     camera: &Camera,
     depth: &[f32],
     labels: Option<&[bool]>,
+    middle: Option<&[bool]>,
     config: &CropConfig,
 ) -> Result<Observed, PerceptionError> {
     config.check()?;
-    let pixels = camera.intrinsics().pixels();
-    let sizes = [Some(depth.len()), labels.map(<[bool]>::len)];
-    for size in sizes.into_iter().flatten() {
-        in_range("pixels of an image", size as f64, pixels as f64..=pixels as f64, "(those of its camera)")?;
-    }
+    check_sizes(camera, [Some(depth.len()), labels.map(<[bool]>::len), middle.map(<[bool]>::len)])?;
     let points = world_points(camera, depth);
     let object = match labels {
         Some(labels) => labels.iter().zip(&points).map(|(label, point)| *label && point.is_some()).collect(),
         None => above_table(&points, camera.intrinsics().width as usize, config),
     };
-    let seen: Vec<Point3<f64>> =
-        points.iter().zip(&object).filter_map(|(point, own)| if *own { *point } else { None }).collect();
+    let around = points.iter().zip(middle.unwrap_or(&object));
+    let seen: Vec<Point3<f64>> = around.filter_map(|(point, own)| if *own { *point } else { None }).collect();
     let world_from_crop = (seen.len() >= config.min_pixels).then(|| crop_frame(camera, &seen));
     Ok(Observed { object, world_from_crop })
+}
+
+/// Height of each pixel above the table, metres, as the median of it and its eight neighbours; NaN without depth, (H, W).
+///
+/// # Errors
+/// [`PerceptionError::OutOfRange`] for an image of another size than the camera's.
+pub fn heights(camera: &Camera, depth: &[f32]) -> Result<Vec<f32>, PerceptionError> {
+    check_sizes(camera, [Some(depth.len())])?;
+    let (points, width) = (world_points(camera, depth), camera.intrinsics().width as usize);
+    let height = |index: usize| points[index].map_or(f32::NAN, |_| smoothed_height(&points, width, index) as f32);
+    Ok((0..points.len()).map(height).collect())
+}
+
+/// Groups of pixels, by 1 and up from the largest, (H, W); 0 for pixels that are not `chosen` or have no depth.
+///
+/// * `gap`: the widest gap between pixels of one group in plan view, metres.
+///
+/// # Errors
+/// [`PerceptionError::OutOfRange`] for images of another size than the camera's, or a gap that is no distance.
+pub fn groups(camera: &Camera, depth: &[f32], chosen: &[bool], gap: f64) -> Result<Vec<u32>, PerceptionError> {
+    CropConfig { gap, ..CropConfig::default() }.check()?;
+    check_sizes(camera, [Some(depth.len()), Some(chosen.len())])?;
+    let (groups, sizes) = grouped(&world_points(camera, depth), chosen, gap);
+    let mut order: Vec<usize> = (0..sizes.len()).collect();
+    order.sort_by_key(|&group| (std::cmp::Reverse(sizes[group]), group));
+    let mut rank = vec![0_u32; sizes.len()];
+    order.iter().zip(1..).for_each(|(&group, place)| rank[group] = place);
+    Ok(groups.into_iter().map(|group| group.map_or(0, |group| rank[group])).collect())
+}
+
+fn check_sizes<const N: usize>(camera: &Camera, sizes: [Option<usize>; N]) -> Result<(), PerceptionError> {
+    let pixels = camera.intrinsics().pixels() as f64;
+    for size in sizes.into_iter().flatten() {
+        in_range("pixels of an image", size as f64, pixels..=pixels, "(those of its camera)")?;
+    }
+    Ok(())
 }
 
 /// The point of each pixel in the world; `None` without depth or far away.
@@ -120,15 +155,21 @@ fn above_table(points: &[Option<Point3<f64>>], width: usize, config: &CropConfig
     let above: Vec<bool> = (0..points.len())
         .map(|index| points[index].is_some() && smoothed_height(points, width, index) > config.min_height)
         .collect();
-    let cell = |p: &Point3<f64>| [p.x, p.y].map(|x| (x / PLAN_CELL).floor() as i64);
-    let cells: Vec<Option<[i64; 2]>> =
-        points.iter().zip(&above).map(|(point, above)| point.as_ref().filter(|_| *above).map(cell)).collect();
-    let groups = group(&cells, (config.gap / PLAN_CELL).ceil() as i64);
-    let mut sizes = vec![0_usize; groups.iter().flatten().map(|group| group + 1).max().unwrap_or(0)];
-    groups.iter().flatten().for_each(|group| sizes[*group] += 1);
+    let (groups, sizes) = grouped(points, &above, config.gap);
     // Ties go to the first group.
     let largest = sizes.iter().enumerate().max_by(|a, b| a.1.cmp(b.1).then(b.0.cmp(&a.0))).map(|(group, _)| group);
     groups.into_iter().map(|group| group.is_some() && group == largest).collect()
+}
+
+/// The group of each chosen pixel, numbered by the first pixels, and the number of pixels of each group.
+fn grouped(points: &[Option<Point3<f64>>], chosen: &[bool], gap: f64) -> (Vec<Option<usize>>, Vec<usize>) {
+    let cell = |p: &Point3<f64>| [p.x, p.y].map(|x| (x / PLAN_CELL).floor() as i64);
+    let cells: Vec<Option<[i64; 2]>> =
+        points.iter().zip(chosen).map(|(point, own)| point.as_ref().filter(|_| *own).map(cell)).collect();
+    let groups = group(&cells, (gap / PLAN_CELL).ceil() as i64);
+    let mut sizes = vec![0_usize; groups.iter().flatten().map(|group| group + 1).max().unwrap_or(0)];
+    groups.iter().flatten().for_each(|group| sizes[*group] += 1);
+    (groups, sizes)
 }
 
 /// Median height of a pixel and those of its eight neighbours that have a depth, metres.

@@ -50,7 +50,7 @@ pub mod solid;
 pub mod surface;
 
 pub use channels::{CHANNEL_NAMES, CHANNELS, fill_channels};
-pub use crop::{CropConfig, Observed, observe};
+pub use crop::{CropConfig, Observed, groups, heights, observe};
 pub use error::PerceptionError;
 pub use hand_crops::{CropVolume, HAND_CHANNEL_NAMES, HAND_CHANNELS, hand_crops};
 pub use hand_grid::{GraspContact, HandGrid, HandGridConfig};

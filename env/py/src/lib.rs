@@ -44,7 +44,9 @@ mod _core {
     #[pymodule_export]
     use crate::hand::Hand;
     #[pymodule_export]
-    use crate::images::perception::{HandVolumes, add_depth_noise, channel_names, crops, solids};
+    use crate::images::perception::{
+        HandVolumes, add_depth_noise, channel_names, crops, pixel_groups, pixel_heights, solids,
+    };
     #[pymodule_export]
     use crate::images::render::render;
     #[pymodule_export]

@@ -1,6 +1,7 @@
 """Measure policies by protocols of the field.
 
-``graspbox benchmark clutter`` clears scenes of several objects, after VGN's protocol.
+``graspbox benchmark clutter`` clears scenes of several objects, after VGN's protocol; ``captures`` is in
+`graspbox.cli.captures`.
 """
 
 from functools import partial
@@ -12,6 +13,7 @@ import typer
 
 from graspbox._common.files import dumps, write_text
 from graspbox._common.progress import ProgressBar
+from graspbox.cli.captures import captures
 from graspbox.cli.common import HandOfPolicy, Json, Split, Spread, check_files, hand_like, print_json, print_table
 from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
 from graspbox.configs import OVERHEAD, CamerasConfig
@@ -54,6 +56,9 @@ Video = Annotated[
 @benchmark_app.callback()
 def _benchmark() -> None:
     """Measure policies by protocols of the field."""
+
+
+benchmark_app.command()(captures)
 
 
 @benchmark_app.command()

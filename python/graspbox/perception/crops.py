@@ -115,6 +115,7 @@ def crop(
     world_from_camera: ArrayLike,
     *,
     labels: ArrayLike | None = None,
+    middle: ArrayLike | None = None,
     config: CropConfig = CropConfig(),  # noqa: B008 (frozen)
     num_threads: int | None = None,
 ) -> Crops:
@@ -130,6 +131,8 @@ def crop(
         Poses of the cameras (z forward, x right, y down), metres; the table is the plane z = 0, z is up.
     labels : (n, H, W) bool array, optional
         Pixels of the object; by default the largest group of pixels above the table.
+    middle : (n, H, W) bool array, optional
+        Pixels around which the crop lies; by default those of the object.
     config : CropConfig
         The crop.
     num_threads : int, optional
@@ -141,14 +144,16 @@ def crop(
         For arrays of another shape or type, or a setting out of range.
     """
     images = depth_metres(depth)
-    flags = None if labels is None else np.ascontiguousarray(labels)
-    if flags is not None and flags.dtype != np.bool_:
-        raise ConfigError(f"labels are of dtype {flags.dtype}; pass bool, True for the object")
+    flags, around = (None if each is None else np.ascontiguousarray(each) for each in (labels, middle))
+    for name, each in (("labels", flags), ("middle", around)):
+        if each is not None and each.dtype != np.bool_:
+            raise ConfigError(f"{name} are of dtype {each.dtype}; pass bool, True for the object")
     arrays = _core.crops(
         images,
         floats(intrinsics, "intrinsics"),
         floats(world_from_camera, "world_from_camera"),
         flags,
+        around,
         config_dict(config, CropConfig),
         num_threads,
     )

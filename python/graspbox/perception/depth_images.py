@@ -25,6 +25,7 @@ __all__ = [
     "metric_depth",
     "points_of",
     "read_depth",
+    "read_labels",
     "read_mask",
     "read_points",
     "read_pose",
@@ -56,9 +57,16 @@ _FARTHEST_OBSTACLE = 10.0
 #: A plane is fitted to about this many points at most; more make it slower, not better.
 _MOST_POINTS = 1_000_000
 #: Planes that are tried, pixels that vote for them, and the least share of the votes that a table has.
-_PLANES, _VOTERS, _TABLE_SHARE = 400, 4000, 0.25
+_PLANES, _VOTERS, _TABLE_SHARE = 600, 4000, 0.1
+#: Pixels vote the more the nearer they are to the middle: a Gaussian of this share of the image's size. A vote below a
+#: plane counts half against it: a thing's own face has a table below.
+_AROUND_MIDDLE, _BELOW = 0.3, 0.5
 #: Least share of the pixels that lie on the table as placed by the camera's pose.
 _SEEN_TABLE = 0.12
+#: Without it, most of the pixels that may lie below the table, and the greatest height of the lowest ones, metres.
+_MOST_SUNK, _HIGHEST = 0.05, 0.3
+#: Heights within the first, metres, are one level surface; one with more than the second of the image is a table.
+_LEVEL, _ANOTHER_TABLE = 0.03, 0.25
 #: A pixel is the table's within this distance and this share of its depth, metres.
 _ON_TABLE, _ON_TABLE_GROWTH = 0.004, 0.004
 #: Least angle between the table and the optical axis, radians.
@@ -115,6 +123,17 @@ def read_mask(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS) -
             f"{path} holds {values.dtype} of shape {values.shape}; pass one mask (H, W), not 0 where the object is"
         )
     return np.asarray(values != 0)
+
+
+def read_labels(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS) -> NDArray[np.int64]:
+    """Read the numbers (H, W) of things, 0 for none, from a ``.npy`` file or a ``.png`` of one channel.
+
+    Arguments and errors as `read_depth`; ConfigError if it holds no labels.
+    """
+    values = _read_image(Path(path), "image of labels", max_pixels)[1]
+    if values.ndim != 2 or values.dtype.kind not in "biu":
+        raise ConfigError(f"{path} holds {values.dtype} of shape {values.shape}; pass one label per pixel (H, W)")
+    return values.astype(np.int64)
 
 
 def read_points(path: str | os.PathLike[str]) -> NDArray[np.float64]:
@@ -338,39 +357,30 @@ def camera_over_table(height: float, tilt: float, roll: float = 0.0) -> NDArray[
     return pose
 
 
-def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Find the table, the largest plane in a depth image (H, W), metres, and return ``table_from_camera`` (4, 4).
+def fit_table(
+    depth: NDArray[np.float64], intrinsics: NDArray[np.float64], focus: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
+    """Find the table in a depth image (H, W), metres, and return ``table_from_camera`` (4, 4).
 
-    Its frame is that of `camera_over_table`; `intrinsics` are in pixels.
+    It is the plane that has most of the pixels, of which those near the middle of `focus` (H, W), by default of the
+    image, are counted more. Its frame is that of `camera_over_table`; `intrinsics` are in pixels.
 
     Raises
     ------
     ConfigError
-        If no plane has a quarter of the pixels, or the largest is no table below the camera.
+        If no plane has a tenth of these pixels, or the largest is no table below the camera.
     """
-    points = points_of(depth, intrinsics, int(np.ceil(np.sqrt(depth.size / _MOST_POINTS))))
-    rng = np.random.default_rng(0)
-    voters = points[rng.permutation(len(points))[:_VOTERS]]
-    if len(voters) < 3:
+    every = int(np.ceil(np.sqrt(depth.size / _MOST_POINTS)))
+    points, weights = points_of(depth, intrinsics, every), _nearness(depth, every, focus)
+    if len(points) < 3:
         raise ConfigError("the depth image shows no table; pass the camera's pose")
-    corners = voters[rng.integers(len(voters), size=(_PLANES, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = normals / np.maximum(lengths, 1e-12)
-    offsets = np.einsum("ij,ij->i", normals, corners[:, 0])
-    near = _ON_TABLE + _ON_TABLE_GROWTH * voters[:, 2]
-    votes = (np.abs(voters @ normals.T - offsets) < near[:, None]).sum(axis=0) * (lengths[:, 0] > 1e-9)
-    best = int(np.argmax(votes))
-    if votes[best] < _TABLE_SHARE * len(voters):
-        raise ConfigError(
-            f"the largest plane has {votes[best] / len(voters):.0%} of the pixels; no table was found, so pass the "
-            "camera's pose"
-        )
-    normal, offset = normals[best], offsets[best]
+    normal, offset = _most_voted(points, weights)
     for _ in range(5):
-        own = points[np.abs(points @ normal - offset) < _ON_TABLE + _ON_TABLE_GROWTH * points[:, 2]]
-        middle = own.mean(axis=0)
-        normal = np.linalg.svd((own - middle).T @ (own - middle))[0][:, 2]
+        on = np.abs(points @ normal - offset) < _ON_TABLE + _ON_TABLE_GROWTH * points[:, 2]
+        own, share = points[on], weights[on] / weights[on].sum()
+        middle = share @ own
+        moved = own - middle
+        normal = np.linalg.svd((moved.T * share) @ moved)[0][:, 2]
         offset = float(normal @ middle)
     # Up is where the camera is.
     up, height = (-normal, offset) if offset > 0 else (normal, -offset)
@@ -382,20 +392,66 @@ def fit_table(depth: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> ND
     return camera_over_table(height, tilt, float(np.arctan2(-up[0], -up[1])) if tilt < np.pi / 2 - 1e-6 else 0.0)
 
 
+def _nearness(depth: NDArray[np.float64], every: int, focus: NDArray[np.bool_] | None) -> NDArray[np.float64]:
+    """Return the weights (n,) of the points of `points_of`: 1 at the middle of the pixels `focus`, less away."""
+    shape = np.array(depth.shape)
+    middle = shape / 2 if focus is None else np.array([places.mean() for places in np.nonzero(focus)])
+    places = every * np.stack(np.nonzero(depth[::every, ::every]), axis=1)
+    return np.asarray(np.exp(-0.5 * (((places - middle) / (_AROUND_MIDDLE * shape)) ** 2).sum(axis=1)))
+
+
+def _most_voted(points: NDArray[np.float64], weights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Return unit normal (3,) and offset of the plane through three points with most of the weighted votes."""
+    rng = np.random.default_rng(0)
+    # Sampling without replacement, by weights (Efraimidis and Spirakis, 2006).
+    keys = rng.random(len(points)) ** (1.0 / np.maximum(weights, 1e-6))
+    voters = points[np.argsort(-keys, kind="stable")[:_VOTERS]]
+    corners = voters[rng.integers(len(voters), size=(_PLANES, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / np.maximum(lengths, 1e-12)
+    offsets = np.einsum("ij,ij->i", normals, corners[:, 0])
+    # The camera is above every plane.
+    facing = np.where(offsets > 0, -1.0, 1.0)
+    normals, offsets = normals * facing[:, None], offsets * facing
+    near = _ON_TABLE + _ON_TABLE_GROWTH * voters[:, 2]
+    heights = voters @ normals.T - offsets
+    on = (np.abs(heights) < near[:, None]).mean(axis=0) * (lengths[:, 0] > 1e-9)
+    below = (heights < -2.5 * near[:, None]).mean(axis=0)
+    best = int(np.argmax(on - _BELOW * below))
+    if on[best] < _TABLE_SHARE:
+        raise ConfigError(
+            f"the largest plane has {on[best]:.0%} of the pixels; no table was found, so pass the camera's pose"
+        )
+    return normals[best], float(offsets[best])
+
+
 def check_table(
     depth: NDArray[np.float64], intrinsics: NDArray[np.float64], table_from_camera: NDArray[np.float64]
-) -> None:
-    """Raise ConfigError if less than an eighth of a depth image shows the table as the camera's pose places it."""
+) -> str | None:
+    """Check a given pose of the camera by a depth image (H, W), metres, that need not show the table.
+
+    Returns a warning if less than an eighth of the image is at the height of the table, else None; raises ConfigError
+    if then things would also be in the table or high in the air, or another level surface fills the image.
+    """
     points = points_of(depth, intrinsics)
     heights = points @ table_from_camera[2, :3] + table_from_camera[2, 3]
-    near = np.abs(heights) < 2 * (_ON_TABLE + _ON_TABLE_GROWTH * points[:, 2])
-    share = float(near.mean()) if len(points) else 0.0
-    if share < _SEEN_TABLE:
-        middle = f"; the middle height of its pixels is {np.median(heights):.3g} m" if len(points) else ""
+    tolerance = _ON_TABLE + _ON_TABLE_GROWTH * points[:, 2]
+    share = float((np.abs(heights) < 2 * tolerance).mean()) if len(points) else 0.0
+    if share >= _SEEN_TABLE:
+        return None
+    middle = f"; the middle height of its pixels is {np.median(heights):.3g} m" if len(points) else ""
+    told = f"{share:.0%} of the image is at the height of the table{middle}"
+    sunk = float((heights < -4 * tolerance).mean()) if len(points) else 1.0
+    level = (
+        np.bincount(((heights - heights.min()) / _LEVEL).astype(np.int64)).max() / depth.size if len(points) else 0.0
+    )
+    if sunk > _MOST_SUNK or np.quantile(heights, _MOST_SUNK) > _HIGHEST or level > _ANOTHER_TABLE:
         raise ConfigError(
-            f"the camera's pose does not fit the image: {share:.0%} of it is at the height of the table{middle}. "
+            f"the camera's pose does not fit the image: {told}. "
             "Check the pose (the camera's in the table's frame, not its inverse), its units and the depth scale"
         )
+    return f"the camera's pose cannot be checked: {told}"
 
 
 def points_of(depth: NDArray[np.floating], intrinsics: NDArray[np.float64], every: int = 1) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from graspbox._common.arguments import floats
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.crops import Crops, crop
-from graspbox.perception.depth_images import check_table, points_of
+from graspbox.perception.depth_images import points_of
 from graspbox.perception.leveling import level
 
 __all__ = ["DepthView", "Seen"]
@@ -37,51 +37,30 @@ class DepthView:
     def leveled(self) -> Self:
         """Correct small errors of the camera's height and tilt: see `graspbox.perception.leveling.level`."""
         pose = floats(self.world_from_camera, "world_from_camera")
-        return replace(self, world_from_camera=level(self._metres(), floats(self.intrinsics, "intrinsics"), pose))
+        return replace(self, world_from_camera=level(self.metres(), floats(self.intrinsics, "intrinsics"), pose))
 
     def seen(
         self,
         config: CropConfig,
         target: NDArray[np.bool_] | None = None,
-        within: NDArray[np.bool_] | None = None,
         *,
-        strict: bool = False,
         num_threads: int | None = None,
     ) -> "Seen":
         """Level the camera, find the object, and fill the voxels around it; arguments as of `Query`.
 
-        Raises
-        ------
-        ConfigError
-            For arrays of another shape or type; with `strict`, also if no table, object or target is seen.
+        Raises ConfigError for arrays of another shape or type. For real images see `graspbox.perception.captured.look`.
         """
         view = self.leveled()
         image, lens = np.asarray(view.depth)[None], floats(view.intrinsics, "intrinsics")
         pose = np.asarray(view.world_from_camera)
-        if strict:
-            check_table(self._metres(), lens, pose)
-        labels = None
-        if within is not None:
-            inside = np.where(within, image, image.dtype.type(0))
-            labels = crop(inside, lens, pose[None], config=config, num_threads=num_threads).object
-        crops = crop(image, lens, pose[None], labels=labels, config=config, num_threads=num_threads)
+        crops = crop(image, lens, pose[None], config=config, num_threads=num_threads)
         if not crops.found[0]:
-            if strict:
-                measured = image[image > 0]
-                raise ConfigError(
-                    f"no object rises above the table, at depths of {measured.min():.3g} to {measured.max():.3g} m; "
-                    "check the camera's pose, the intrinsics and the depth scale, or pass another region"
-                )
             return Seen(crops, None, view)
         voxels = None if target is None else view.voxels(target, crops.world_from_crop[0], config)
-        if strict and voxels is not None and not voxels.any():
-            raise ConfigError(
-                f"the mask shows nothing in the {config.side:.2f} m around the objects on the table; pass the mask of "
-                "one of them, or a region around it"
-            )
         return Seen(crops, voxels, view)
 
-    def _metres(self) -> NDArray[np.float64]:
+    def metres(self) -> NDArray[np.float64]:
+        """Return the depth (H, W), metres."""
         image = np.asarray(self.depth)
         return 0.001 * image if image.dtype == np.uint16 else np.asarray(image, np.float64)
 
@@ -89,7 +68,7 @@ class DepthView:
         self, pixels: NDArray[np.bool_], world_from_crop: NDArray[np.float64], config: CropConfig
     ) -> NDArray[np.bool_]:
         """Return the voxels (N, N, N) of a crop in which pixels (H, W) see something."""
-        depth = self._metres()
+        depth = self.metres()
         if np.shape(pixels) != depth.shape or np.asarray(pixels).dtype != np.bool_:
             raise ConfigError(f"the mask has shape {np.shape(pixels)}; pass bool {depth.shape}, as the image")
         points = points_of(np.where(pixels, depth, 0.0), floats(self.intrinsics, "intrinsics")).T

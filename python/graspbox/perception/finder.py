@@ -152,10 +152,6 @@ class Query:
         As `FinderConfig.tolerating`; by default as the finder is configured.
     rehearsed : int, optional
         As `FinderConfig.rehearsing`; by default as the finder is configured.
-    within : (H, W) bool, optional
-        Pixels among which the object is searched; by default all.
-    strict : bool
-        Raise ConfigError, instead of finding no grasp, for an image without table, object or target.
     """
 
     seed: int = 0
@@ -164,8 +160,6 @@ class Query:
     failed: tuple[FoundGrasp, ...] = ()
     hand_error: PoseNoise | None = None
     rehearsed: int | None = None
-    within: NDArray[np.bool_] | None = None
-    strict: bool = False
 
     def settings(self, config: FinderConfig) -> FinderConfig:
         """Return a finder's settings with those of the query."""
@@ -205,7 +199,7 @@ def grasps(image: DepthView | Seen, query: Query, finder: "Finder") -> SearchRes
         seconds[stage], last = now - last, now
 
     if isinstance(image, DepthView):
-        image = image.seen(finder.crop, query.target, query.within, strict=query.strict, num_threads=finder.num_threads)
+        image = image.seen(finder.crop, query.target, num_threads=finder.num_threads)
     seen = image
     lap("crop")
     if seen.target is not None and not finder.targets:

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
+from graspbox.perception.captured import look
+from graspbox.perception.configs import EVERYTHING
 from graspbox.perception.depth_images import (
     check_intrinsics,
     check_points,
@@ -31,6 +33,8 @@ __all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "grasp_image"]
 
 #: Grasps nearer than both to a better one are omitted, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
+#: A grasp of a thing closes within this distance of its seen surface, metres.
+_OF_SURFACE = 0.06
 
 
 class ImageOptions(TypedDict, total=False):
@@ -94,6 +98,10 @@ class ImageGrasps:
         See `graspbox.Hand.preshape_limits`.
     choice, success, secure : (k,) float64
         Score by which the grasps are ranked, and probabilities that they succeed and that they hold without a shift.
+    free : (k,) bool
+        Whether the open hand touches nothing that is seen, predicted or given as an obstacle.
+    warnings : tuple of str
+        What was assumed of the image, and what may be wrong with it, as sentences.
     """
 
     policy: DepthPolicyConfig
@@ -109,6 +117,8 @@ class ImageGrasps:
     choice: NDArray[np.float64]
     success: NDArray[np.float64]
     secure: NDArray[np.float64]
+    free: NDArray[np.bool_]
+    warnings: tuple[str, ...]
 
     def __len__(self) -> int:
         """Count the grasps."""
@@ -126,6 +136,7 @@ class ImageGrasps:
             "policy": self.policy.name,
             "hand": self.hand.name,
             "table_from_camera": self.table_from_camera.tolist(),
+            "warnings": list(self.warnings),
             "grasps": [
                 {
                     "rank": rank + 1,
@@ -133,6 +144,7 @@ class ImageGrasps:
                     "secure": float(self.secure[rank]),
                     "choice": float(self.choice[rank]),
                     "preshape": float(self.preshape[rank]),
+                    "free": bool(self.free[rank]),
                     "camera_from_hand": in_camera[rank].tolist(),
                     "table_from_hand": self.table_from_hand[rank].tolist(),
                 }
@@ -218,31 +230,48 @@ class ImageGrasper:
                 "keep_off is in the table's frame, which a table found in the image does not fix; pass "
                 "table_from_camera"
             )
-        pose = fit_table(image, lens) if table_from_camera is None else check_pose(table_from_camera)
+        marked = None if mask is None else _checked(mask, image.shape)
+        inside = None if region is None else _within(region, image.shape)
+        if table_from_camera is None:
+            pose = fit_table(image, lens, inside if marked is None else marked)
+        else:
+            pose = check_pose(table_from_camera)
         small, lens, step = thinned(image, lens)
-        query = Query(
-            seed,
-            target=None if mask is None else _thin(_checked(mask, image.shape), step, small.shape),
-            keep_off=None if keep_off is None else check_points(keep_off),
-            hand_error=hand_error,
-            rehearsed=rehearsed,
-            within=None if region is None else _thin(_within(region, image.shape), step, small.shape),
-            strict=True,
+        # A crop in which everything is one object shows a policy the neighbours of its target.
+        together = self._finder.crop.gap >= EVERYTHING
+        looked = look(
+            DepthView(small, lens, pose),
+            self._finder.crop,
+            mask=None if marked is None else _thin(marked, step, small.shape),
+            within=None if inside is None else _thin(inside, step, small.shape),
+            pose_given=table_from_camera is not None,
+            together=together,
+            num_threads=self._finder.num_threads,
         )
-        seen, ranked, _ = grasps(DepthView(small, lens, pose), query, self._finder)
+        around = looked.keep_off
+        if keep_off is not None:
+            around = np.concatenate([check_points(keep_off), around])
+        query = Query(seed, keep_off=around, hand_error=hand_error, rehearsed=rehearsed)
+        seen, ranked, _ = grasps(looked.seen, query, self._finder)
         assert ranked is not None
         assert seen.view is not None
+        frame = seen.crops.world_from_crop[0]
+        ranked = ranked.kept(
+            np.flatnonzero(_belongs(self.hand, frame @ ranked.poses, ranked.preshapes, looked.surface))
+        )
         erring = query.settings(self._finder.config).hand_error is not None
         ranked = _distinct(ranked, count, erring)
         judged = NONE_JUDGED if ranked.judged is None else ranked.judged
-        frame = seen.crops.world_from_crop[0]
+        free, _ = self._finder.grid.meets(
+            ranked.volume[0], ranked.poses, ranked.preshapes, obstacles=(around - frame[:3, 3]) @ frame[:3, :3]
+        )
         return ImageGrasps(
             policy=self.config,
             hand=self.hand,
             depth=small,
             intrinsics=lens,
             table_from_camera=np.asarray(seen.view.world_from_camera),
-            object=seen.crops.object[0],
+            object=looked.object,
             table_from_crop=frame,
             occupancy=ranked.volume[0],
             table_from_hand=frame @ ranked.poses,
@@ -250,6 +279,8 @@ class ImageGrasper:
             choice=ranked.scores,
             success=judged.success,
             secure=judged.secure,
+            free=free,
+            warnings=looked.warnings,
         )
 
 
@@ -268,6 +299,16 @@ def grasp_image(
     `policy`, `hand` and `backend` are those of `ImageGrasper`, whose errors it raises too.
     """
     return ImageGrasper(policy, hand=hand, backend=backend).find(depth, intrinsics, table_from_camera, **options)
+
+
+def _belongs(
+    hand: Hand, poses: NDArray[np.float64], preshapes: NDArray[np.float64], surface: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return which grasps (m,) close near the seen surface (k, 3) of a thing, not where nothing was measured."""
+    centers = {preshape: hand.closing_center(preshape) for preshape in np.unique(preshapes).tolist()}
+    local = np.array([centers[preshape] for preshape in preshapes.tolist()]).reshape(-1, 3)
+    points = np.einsum("nij,nj->ni", poses[:, :3, :3], local) + poses[:, :3, 3]
+    return np.array([np.linalg.norm(surface - point, axis=1).min() < _OF_SURFACE for point in points], dtype=np.bool_)
 
 
 def _within(region: tuple[int, int, int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -8,8 +8,8 @@ use crate::images::vision::lens;
 use crate::mesh::Mesh;
 use graspbox_perception::{
     CHANNEL_NAMES, CHANNELS, CropConfig, CropVolume, DepthNoise, HAND_CHANNEL_NAMES, HAND_CHANNELS, HandGrid,
-    HandGridConfig, ProposalConfig, add_depth_noise as add_noise, fill_channels, hand_crops, levers, observe,
-    obstacle_points, propose, solid,
+    HandGridConfig, ProposalConfig, add_depth_noise as add_noise, fill_channels, groups, hand_crops, heights, levers,
+    observe, obstacle_points, propose, solid,
 };
 use graspbox_render::Camera;
 use nalgebra::{Isometry3, Point3};
@@ -59,13 +59,14 @@ pub fn add_depth_noise<'py>(
 /// Crops around the object of depth images (n, H, W): `world_from_crop` (n, 4, 4), `found` (n,), `object` (n, H, W), and `channels`
 /// (n, 3, N, N, N) uint8. Where no object is found, the pose is the identity and the channels are 0.
 #[pyfunction]
-#[pyo3(signature = (depth, intrinsics, world_from_camera, labels, crop, num_threads))]
+#[pyo3(signature = (depth, intrinsics, world_from_camera, labels, middle, crop, num_threads))]
 pub fn crops<'py>(
     py: Python<'py>,
     depth: PyReadonlyArrayDyn<'py, f32>,
     intrinsics: Floats<'py>,
     world_from_camera: Floats<'py>,
     labels: Option<PyReadonlyArrayDyn<'py, bool>>,
+    middle: Option<PyReadonlyArrayDyn<'py, bool>>,
     crop: &Bound<'_, PyAny>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -74,7 +75,10 @@ pub fn crops<'py>(
     let shape = depth.shape().to_vec();
     let [count, height, width] = [shape[0], shape[1], shape[2]];
     let sides = [Some(count), Some(height), Some(width)];
-    let labels = labels.map(|labels| entries(&labels, "labels", &sides).map(<[bool]>::to_vec)).transpose()?;
+    let flags = |flags: Option<PyReadonlyArrayDyn<'py, bool>>, name: &str| {
+        flags.map(|flags| entries(&flags, name, &sides).map(<[bool]>::to_vec)).transpose()
+    };
+    let (labels, middle) = (flags(labels, "labels")?, flags(middle, "middle")?);
     let cameras = isometries(&world_from_camera, "world_from_camera")?;
     same("world_from_camera", cameras.len(), count)?;
     let lens = lens(&intrinsics, height as u32, width as u32)?;
@@ -85,8 +89,9 @@ pub fn crops<'py>(
         let one = |(index, out): (usize, &mut [u8])| -> Result<_, CoreError> {
             let camera = Camera::new(lens, cameras[index])?;
             let depth = &values[index * pixels..(index + 1) * pixels];
-            let labels = labels.as_ref().map(|labels| &labels[index * pixels..(index + 1) * pixels]);
-            let observed = observe(&camera, depth, labels, &crop)?;
+            let [labels, middle] =
+                [&labels, &middle].map(|all| all.as_ref().map(|all| &all[index * pixels..(index + 1) * pixels]));
+            let observed = observe(&camera, depth, labels, middle, &crop)?;
             if let Some(pose) = &observed.world_from_crop {
                 fill_channels(&grid, pose, &camera, depth, &observed, out);
             }
@@ -106,6 +111,46 @@ pub fn crops<'py>(
     dict.set_item("object", array(py, object, &shape)?)?;
     dict.set_item("channels", array(py, channels, &[count, CHANNELS, n, n, n])?)?;
     Ok(dict)
+}
+
+/// Height of each pixel of a depth image (H, W) above the table, metres: the median of it and its neighbours; NaN without depth.
+#[pyfunction]
+#[pyo3(signature = (depth, intrinsics, world_from_camera))]
+pub fn pixel_heights<'py>(
+    py: Python<'py>,
+    depth: PyReadonlyArrayDyn<'py, f32>,
+    intrinsics: Floats<'py>,
+    world_from_camera: Floats<'py>,
+) -> PyResult<Array<'py, f32>> {
+    let values = entries(&depth, "depth", &[None, None])?.to_vec();
+    let camera = camera_of(depth.shape(), &intrinsics, &world_from_camera)?;
+    let found = detached(py, None, move || heights(&camera, &values))?;
+    array(py, found, depth.shape())
+}
+
+/// Groups of the chosen pixels (H, W) of a depth image that lie at most `gap` apart in plan view: 1 for the largest, 0 for other pixels.
+#[pyfunction]
+#[pyo3(signature = (depth, intrinsics, world_from_camera, chosen, gap))]
+pub fn pixel_groups<'py>(
+    py: Python<'py>,
+    depth: PyReadonlyArrayDyn<'py, f32>,
+    intrinsics: Floats<'py>,
+    world_from_camera: Floats<'py>,
+    chosen: PyReadonlyArrayDyn<'py, bool>,
+    gap: f64,
+) -> PyResult<Array<'py, u32>> {
+    let values = entries(&depth, "depth", &[None, None])?.to_vec();
+    let sides = [Some(depth.shape()[0]), Some(depth.shape()[1])];
+    let chosen = entries(&chosen, "chosen", &sides)?.to_vec();
+    let camera = camera_of(depth.shape(), &intrinsics, &world_from_camera)?;
+    let found = detached(py, None, move || groups(&camera, &values, &chosen, gap))?;
+    array(py, found, depth.shape())
+}
+
+/// The camera of one image.
+fn camera_of(shape: &[usize], intrinsics: &Floats<'_>, world_from_camera: &Floats<'_>) -> PyResult<Camera> {
+    let lens = lens(intrinsics, shape[0] as u32, shape[1] as u32)?;
+    Ok(Camera::new(lens, convert::isometry(world_from_camera, "world_from_camera")?).map_err(CoreError::from)?)
 }
 
 /// Share of each voxel of n crops that an object fills: (n, N, N, N) uint8. Crop i contains mesh `mesh_of[i]` at `crop_from_object[i]`.

@@ -1,0 +1,269 @@
+"""What a real depth image shows: the things on a table, the one to grasp, and everything that a hand could hit.
+
+Rendered scenes have one table and clean depth (`graspbox.perception.depth_views.DepthView.seen`). Real images also have
+walls, the robot, specks of noise and neighbours:
+
+| what | how |
+|---|---|
+| noise | a pixel is above the table from a height that grows with the square of the distance; groups below 2 % of the largest are specks |
+| the thing to grasp | the mask, or the group that is large, whole, near the middle of the image and no larger than the crop |
+| the crop | lies around the thing to grasp |
+| obstacles | all other points that are seen above the table, also beyond the crop |
+
+Assumptions that may be wrong are returned as sentences: `Look.warnings`.
+"""  # noqa: E501 (a table)
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox import _core
+from graspbox._common.arguments import floats
+from graspbox.errors import ConfigError
+from graspbox.perception.configs import CropConfig
+from graspbox.perception.crops import crop
+from graspbox.perception.depth_images import check_table, points_of
+from graspbox.perception.depth_views import DepthView, Seen
+
+__all__ = ["Look", "Things", "look", "things"]
+
+#: A pixel is above the table from a height that grows with the square of its distance, 1/m; a group with less than
+#: this share of the pixels of the largest is noise. On bare tables 1 to 12 % of the pixels are more than 4 mm too high.
+_NOISE_GROWTH, _LEAST_SHARE = 0.012, 0.02
+#: Widest gap between pixels of one thing in plan view, metres.
+_GAP = 0.03
+#: Seen points from this height above the table are obstacles, and so far from the crop's middle, metres.
+_OBSTACLE, _REACH = 0.012, 0.5
+#: Distance between obstacles, metres.
+_SPACING = 0.006
+#: What a thing loses, compared with the logarithm of its number of pixels: at the image's border, for each half image
+#: size from the middle, and if it exceeds the crop.
+_CUT, _AWAY, _LARGE = 2.0, 1.0, 1.0
+#: Greatest distance of the principal point from the image's middle, as a share of the image's size.
+_OFF_CENTRE = 0.06
+#: Distances of things that policies learned from, metres.
+_LEARNED = (0.3, 1.6)
+
+
+class Things(NamedTuple):
+    """The things in a depth image: their labels (H, W), 1 for the largest and 0 for none, and heights (H, W), metres.
+
+    Heights are over the table, medians of a pixel and its neighbours, NaN without depth.
+    """
+
+    labels: NDArray[np.uint32]
+    heights: NDArray[np.float32]
+
+
+class Look(NamedTuple):
+    """A crop around the thing to grasp, its pixels (h, w), and what was assumed.
+
+    Its seen points, and those of obstacles, are (k, 3), in the table's frame, metres, 6 mm apart.
+    """
+
+    seen: Seen
+    object: NDArray[np.bool_]
+    surface: NDArray[np.float64]
+    keep_off: NDArray[np.float64]
+    warnings: tuple[str, ...]
+
+
+def things(view: DepthView, config: CropConfig, within: NDArray[np.bool_] | None = None) -> Things:
+    """Find the things on a table.
+
+    Parameters
+    ----------
+    view : DepthView
+        The image.
+    config : CropConfig
+        Its `min_height` and `min_pixels`.
+    within : (H, W) bool, optional
+        Pixels among which things are searched; by default all.
+
+    Raises
+    ------
+    ConfigError
+        For arrays of another shape or type.
+    """
+    depth, lens, pose = _arrays(view)
+    heights = _core.pixel_heights(depth, lens, pose)
+    above = np.nan_to_num(heights, nan=-1.0) > config.min_height + _NOISE_GROWTH * depth**2
+    labels = _core.pixel_groups(depth, lens, pose, above, _GAP)
+    largest = int((labels == 1).sum())
+    if within is not None:
+        labels = _core.pixel_groups(depth, lens, pose, above & within, _GAP)
+    sizes = np.bincount(labels.ravel(), minlength=2)[1:]
+    kept = int(np.count_nonzero(sizes >= max(config.min_pixels, _LEAST_SHARE * largest)))
+    return Things(np.where(labels > kept, 0, labels).astype(np.uint32), heights)
+
+
+def look(
+    view: DepthView,
+    config: CropConfig,
+    *,
+    mask: NDArray[np.bool_] | None = None,
+    within: NDArray[np.bool_] | None = None,
+    pose_given: bool = False,
+    together: bool = False,
+    num_threads: int | None = None,
+) -> Look:
+    """Find the thing to grasp in a real depth image, and what stands around it.
+
+    Parameters
+    ----------
+    view : DepthView
+        The image.
+    config : CropConfig
+        The crop.
+    mask : (H, W) bool, optional
+        Pixels of the thing to grasp; by default the best group of pixels above the table.
+    within : (H, W) bool, optional
+        Pixels among which it is searched; by default all.
+    pose_given : bool
+        Whether the camera's pose is known, and not found in the image: then the table need not be seen.
+    together : bool
+        Whether the volume shows all things of the crop, for a policy that takes a target among them, or only the one to
+        grasp.
+    num_threads : int, optional
+        By default one per core.
+
+    Raises
+    ------
+    ConfigError
+        If no thing is seen, the mask shows none, or the camera's pose does not fit the image.
+    """
+    view = view.leveled()
+    depth, lens, pose = _arrays(view)
+    warnings = _warnings_of_lens(lens, depth.shape)
+    if pose_given:
+        warnings += _unless_none(check_table(np.asarray(depth, np.float64), lens, pose))
+    found = things(view, config, within)
+    if mask is None:
+        best = _best(found, view, config)
+        if not best:
+            raise ConfigError(_no_thing(depth))
+        own = found.labels == best
+    else:
+        own = mask & (depth > 0)
+        if own.sum() < config.min_pixels:
+            raise ConfigError(
+                f"the mask has {int(own.sum())} pixels with a depth; pass the mask of a thing that the image shows"
+            )
+    labels = own | (found.labels > 0) if together else own
+    made = crop(depth[None], lens, pose[None], labels=labels[None], middle=own[None], config=config)
+    frame = made.world_from_crop[0]
+    target = view.voxels(own, frame, config)
+    warnings += _warnings_of_thing(own, target, view, config)
+    obstacles = _obstacles(view, found.heights, labels, frame, config)
+    seen = Seen(made, target if together else None, view)
+    return Look(seen, own, _spaced(_points(own, view)), obstacles, tuple(warnings))
+
+
+def _arrays(view: DepthView) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
+    """Return depth (H, W), metres, intrinsics and pose of a view, as the core takes them."""
+    return (
+        np.ascontiguousarray(view.metres(), dtype=np.float32),
+        floats(view.intrinsics, "intrinsics"),
+        floats(view.world_from_camera, "world_from_camera"),
+    )
+
+
+def _points(own: NDArray[np.bool_], view: DepthView) -> NDArray[np.float64]:
+    """Return the points (n, 3) of pixels, table's frame, metres."""
+    depth, lens, pose = _arrays(view)
+    return np.asarray(points_of(np.where(own, depth, 0.0), lens) @ pose[:3, :3].T + pose[:3, 3])
+
+
+def _spaced(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Keep one point of each cell."""
+    _, first = np.unique(np.floor(points / _SPACING).astype(np.int64), axis=0, return_index=True)
+    return np.asarray(points[np.sort(first)])
+
+
+def _unless_none(sentence: str | None) -> list[str]:
+    return [] if sentence is None else [sentence]
+
+
+def _no_thing(depth: NDArray[np.float32]) -> str:
+    measured = depth[depth > 0]
+    return (
+        f"no object rises above the table, at depths of {measured.min():.3g} to {measured.max():.3g} m; check the "
+        "camera's pose, the intrinsics and the depth scale, or pass another region or a mask"
+    )
+
+
+def _is_cut(own: NDArray[np.bool_]) -> bool:
+    """Whether pixels touch the image's border."""
+    return bool(own[:2].any() or own[-2:].any() or own[:, :2].any() or own[:, -2:].any())
+
+
+def _extent(own: NDArray[np.bool_], view: DepthView) -> float:
+    """Return the greater extent of pixels along the table's x and y, metres."""
+    points = _points(own, view)
+    return float(np.ptp(points[:, :2], axis=0).max()) if len(points) else 0.0
+
+
+def _best(found: Things, view: DepthView, config: CropConfig) -> int:
+    """Choose the thing to grasp; 0 if there is none."""
+    best, chosen = -np.inf, 0
+    middle = np.array(found.labels.shape) / 2
+    for label in range(1, int(found.labels.max()) + 1):
+        own = found.labels == label
+        away = np.linalg.norm((np.array([places.mean() for places in np.nonzero(own)]) - middle) / middle)
+        large = _extent(own, view) > config.side
+        score = np.log(own.sum()) - _CUT * _is_cut(own) - _AWAY * away - _LARGE * large
+        if score > best:
+            best, chosen = float(score), label
+    return chosen
+
+
+def _obstacles(
+    view: DepthView,
+    heights: NDArray[np.float32],
+    labels: NDArray[np.bool_],
+    frame: NDArray[np.float64],
+    config: CropConfig,
+) -> NDArray[np.float64]:
+    """Return the seen points above the table that the volume does not show, close together, table's frame."""
+    over = np.nan_to_num(heights, nan=-1.0) > _OBSTACLE
+    points = _points(over, view)
+    local = (points - frame[:3, 3]) @ frame[:3, :3]
+    least = np.array(config.origin)
+    shown = ((local >= least) & (local < least + config.side)).all(axis=1) & labels[over]
+    return _spaced(points[~shown & (np.linalg.norm(local[:, :2], axis=1) < _REACH)])
+
+
+def _warnings_of_lens(lens: NDArray[np.float64], shape: tuple[int, ...]) -> list[str]:
+    """Warn of a principal point far from the middle."""
+    off = [abs(lens[1 - axis, 2] / shape[axis] - 0.5) for axis in (1, 0)]
+    if max(off) <= _OFF_CENTRE:
+        return []
+    return [
+        f"the principal point ({lens[0, 2]:.0f}, {lens[1, 2]:.0f}) is far from the middle of an image of {shape[1]} x "
+        f"{shape[0]} pixels: unless the image was cut, the intrinsics belong to one of another size"
+    ]
+
+
+def _warnings_of_thing(
+    own: NDArray[np.bool_], target: NDArray[np.bool_], view: DepthView, config: CropConfig
+) -> list[str]:
+    """Warn of a thing that is cut, too large, or at an unusual distance."""
+    found = []
+    if _is_cut(own):
+        found.append(
+            "the image's border cuts the thing to grasp: it may be a wall or the robot; pass a mask or a region"
+        )
+    extent = _extent(own, view)
+    if extent > config.side or not target.any():
+        found.append(
+            f"the thing to grasp extends over {extent:.2f} m, more than the {config.side:.2f} m that the policy sees; "
+            "pass the mask of one thing, and check intrinsics and depth scale"
+        )
+    distance = float(np.median(view.metres()[own]))
+    if not _LEARNED[0] <= distance <= _LEARNED[1]:
+        found.append(
+            f"the thing to grasp is {distance:.2f} m away, but policies learned from {_LEARNED[0]} to {_LEARNED[1]} m; "
+            "check the depth scale"
+        )
+    return found
