@@ -43,7 +43,7 @@ _CUT, _AWAY, _LARGE = 2.0, 1.0, 1.0
 #: Greatest distance of the principal point from the image's middle, as a share of the image's size.
 _OFF_CENTRE = 0.06
 #: Distances of things that policies learned from, metres.
-_LEARNED = (0.3, 1.6)
+_LEARNED = (0.4, 1.2)
 
 
 class Things(NamedTuple):
@@ -155,7 +155,7 @@ def look(
     frame = made.world_from_crop[0]
     target = view.voxels(own, frame, config)
     warnings += _warnings_of_thing(own, target, view, config)
-    obstacles = _obstacles(view, found.heights, labels, frame, config)
+    obstacles = _obstacles(view, found.heights, own, frame, config)
     seen = Seen(made, target if together else None, view)
     return Look(seen, own, _spaced(_points(own, view)), obstacles, tuple(warnings))
 
@@ -221,17 +221,20 @@ def _best(found: Things, view: DepthView, config: CropConfig) -> int:
 def _obstacles(
     view: DepthView,
     heights: NDArray[np.float32],
-    labels: NDArray[np.bool_],
+    own: NDArray[np.bool_],
     frame: NDArray[np.float64],
     config: CropConfig,
 ) -> NDArray[np.float64]:
-    """Return the seen points above the table that the volume does not show, close together, table's frame."""
+    """Return the seen points above the table but those of the thing to grasp in the crop, table's frame.
+
+    Those of its neighbours in the crop are among them: a completed shape may lack what is seen.
+    """
     over = np.nan_to_num(heights, nan=-1.0) > _OBSTACLE
     points = _points(over, view)
     local = (points - frame[:3, 3]) @ frame[:3, :3]
     least = np.array(config.origin)
-    shown = ((local >= least) & (local < least + config.side)).all(axis=1) & labels[over]
-    return _spaced(points[~shown & (np.linalg.norm(local[:, :2], axis=1) < _REACH)])
+    grasped = ((local >= least) & (local < least + config.side)).all(axis=1) & own[over]
+    return _spaced(points[~grasped & (np.linalg.norm(local[:, :2], axis=1) < _REACH)])
 
 
 def _warnings_of_lens(lens: NDArray[np.float64], shape: tuple[int, ...]) -> list[str]:

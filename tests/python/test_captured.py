@@ -1,0 +1,167 @@
+"""What a depth image shows besides one thing: noise, neighbours, walls, a cut background; and real captures."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import graspbox
+from graspbox.errors import ConfigError
+from graspbox.evaluation.captures import Capture, captures_in, depth_inside, judge_captures, summary
+from graspbox.hands import load_hand
+from graspbox.perception.captured import look, things
+from graspbox.perception.configs import CropConfig
+from graspbox.perception.depth_images import camera_over_table, check_intrinsics, fit_table
+from graspbox.perception.depth_views import DepthView
+
+REPOSITORY = Path(__file__).parents[2]
+CAPTURES = REPOSITORY / "tests" / "captures"
+LENS = np.array([[300.0, 0.0, 160.0], [0.0, 300.0, 120.0], [0.0, 0.0, 1.0]])
+CROP = CropConfig()
+
+
+def boxes(*rows: tuple[float, float, float, float], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Render square boxes (x, y, half side, height) on a table, depth (240, 320), metres."""
+    columns, lines = np.meshgrid(np.arange(320) + 0.5, np.arange(240) + 0.5)
+    rays = np.stack([columns, lines, np.ones_like(lines)], axis=-1) @ np.linalg.inv(LENS).T @ pose[:3, :3].T
+    start = pose[:3, 3]
+    depth = -start[2] / rays[..., 2]
+    for x, y, half, height in rows:
+        low, high = np.array([x - half, y - half, 0.0]), np.array([x + half, y + half, height])
+        ends = np.sort(np.stack([(low - start) / rays, (high - start) / rays]), axis=0)
+        enter, leave = ends[0].max(axis=-1), ends[1].min(axis=-1)
+        hit = (enter < leave) & (enter > 0)
+        depth = np.where(hit, np.minimum(depth, np.where(hit, enter, np.inf)), depth)
+    return np.where((depth > 0) & (depth < 5.0), depth, 0.0)
+
+
+#: A camera 0.7 m away that looks at the table's middle from the side of negative x.
+POSE = camera_over_table(0.5, 0.75)
+MIDDLE = 0.5 / np.tan(0.75)
+
+
+def scene(*rows: tuple[float, float, float, float]) -> DepthView:
+    return DepthView(boxes(*((x + MIDDLE, y, half, height) for x, y, half, height in rows), pose=POSE), LENS, POSE)
+
+
+def test_specks_are_no_things() -> None:
+    view = scene((0.0, 0.0, 0.03, 0.08))
+    depth = np.array(view.depth)
+    for row, column in ((200, 60), (210, 250), (60, 40)):
+        depth[row : row + 4, column : column + 4] -= 0.02
+    labels = things(DepthView(depth, LENS, POSE), CROP).labels
+    assert labels.max() == 1
+    assert labels[120, 160] == 1
+
+
+def test_noise_far_away_is_no_thing() -> None:
+    """It grows with the square of the distance: here bumps of 7 mm at 1 m."""
+    pose = camera_over_table(0.8, 0.9)
+    depth = boxes((0.8 / np.tan(0.9), 0.0, 0.04, 0.1), pose=pose)
+    depth[20:40, 20:300] -= 0.009
+    labels = things(DepthView(depth, LENS, pose), CROP).labels
+    assert not labels[20:40].any()
+    assert labels[120, 160] == 1
+
+
+def test_the_crop_lies_around_the_mask() -> None:
+    view = scene((0.0, 0.0, 0.05, 0.08), (0.05, 0.3, 0.02, 0.05))
+    labels = things(view, CROP).labels
+    assert labels.max() == 2
+    small = labels == 2
+    found = look(view, CROP, mask=small)
+    assert np.linalg.norm(found.seen.crops.world_from_crop[0, :2, 3] - (MIDDLE + 0.05, 0.3)) < 0.03
+    np.testing.assert_array_equal(found.object, small)
+    # Without a mask the larger one near the middle is taken, and the other is an obstacle for both.
+    other = look(view, CROP)
+    np.testing.assert_array_equal(other.object, labels == 1)
+    assert (np.linalg.norm(other.keep_off[:, :2] - (MIDDLE + 0.05, 0.3), axis=1) < 0.04).all()
+    assert (np.linalg.norm(found.keep_off[:, :2] - (MIDDLE, 0.0), axis=1) < 0.08).all()
+    assert found.warnings == other.warnings == ()
+
+
+def test_a_thing_that_the_border_cuts_comes_last() -> None:
+    """A wall or the robot is larger than what lies on the table."""
+    view = scene((0.0, 0.0, 0.03, 0.08), (0.1, 0.55, 0.3, 0.4))
+    found = look(view, CROP)
+    assert found.object[120, 160]
+    assert not found.object[:, :2].any()
+    alone = look(scene((0.1, 0.55, 0.3, 0.4)), CROP)
+    assert any("the image's border cuts" in warning for warning in alone.warnings)
+    assert any("extends over" in warning for warning in alone.warnings)
+
+
+def test_an_object_alone_needs_a_pose() -> None:
+    view = scene((0.0, 0.0, 0.03, 0.08))
+    cut = np.where(things(view, CROP).labels == 1, np.asarray(view.depth), 0.0)
+    found = look(DepthView(cut, LENS, POSE), CROP, pose_given=True)
+    assert found.object.sum() > 100
+    assert any("cannot be checked" in warning for warning in found.warnings)
+    raised = POSE.copy()
+    raised[2, 3] += 0.5
+    with pytest.raises(ConfigError, match="does not fit the image"):
+        look(DepthView(cut, LENS, raised), CROP, pose_given=True)
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "message"),
+    [
+        (0.5, 1.0, r"the principal point \(80, 60\) is far from the middle"),
+        (1.25, 1.0, "the intrinsics belong to one of another size"),
+        (1.0, 2.0, "check the depth scale"),
+        (1.0, 0.5, "check the depth scale"),
+    ],
+)
+def test_wrong_intrinsics_and_units_are_told(scale: float, unit: float, message: str) -> None:
+    depth = np.asarray(scene((0.0, 0.0, 0.04, 0.09)).depth) * unit
+    lens = check_intrinsics(np.diag([scale, scale, 1.0]) @ LENS, depth.shape)
+    warnings = look(DepthView(depth, lens, fit_table(depth, lens)), CROP).warnings
+    assert any(re.search(message, warning) for warning in warnings), warnings
+
+
+def test_the_table_near_the_middle_is_found() -> None:
+    """The floor around a small table has more pixels."""
+    pose = camera_over_table(1.2, 0.8)
+    depth = boxes((0.8 / np.tan(0.8), 0.0, 0.38, 0.4), pose=pose)
+    assert fit_table(depth, LENS)[2, 3] == pytest.approx(0.8, abs=0.01)
+
+
+def test_points_in_an_open_hand_are_counted() -> None:
+    hand = load_hand("panda_gripper")
+    preshape = hand.preshape_limits[0]
+    poses, half, _, _ = hand.shapes(hand.open(preshape))
+    centers, pose = poses[:, :3, 3], camera_over_table(0.4, 0.5)
+    moved = centers @ pose[:3, :3].T + pose[:3, 3]
+    depth = depth_inside(hand, preshape, pose, np.concatenate([moved, moved + 10.0]))
+    assert len(depth) == len(centers)
+    assert (depth >= half.min(axis=1) - 1e-9).all()
+
+
+def test_captures_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    with pytest.raises(graspbox.errors.FileError, match="there is no capture"):
+        captures_in(tmp_path)
+    for name, text in (("empty", ""), ("text", "{}"), ("list", "[1]"), ("number", '{"intrinsics": {"fx": "x"}}')):
+        folder = tmp_path / name
+        folder.mkdir()
+        np.save(folder / "depth.npy", np.ones((4, 4)))
+        (folder / "capture.json").write_text(text)
+        with pytest.raises(ConfigError, match=r"capture\.json"):
+            Capture.read(folder)
+
+
+@pytest.mark.parametrize(("masks", "of", "near"), [(False, 8, 8), (True, 20, 18)])
+def test_real_captures_are_grasped(masks: bool, of: int, near: int) -> None:
+    """Before, 5 of these 8 images, and 7 of the 20 things, had a best grasp near a thing."""
+    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
+    pytest.importorskip("PIL", reason="PNG files need Pillow, from the extra 'cli'")
+    from graspbox.policies.grasp_image import ImageGrasper
+
+    grasper = ImageGrasper(REPOSITORY / "policies" / "panda_clutter")
+    rows = list(judge_captures(grasper, captures_in(CAPTURES), masks=masks))
+    found: dict[str, Any] = summary(rows)
+    assert found["of"] == of
+    assert found["near"] >= near, [row.to_json() for row in rows]
+    assert found["sure_and_wrong"] == 0
