@@ -152,14 +152,49 @@ def test_captures_that_cannot_be_read_are_named(tmp_path: Path) -> None:
             Capture.read(folder)
 
 
-@pytest.mark.parametrize(("masks", "of", "near"), [(False, 8, 8), (True, 20, 18)])
-def test_real_captures_are_grasped(masks: bool, of: int, near: int) -> None:
-    """Before, 5 of these 8 images, and 7 of the 20 things, had a best grasp near a thing."""
+@pytest.fixture(scope="module")
+def grasper() -> Any:
     pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
     pytest.importorskip("PIL", reason="PNG files need Pillow, from the extra 'cli'")
     from graspbox.policies.grasp_image import ImageGrasper
 
-    grasper = ImageGrasper(REPOSITORY / "policies" / "panda_clutter")
+    return ImageGrasper(REPOSITORY / "policies" / "panda_clutter")
+
+
+def test_all_things_of_a_scene_are_grasped(grasper: Any) -> None:
+    capture = Capture.read(CAPTURES / "pcl_milk_clorox")
+    found = grasper.find_all(capture.depth, capture.intrinsics, count=3)
+    named = grasper.find_all(capture.depth, capture.intrinsics, labels=capture.labels, count=3)
+    assert set(named.grasps) | set(named.refused) == {1, 2, 3}
+    for scene in (found, named):
+        assert len(scene.grasps) >= 3
+        order = [scene.grasps[label].success[rank] for label, rank in scene.best()]
+        assert order == sorted(order, reverse=True)
+        written = scene.to_json()
+        assert [row["thing"] for row in written["things"]] == sorted({*scene.grasps, *scene.refused})
+        assert len(written["order"]) == sum(len(one) for one in scene.grasps.values())
+    # A thing alone has the same grasps.
+    pose = fit_table(capture.depth, capture.intrinsics)
+    posed = grasper.find_all(capture.depth, capture.intrinsics, pose, labels=capture.labels)
+    alone = grasper.find(capture.depth, capture.intrinsics, pose, mask=capture.labels == 2)
+    np.testing.assert_array_equal(alone.table_from_hand, posed.grasps[2].table_from_hand)
+    with pytest.raises(ConfigError, match="labels are float64"):
+        grasper.find_all(capture.depth, capture.intrinsics, labels=capture.labels.astype(float))
+
+
+def test_a_lift_under_a_shelf_is_told(grasper: Any) -> None:
+    view = scene((0.0, 0.0, 0.03, 0.08))
+    steps = np.arange(-0.2, 0.2, 0.006)
+    free = grasper.find(view.depth, LENS, POSE, count=3)
+    assert free.lift_free.any()
+    height = float(free.table_from_hand[0, 2, 3]) + 0.13
+    shelf = np.stack(np.meshgrid(MIDDLE + steps, steps, [height]), axis=-1).reshape(-1, 3)
+    assert not grasper.find(view.depth, LENS, POSE, count=3, keep_off=shelf).lift_free.any()
+
+
+@pytest.mark.parametrize(("masks", "of", "near"), [(False, 8, 8), (True, 20, 18)])
+def test_real_captures_are_grasped(masks: bool, of: int, near: int, grasper: Any) -> None:
+    """Before, 5 of these 8 images, and 7 of the 20 things, had a best grasp near a thing."""
     rows = list(judge_captures(grasper, captures_in(CAPTURES), masks=masks))
     found: dict[str, Any] = summary(rows)
     assert found["of"] == of

@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.hands import load_hand
@@ -12,7 +13,7 @@ from graspbox.hands import load_hand
 SETTINGS: dict[str, Any] = {"objects": ["procedural:box:0-3", "procedural:can:0-3"]}
 
 
-def seen(share: float, seeds: range, **settings: Any) -> np.ndarray:
+def seen(share: float, seeds: range, **settings: Any) -> NDArray[np.float32]:
     env = gymnasium.make("graspbox/Grasp-v0", grasp_starts=share, **SETTINGS, **settings)
     return np.array([env.reset(seed=seed)[0] for seed in seeds])
 
@@ -29,7 +30,7 @@ def test_a_share_of_the_starts_is_at_a_grasp_and_changes_no_other() -> None:
 def test_the_hand_closes_on_the_object(hand: str) -> None:
     """At the start the grasp centre is near the object; closing and lifting then often grasps it."""
     env = gymnasium.make("graspbox/Grasp-v0", grasp_starts=1.0, hand=hand, control="top_down", **SETTINGS)
-    action = np.zeros(env.action_space.shape, dtype=np.float32)  # type: ignore[arg-type]
+    action: NDArray[np.float32] = np.zeros_like(env.action_space.sample())
     preshapes = bool(np.ptp(load_hand(hand).preshape_limits))
     closing = -2 if preshapes else -1
     held = 0
@@ -47,7 +48,7 @@ def test_the_hand_closes_on_the_object(hand: str) -> None:
 
 
 def test_vector_environments_start_alike() -> None:
-    envs = gymnasium.make_vec("graspbox/Grasp-v0", 6, grasp_starts=0.5, **SETTINGS)
+    envs: Any = gymnasium.make_vec("graspbox/Grasp-v0", 6, grasp_starts=0.5, **SETTINGS)
     np.testing.assert_array_equal(envs.reset(seed=list(range(6)))[0], seen(0.5, range(6)))
 
 

@@ -2,14 +2,14 @@
 
 import os
 from dataclasses import dataclass
-from typing import Any, TypedDict, Unpack
+from typing import Any, NamedTuple, Self, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
-from graspbox.perception.captured import look
+from graspbox.perception.captured import look, things
 from graspbox.perception.configs import EVERYTHING
 from graspbox.perception.depth_images import (
     check_intrinsics,
@@ -29,12 +29,14 @@ from graspbox.policies.published.downloads import folder_of
 from graspbox.policies.published.folders import hand_of, read_depth_policy
 from graspbox.policies.published.runtimes import Backend
 
-__all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "grasp_image"]
+__all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "SceneGrasps", "grasp_image"]
 
 #: Grasps nearer than both to a better one are omitted, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
 #: A grasp of a thing closes within this distance of its seen surface, metres.
 _OF_SURFACE = 0.06
+#: Heights over the grasp at which a lift is checked, metres.
+_LIFTS = (0.03, 0.06, 0.1)
 
 
 class ImageOptions(TypedDict, total=False):
@@ -99,7 +101,10 @@ class ImageGrasps:
     choice, success, secure : (k,) float64
         Score by which the grasps are ranked, and probabilities that they succeed and that they hold without a shift.
     free : (k,) bool
-        Whether the open hand touches nothing that is seen, predicted or given as an obstacle.
+        Whether the open hand touches nothing that is seen, predicted or given as an obstacle, on a straight approach
+        of 0.1 m along its z axis and at the pose.
+    lift_free : (k,) bool
+        Whether it touches no obstacle either as it is lifted by 0.1 m.
     warnings : tuple of str
         What was assumed of the image, and what may be wrong with it, as sentences.
     """
@@ -118,6 +123,7 @@ class ImageGrasps:
     success: NDArray[np.float64]
     secure: NDArray[np.float64]
     free: NDArray[np.bool_]
+    lift_free: NDArray[np.bool_]
     warnings: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -145,6 +151,7 @@ class ImageGrasps:
                     "choice": float(self.choice[rank]),
                     "preshape": float(self.preshape[rank]),
                     "free": bool(self.free[rank]),
+                    "lift_free": bool(self.lift_free[rank]),
                     "camera_from_hand": in_camera[rank].tolist(),
                     "table_from_hand": self.table_from_hand[rank].tolist(),
                 }
@@ -219,57 +226,85 @@ class ImageGrasper:
             If no object is found, the pose does not fit the image, an output of the networks is not finite, or an
             argument is wrong.
         """
-        image = np.asarray(depth, dtype=np.float64)
-        if image.ndim != 2:
-            raise ConfigError(f"depth has shape {image.shape}; pass one image (H, W)")
-        if count < 1:
-            raise ConfigError(f"count is {count}; pass 1 or more")
-        lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
-        if keep_off is not None and table_from_camera is None:
-            raise ConfigError(
-                "keep_off is in the table's frame, which a table found in the image does not fix; pass "
-                "table_from_camera"
-            )
-        marked = None if mask is None else _checked(mask, image.shape)
-        inside = None if region is None else _within(region, image.shape)
-        if table_from_camera is None:
-            pose = fit_table(image, lens, inside if marked is None else marked)
+        marked = None if mask is None else _checked(mask, np.shape(depth))
+        inside = None if region is None else _within(region, np.shape(depth))
+        scene = _Scene.of(depth, intrinsics, table_from_camera, inside if marked is None else marked)
+        chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed)
+        return self._grasps(scene, scene.thin(marked), scene.thin(inside), chosen)
+
+    def find_all(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        table_from_camera: ArrayLike | None = None,
+        *,
+        labels: NDArray[np.integer] | None = None,
+        region: tuple[int, int, int, int] | None = None,
+        count: int = 5,
+        keep_off: ArrayLike | None = None,
+        hand_error: PoseNoise | None = None,
+        seed: int = 0,
+    ) -> "SceneGrasps":
+        """Find grasps of every thing that a depth image shows; arguments and errors as of `find`.
+
+        Parameters
+        ----------
+        labels : (H, W) array of integers, optional
+            Numbers of the things, 0 for none; by default groups of pixels above the table.
+        """
+        inside = None if region is None else _within(region, np.shape(depth))
+        if labels is not None and (np.shape(labels) != np.shape(depth) or labels.dtype.kind not in "iu"):
+            raise ConfigError(f"labels are {labels.dtype} of shape {labels.shape}; pass integers {np.shape(depth)}")
+        scene = _Scene.of(depth, intrinsics, table_from_camera, inside if labels is None else labels > 0)
+        if labels is None:
+            found = things(scene.view.leveled(), self._finder.crop, scene.thin(inside)).labels.astype(np.int64)
         else:
-            pose = check_pose(table_from_camera)
-        small, lens, step = thinned(image, lens)
-        # A crop in which everything is one object shows a policy the neighbours of its target.
-        together = self._finder.crop.gap >= EVERYTHING
+            found = scene.thinned(labels).astype(np.int64)
+        chosen = _Chosen(count, keep_off, hand_error, None, seed)
+        grasps_of: dict[int, ImageGrasps] = {}
+        refused: dict[int, str] = {}
+        for label in np.unique(found[found > 0]).tolist():
+            try:
+                grasps_of[label] = self._grasps(scene, found == label, None, chosen)
+            except ConfigError as error:
+                refused[label] = str(error)
+        return SceneGrasps(found, grasps_of, refused)
+
+    def _grasps(
+        self,
+        scene: "_Scene",
+        mask: NDArray[np.bool_] | None,
+        within: NDArray[np.bool_] | None,
+        chosen: "_Chosen",
+    ) -> ImageGrasps:
+        """Find the grasps of one thing."""
         looked = look(
-            DepthView(small, lens, pose),
+            scene.view,
             self._finder.crop,
-            mask=None if marked is None else _thin(marked, step, small.shape),
-            within=None if inside is None else _thin(inside, step, small.shape),
-            pose_given=table_from_camera is not None,
-            together=together,
+            mask=mask,
+            within=within,
+            pose_given=scene.pose_given,
+            # A crop in which everything is one object shows a policy the neighbours of its target.
+            together=self._finder.crop.gap >= EVERYTHING,
             num_threads=self._finder.num_threads,
         )
-        around = looked.keep_off
-        if keep_off is not None:
-            around = np.concatenate([check_points(keep_off), around])
-        query = Query(seed, keep_off=around, hand_error=hand_error, rehearsed=rehearsed)
+        query = chosen.query(scene, looked.keep_off)
         seen, ranked, _ = grasps(looked.seen, query, self._finder)
         assert ranked is not None
         assert seen.view is not None
         frame = seen.crops.world_from_crop[0]
-        ranked = ranked.kept(
-            np.flatnonzero(_belongs(self.hand, frame @ ranked.poses, ranked.preshapes, looked.surface))
-        )
+        near = _belongs(self.hand, frame @ ranked.poses, ranked.preshapes, looked.surface)
         erring = query.settings(self._finder.config).hand_error is not None
-        ranked = _distinct(ranked, count, erring)
+        ranked = _distinct(ranked.kept(np.flatnonzero(near)), chosen.count, erring)
         judged = NONE_JUDGED if ranked.judged is None else ranked.judged
-        free, _ = self._finder.grid.meets(
-            ranked.volume[0], ranked.poses, ranked.preshapes, obstacles=(around - frame[:3, 3]) @ frame[:3, :3]
-        )
+        assert query.keep_off is not None
+        obstacles = (query.keep_off - frame[:3, 3]) @ frame[:3, :3]
+        free, _ = self._finder.grid.meets(ranked.volume[0], ranked.poses, ranked.preshapes, obstacles=obstacles)
         return ImageGrasps(
             policy=self.config,
             hand=self.hand,
-            depth=small,
-            intrinsics=lens,
+            depth=np.asarray(scene.view.depth),
+            intrinsics=np.asarray(scene.view.intrinsics),
             table_from_camera=np.asarray(seen.view.world_from_camera),
             object=looked.object,
             table_from_crop=frame,
@@ -280,8 +315,112 @@ class ImageGrasper:
             success=judged.success,
             secure=judged.secure,
             free=free,
+            lift_free=self._lifts(ranked, obstacles),
             warnings=looked.warnings,
         )
+
+    def _lifts(self, ranked: Ranked, obstacles: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether the open hand touches no obstacle as it is lifted, (m,)."""
+        free, nothing = np.ones(len(ranked.scores), dtype=np.bool_), np.zeros_like(ranked.volume[0])
+        for height in _LIFTS:
+            raised = ranked.poses.copy()
+            raised[:, 2, 3] += height
+            free &= self._finder.grid.meets(nothing, raised, ranked.preshapes, obstacles=obstacles)[0]
+        return free
+
+
+@dataclass(frozen=True, eq=False)
+class SceneGrasps:
+    """Grasps of all things in an image.
+
+    Attributes
+    ----------
+    labels : (h, w) int64
+        Number of the thing that a pixel of the networks' image shows, 0 for none.
+    grasps : dict of int to ImageGrasps
+        The grasps of each thing.
+    refused : dict of int to str
+        Why a thing has none.
+    """
+
+    labels: NDArray[np.int64]
+    grasps: dict[int, ImageGrasps]
+    refused: dict[int, str]
+
+    def best(self) -> list[tuple[int, int]]:
+        """Return thing and rank of all grasps, from the greatest stated success to the least."""
+        pairs = [
+            (float(one.success[rank]), label, rank) for label, one in self.grasps.items() for rank in range(len(one))
+        ]
+        return [(label, rank) for _, label, rank in sorted(pairs, key=lambda pair: (-pair[0], *pair[1:]))]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, as ``graspbox grasp-image --all`` writes them."""
+        sizes = {label: int((self.labels == label).sum()) for label in (*self.grasps, *self.refused)}
+        things = [{"thing": label, "pixels": sizes[label], **one.to_json()} for label, one in self.grasps.items()]
+        refused = [{"thing": label, "pixels": sizes[label], "refused": why} for label, why in self.refused.items()]
+        order = [{"thing": label, "rank": rank + 1} for label, rank in self.best()]
+        return {"things": sorted([*things, *refused], key=lambda row: int(row["thing"])), "order": order}
+
+
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """Options of `ImageGrasper.find` that hold for every thing."""
+
+    count: int
+    keep_off: ArrayLike | None
+    hand_error: PoseNoise | None
+    rehearsed: int | None
+    seed: int
+
+    def query(self, scene: "_Scene", seen: NDArray[np.float64]) -> Query:
+        """Make the query, with the obstacles that are seen."""
+        if self.count < 1:
+            raise ConfigError(f"count is {self.count}; pass 1 or more")
+        around = seen
+        if self.keep_off is not None:
+            if not scene.pose_given:
+                raise ConfigError(
+                    "keep_off is in the table's frame, which a table found in the image does not fix; pass "
+                    "table_from_camera"
+                )
+            around = np.concatenate([check_points(self.keep_off), seen])
+        return Query(self.seed, keep_off=around, hand_error=self.hand_error, rehearsed=self.rehearsed)
+
+
+class _Scene(NamedTuple):
+    """The image of the networks, the step by which it was thinned, and whether the camera's pose is known."""
+
+    view: DepthView
+    step: int
+    pose_given: bool
+
+    @classmethod
+    def of(
+        cls,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        table_from_camera: ArrayLike | None,
+        focus: NDArray[np.bool_] | None,
+    ) -> Self:
+        """Check an image, and find its table if the pose is not given."""
+        image = np.asarray(depth, dtype=np.float64)
+        if image.ndim != 2:
+            raise ConfigError(f"depth has shape {image.shape}; pass one image (H, W)")
+        lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
+        pose = fit_table(image, lens, focus) if table_from_camera is None else check_pose(table_from_camera)
+        small, lens, step = thinned(image, lens)
+        return cls(DepthView(small, lens, pose), step, table_from_camera is not None)
+
+    def thinned(self, full: NDArray[Any]) -> NDArray[Any]:
+        """Take the pixels of the networks' image."""
+        rows, columns = np.shape(self.view.depth)
+        first = self.step // 2
+        return np.ascontiguousarray(full[first :: self.step, first :: self.step][:rows, :columns])
+
+    def thin(self, full: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+        """Take the pixels of the networks' image, if there are any."""
+        return None if full is None else self.thinned(full)
 
 
 def grasp_image(
@@ -326,11 +465,6 @@ def _checked(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool
     if pixels.shape != shape or pixels.dtype != np.bool_:
         raise ConfigError(f"mask is {pixels.dtype} of shape {pixels.shape}; pass bool {shape}, as the image")
     return pixels
-
-
-def _thin(full: NDArray[np.bool_], step: int, small: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Take the pixels of the thinned image."""
-    return np.ascontiguousarray(full[step // 2 :: step, step // 2 :: step][: small[0], : small[1]])
 
 
 def _distinct(ranked: Ranked, count: int, erring: bool) -> Ranked:
