@@ -174,9 +174,9 @@ def answer_of(grasps: ImageGrasps, hand: Hand) -> dict[str, Any]:
     -------
     dict
         ``camera_from_hand``, ``table_from_hand`` (n, 4, 4); ``position`` (n, 3) and ``quaternion_wxyz`` (n, 4) of
-        ``camera_from_hand``; ``preshape``, ``choice``, ``success``, ``secure`` (n,); ``joint_names`` and
-        ``joint_positions`` (n, c) of the open hand; ``table_from_camera`` (4, 4); ``hand``; and ``actions`` (1, 8),
-        position, quaternion and preshape of the best grasp, or (0, 8).
+        ``camera_from_hand``; ``preshape``, ``choice``, ``success``, ``secure``, ``free`` and ``lift_free`` (n,) as of
+        `ImageGrasps`; ``joint_names`` and ``joint_positions`` (n, c) of the open hand; ``table_from_camera`` (4, 4);
+        ``hand``; ``warnings``; and ``actions`` (1, 8), position, quaternion and preshape of the best grasp, or (0, 8).
     """
     in_camera = grasps.camera_from_hand
     rotations = quaternion_from_rotation(in_camera[:, :3, :3])
@@ -192,6 +192,9 @@ def answer_of(grasps: ImageGrasps, hand: Hand) -> dict[str, Any]:
         "choice": grasps.choice,
         "success": grasps.success,
         "secure": grasps.secure,
+        "free": grasps.free,
+        "lift_free": grasps.lift_free,
+        "warnings": list(grasps.warnings),
         "joint_names": hand.joints,
         "joint_positions": np.array([hand.open(float(p)) for p in grasps.preshape]).reshape(-1, len(hand.joints)),
         "table_from_camera": grasps.table_from_camera,
