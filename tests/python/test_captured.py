@@ -100,6 +100,12 @@ def test_an_object_alone_needs_a_pose() -> None:
     found = look(DepthView(cut, LENS, POSE), CROP, pose_given=True)
     assert found.object.sum() > 100
     assert any("cannot be checked" in warning for warning in found.warnings)
+    # So does a thing that is as low as noise.
+    low = scene((0.0, 0.0, 0.04, 0.007))
+    own = np.linalg.norm(np.indices((240, 320)) - np.array([[[120]], [[160]]]), axis=0) < 12
+    flat = look(DepthView(np.where(own, np.asarray(low.depth), 0.0), LENS, POSE), CROP, pose_given=True)
+    assert flat.object.sum() == own.sum()
+    assert any("all that the image shows" in warning for warning in flat.warnings)
     raised = POSE.copy()
     raised[2, 3] += 0.5
     with pytest.raises(ConfigError, match="does not fit the image"):

@@ -42,6 +42,8 @@ _SPACING = 0.006
 _CUT, _AWAY, _LARGE = 2.0, 1.0, 1.0
 #: Greatest distance of the principal point from the image's middle, as a share of the image's size.
 _OFF_CENTRE = 0.06
+#: An image with a smaller share of measured pixels shows a thing that was cut out.
+_CUT_OUT = 0.25
 #: Distances of things that policies learned from, metres.
 _LEARNED = (0.4, 1.2)
 
@@ -69,7 +71,9 @@ class Look(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def things(view: DepthView, config: CropConfig, within: NDArray[np.bool_] | None = None) -> Things:
+def things(
+    view: DepthView, config: CropConfig, within: NDArray[np.bool_] | None = None, *, bare: bool = False
+) -> Things:
     """Find the things on a table.
 
     Parameters
@@ -80,6 +84,8 @@ def things(view: DepthView, config: CropConfig, within: NDArray[np.bool_] | None
         Its `min_height` and `min_pixels`.
     within : (H, W) bool, optional
         Pixels among which things are searched; by default all.
+    bare : bool
+        Whether the image shows no table: then every pixel is one of a thing.
 
     Raises
     ------
@@ -88,7 +94,8 @@ def things(view: DepthView, config: CropConfig, within: NDArray[np.bool_] | None
     """
     depth, lens, pose = _arrays(view)
     heights = _core.pixel_heights(depth, lens, pose)
-    above = np.nan_to_num(heights, nan=-1.0) > config.min_height + _NOISE_GROWTH * depth**2
+    noise = config.min_height + _NOISE_GROWTH * depth**2
+    above = np.nan_to_num(heights, nan=-1.0) > (-noise if bare else noise)
     labels = _core.pixel_groups(depth, lens, pose, above, _GAP)
     largest = int((labels == 1).sum())
     if within is not None:
@@ -135,10 +142,12 @@ def look(
     """
     view = view.leveled()
     depth, lens, pose = _arrays(view)
-    warnings = _warnings_of_lens(lens, depth.shape)
-    if pose_given:
-        warnings += _unless_none(check_table(np.asarray(depth, np.float64), lens, pose))
-    found = things(view, config, within)
+    unseen = check_table(np.asarray(depth, np.float64), lens, pose) if pose_given else None
+    warnings = [*_warnings_of_lens(lens, depth.shape), *([] if unseen is None else [unseen])]
+    found = things(view, config, within, bare=unseen is not None)
+    if pose_given and not found.labels.any() and np.count_nonzero(depth) < _CUT_OUT * depth.size:
+        found = things(view, config, within, bare=True)
+        warnings.append("nothing rises above the table, so all that the image shows is the thing to grasp")
     if mask is None:
         best = _best(found, view, config)
         if not best:
@@ -179,10 +188,6 @@ def _spaced(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Keep one point of each cell."""
     _, first = np.unique(np.floor(points / _SPACING).astype(np.int64), axis=0, return_index=True)
     return np.asarray(points[np.sort(first)])
-
-
-def _unless_none(sentence: str | None) -> list[str]:
-    return [] if sentence is None else [sentence]
 
 
 def _no_thing(depth: NDArray[np.float32]) -> str:

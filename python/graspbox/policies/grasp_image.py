@@ -33,8 +33,8 @@ __all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "SceneGrasps", "grasp_
 
 #: Grasps nearer than both to a better one are omitted, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
-#: A grasp of a thing closes within this distance of its seen surface, metres.
-_OF_SURFACE = 0.06
+#: A grasp of a thing closes within these distances of its seen surface, metres: the second if none is within the first.
+_OF_SURFACE = (0.04, 0.06)
 #: Heights over the grasp at which a lift is checked, metres.
 _LIFTS = (0.03, 0.06, 0.1)
 
@@ -443,11 +443,15 @@ def grasp_image(
 def _belongs(
     hand: Hand, poses: NDArray[np.float64], preshapes: NDArray[np.float64], surface: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return which grasps (m,) close near the seen surface (k, 3) of a thing, not where nothing was measured."""
+    """Return which grasps (m,) close near the seen surface (k, 3) of a thing, not where nothing was measured.
+
+    Without one within the first distance of `_OF_SURFACE`, those within the second.
+    """
     centers = {preshape: hand.closing_center(preshape) for preshape in np.unique(preshapes).tolist()}
     local = np.array([centers[preshape] for preshape in preshapes.tolist()]).reshape(-1, 3)
     points = np.einsum("nij,nj->ni", poses[:, :3, :3], local) + poses[:, :3, 3]
-    return np.array([np.linalg.norm(surface - point, axis=1).min() < _OF_SURFACE for point in points], dtype=np.bool_)
+    distances = np.array([np.linalg.norm(surface - point, axis=1).min() for point in points])
+    return distances < (_OF_SURFACE[0] if (distances < _OF_SURFACE[0]).any() else _OF_SURFACE[1])
 
 
 def _within(region: tuple[int, int, int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
