@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox import object_sets
+from graspbox.configs.cameras import lens
 from graspbox.errors import ConfigError
 from graspbox.meshes.views import Views
 from graspbox.perception import PoseNoise, add_depth_noise
-from graspbox.perception.cameras import lens
 from graspbox.perception.leveling import level
 from graspbox.perception.perturbations import perturbed
 

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox import errors, object_sets
-from graspbox.configs.cameras import CameraConfig
+from graspbox.configs.cameras import CameraConfig, camera_pose, lens
 from graspbox.meshes.views import ViewPlan
 from graspbox.perception import CropConfig, DepthNoise, add_depth_noise, crop, solid_occupancy
-from graspbox.perception.cameras import camera_pose, lens
 
 N = CropConfig().resolution
 H = CropConfig().voxel_size

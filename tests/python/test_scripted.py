@@ -10,10 +10,10 @@ import graspbox
 from acting import EACH
 from graspbox import errors
 from graspbox.configs import CameraConfig, TrialConfig
+from graspbox.configs.cameras import camera_pose, lens
 from graspbox.envs.coding import Codec
 from graspbox.envs.expert import ExpertGrasp, planned
 from graspbox.envs.scripted import MotionOptions, ScriptedMotion, ScriptedRelease
-from graspbox.perception.cameras import camera_pose, lens
 from graspbox.policies._hand_view import HandView
 
 #: Labels of the hand in ``segmentation`` begin here.

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from graspbox.configs import CamerasConfig
+from graspbox.configs.cameras import camera_pose, lens
 from graspbox.errors import ConfigError
 from graspbox.evaluation.rounds import clear_rounds
-from graspbox.perception.cameras import camera_pose, lens
 from graspbox.perception.configs import DepthNoise
 from graspbox.perception.shapes.tsdf import RESOLUTION, SIDE, VOXEL_SIZE, WORLD_FROM_WORKSPACE, cameras_around, tsdf_of
 from graspbox.policies import Task, TsdfPolicy

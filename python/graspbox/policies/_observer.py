@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from graspbox._core import Hand
+from graspbox.configs.cameras import camera_pose, lens
 from graspbox.errors import ConfigError
-from graspbox.perception.cameras import camera_pose, lens
 from graspbox.perception.configs import DepthNoise
 from graspbox.perception.crops import add_depth_noise
 from graspbox.perception.depth_views import DepthView

@@ -20,10 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.configs.cameras import CameraConfig, CamerasConfig
+from graspbox.configs.cameras import CameraConfig, CamerasConfig, camera_pose
 from graspbox.envs.coding import encode_action
 from graspbox.errors import ConfigError
-from graspbox.perception.cameras import camera_pose
 from graspbox.policies.base import Actions, Policy, Task
 from graspbox.simulation import load_hand
 from graspbox.study.grasps import base_under

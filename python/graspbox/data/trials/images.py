@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from graspbox import _core, object_sets
 from graspbox._common.arguments import floats, plain
 from graspbox._core import Mesh
+from graspbox.configs.cameras import lens
 from graspbox.data.trials.resting import RestingScene
 from graspbox.data.trials.settings import DatasetConfig
 from graspbox.data.trials.tables import column, lists, matrices
@@ -17,7 +18,6 @@ from graspbox.errors import ConfigError
 from graspbox.hands import cache_folder
 from graspbox.meshes import placed
 from graspbox.meshes.views import Views, depth_millimetres
-from graspbox.perception.cameras import lens
 from graspbox.planning.plan_files import mesh_hash
 from graspbox.simulation.layouts import Arrangement
 
