@@ -665,8 +665,7 @@ def crops(
     depth: NDArray[np.float32],
     intrinsics: NDArray[np.float64],
     world_from_camera: NDArray[np.float64],
-    labels: NDArray[np.bool_] | None,
-    middle: NDArray[np.bool_] | None,
+    marked: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     crop: _Config,
     num_threads: int | None,
 ) -> CropArrays: ...

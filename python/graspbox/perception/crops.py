@@ -152,8 +152,7 @@ def crop(
         images,
         floats(intrinsics, "intrinsics"),
         floats(world_from_camera, "world_from_camera"),
-        flags,
-        around,
+        (flags, around),
         config_dict(config, CropConfig),
         num_threads,
     )

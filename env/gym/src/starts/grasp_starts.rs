@@ -5,7 +5,9 @@
 
 use crate::EnvError;
 use crate::actions::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
-use crate::objects::{Objects, Prepared};
+use crate::objects::Prepared;
+use crate::pool::env_spec::EnvSpec;
+use crate::starts::initial_samples::InitialSamples;
 use crate::starts::random_stream::RandomStream;
 use nalgebra::Isometry3;
 
@@ -24,23 +26,22 @@ pub struct HandStart {
 
 /// The hand at a planned grasp, in a share of episodes; `None` in the others, and for an object without a feasible pose in the workspace.
 ///
-/// * `seed`: of cameras and light.
-/// * `resting`: the object's resting pose, by index.
+/// * `at_rest`: a single object and its resting pose, by index; `None` if the hand starts elsewhere.
 ///
 /// # Errors
-/// As [`Objects::grasps`].
+/// As [`crate::objects::Objects::grasps`].
 pub fn at_grasp(
-    share: f64,
-    seed: u64,
-    objects: &Objects,
-    (prepared, resting): (&Prepared, usize),
+    spec: &EnvSpec,
+    samples: &InitialSamples,
+    at_rest: Option<(&Prepared, usize)>,
     world_from_object: &Isometry3<f64>,
 ) -> Result<Option<HandStart>, EnvError> {
-    let mut stream = RandomStream::new(seed ^ STREAM);
-    if share <= 0.0 || stream.sample_unit() >= share {
+    let (share, mut stream) = (spec.config.grasp_starts, RandomStream::new(samples.viewpoint ^ STREAM));
+    let Some((prepared, resting)) = at_rest.filter(|_| share > 0.0 && stream.sample_unit() < share) else {
         return Ok(None);
-    }
-    let starts: Vec<HandStart> = objects
+    };
+    let starts: Vec<HandStart> = spec
+        .objects
         .grasps(prepared, resting)?
         .iter()
         .map(|grasp| HandStart {

@@ -126,21 +126,14 @@ impl InitialState {
         let Start { object, scene, prepared, objects } = start;
         let resting = resting(&prepared[scene.target()], &scene, &world_from_object, dropped);
         let goal = goal(spec.config.goal.as_ref(), samples.viewpoint, &resting, options)?;
-        let near = match &objects {
-            StartObjects::Single { resting } if dropped.is_none() && !options.places_hand() => {
-                let share = spec.config.grasp_starts;
-                let at_rest = (&*prepared[0], *resting);
-                at_grasp(share, samples.viewpoint, &spec.objects, at_rest, &world_from_object)?
-            }
-            _ => None,
-        };
         let placement = HandPlacement {
             spec,
             object: scene.name(),
             obstacles: scene.obstacles_at(&world_from_object),
             world_from_object: &world_from_object,
         };
-        let HandStart { world_from_hand, preshape } = match near {
+        let at_rest = objects.at_rest(&prepared, dropped.is_none() && !options.places_hand());
+        let HandStart { world_from_hand, preshape } = match at_grasp(spec, &samples, at_rest, &world_from_object)? {
             Some(start) => start,
             None => HandStart { world_from_hand: placement.place(&samples, options, preshape)?, preshape },
         };
@@ -150,7 +143,6 @@ impl InitialState {
             StartObjects::Target(target) => scene_kind(SceneKind::Target(target)),
             StartObjects::Cleared(objects) => Mode::Clear(ClearState::new(objects, world_from_hand)),
         };
-        let viewpoint = sample_viewpoint(spec, options, samples.viewpoint)?;
         Ok(Self {
             object,
             prepared,
@@ -163,7 +155,7 @@ impl InitialState {
             friction,
             mass,
             hand_error: hand_error(vary, &samples),
-            viewpoint,
+            viewpoint: sample_viewpoint(spec, options, samples.viewpoint)?,
             goal,
         })
     }
@@ -191,6 +183,16 @@ enum StartObjects {
     Target(TargetScene),
     /// Objects to be cleared.
     Cleared(Vec<Placed>),
+}
+
+impl StartObjects {
+    /// A single object and its resting pose, if it lies there and the hand may be placed around it.
+    fn at_rest<'a>(&self, prepared: &'a [Arc<Prepared>], free: bool) -> Option<(&'a Prepared, usize)> {
+        match self {
+            Self::Single { resting } if free => Some((&*prepared[0], *resting)),
+            _ => None,
+        }
+    }
 }
 
 impl Start {

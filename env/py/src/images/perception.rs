@@ -19,6 +19,8 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 use std::sync::Arc;
 
+/// An input array of flags, of any shape.
+type Flags<'py> = PyReadonlyArrayDyn<'py, bool>;
 /// An input array of bytes, of any shape.
 type Bytes<'py> = PyReadonlyArrayDyn<'py, u8>;
 
@@ -56,17 +58,16 @@ pub fn add_depth_noise<'py>(
     array(py, images, &shape)
 }
 
-/// Crops around the object of depth images (n, H, W): `world_from_crop` (n, 4, 4), `found` (n,), `object` (n, H, W), and `channels`
+/// Crops around the object of depth images (n, H, W), whose pixels, and those of the crop's middle, may be `marked`: `world_from_crop` (n, 4, 4), `found` (n,), `object` (n, H, W), and `channels`
 /// (n, 3, N, N, N) uint8. Where no object is found, the pose is the identity and the channels are 0.
 #[pyfunction]
-#[pyo3(signature = (depth, intrinsics, world_from_camera, labels, middle, crop, num_threads))]
+#[pyo3(signature = (depth, intrinsics, world_from_camera, marked, crop, num_threads))]
 pub fn crops<'py>(
     py: Python<'py>,
     depth: PyReadonlyArrayDyn<'py, f32>,
     intrinsics: Floats<'py>,
     world_from_camera: Floats<'py>,
-    labels: Option<PyReadonlyArrayDyn<'py, bool>>,
-    middle: Option<PyReadonlyArrayDyn<'py, bool>>,
+    marked: (Option<Flags<'py>>, Option<Flags<'py>>),
     crop: &Bound<'_, PyAny>,
     #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -75,10 +76,10 @@ pub fn crops<'py>(
     let shape = depth.shape().to_vec();
     let [count, height, width] = [shape[0], shape[1], shape[2]];
     let sides = [Some(count), Some(height), Some(width)];
-    let flags = |flags: Option<PyReadonlyArrayDyn<'py, bool>>, name: &str| {
+    let flags = |flags: Option<Flags<'_>>, name: &str| {
         flags.map(|flags| entries(&flags, name, &sides).map(<[bool]>::to_vec)).transpose()
     };
-    let (labels, middle) = (flags(labels, "labels")?, flags(middle, "middle")?);
+    let (labels, middle) = (flags(marked.0, "labels")?, flags(marked.1, "middle")?);
     let cameras = isometries(&world_from_camera, "world_from_camera")?;
     same("world_from_camera", cameras.len(), count)?;
     let lens = lens(&intrinsics, height as u32, width as u32)?;
