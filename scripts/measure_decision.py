@@ -26,7 +26,7 @@ from graspbox.meshes.views import ViewPlan, views
 from graspbox.perception import DepthView, FoundGrasp, GraspFinder, PoseNoise, Query, add_depth_noise
 from graspbox.policies import DepthGrasp
 from graspbox.policies.base import Task
-from graspbox.policies.depth import load_finder
+from graspbox.policies.finders import load_finder
 from graspbox.policies.published.folders import read_depth_policy
 from graspbox.policies.published.runtimes import Backend
 

@@ -35,7 +35,7 @@ from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalCo
 from graspbox.perception.configs import FinderConfig  # noqa: E402
 from graspbox.perception.hand_settings import settings_of  # noqa: E402
 from graspbox.perception.inputs.scorer import GraspInputs, ScorerInputs  # noqa: E402
-from graspbox.policies.depth import load_finder  # noqa: E402
+from graspbox.policies.finders import load_finder  # noqa: E402
 from graspbox.policies.grasp_image import grasp_image  # noqa: E402
 from graspbox.policies.published.calibration import Calibration  # noqa: E402
 from graspbox.policies.published.folders import read_depth_policy  # noqa: E402

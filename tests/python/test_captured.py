@@ -185,7 +185,21 @@ def test_all_things_of_a_scene_are_grasped(grasper: Any) -> None:
     alone = grasper.find(capture.depth, capture.intrinsics, pose, mask=capture.labels == 2)
     np.testing.assert_array_equal(alone.table_from_hand, posed.grasps[2].table_from_hand)
     with pytest.raises(ConfigError, match="labels are float64"):
-        grasper.find_all(capture.depth, capture.intrinsics, labels=capture.labels.astype(float))
+        grasper.find_all(capture.depth, capture.intrinsics, labels=capture.depth)
+
+
+def test_a_policy_grasps_in_captures(grasper: Any) -> None:
+    capture: Any = Capture.read(CAPTURES / "pcl_milk_clorox")
+    policy: Any = graspbox.policies.load(str(REPOSITORY / "policies" / "panda_clutter"))
+    found = policy.grasps(capture, label=2, count=2)
+    mask = capture.labels == 2
+    same = grasper.find(capture.depth, capture.intrinsics, mask=mask, count=2)
+    np.testing.assert_array_equal(found.table_from_hand, same.table_from_hand)
+    assert set(policy.grasps_of_things(capture, count=1).labels.ravel().tolist()) == {0, 1, 2, 3}
+    with pytest.raises(ConfigError, match=r"no pixel of .* has the label 7; choose from 1, 2, 3"):
+        policy.grasps(capture, label=7)
+    with pytest.raises(ConfigError, match="choose one of them"):
+        policy.grasps(capture)
 
 
 def test_a_lift_under_a_shelf_is_told(grasper: Any) -> None:
@@ -206,3 +220,24 @@ def test_real_captures_are_grasped(masks: bool, of: int, near: int, grasper: Any
     assert found["of"] == of
     assert found["near"] >= near, [row.to_json() for row in rows]
     assert found["sure_and_wrong"] == 0
+
+
+def test_the_command_grasps_all_objects(grasper: Any, tmp_path: Path) -> None:
+    pytest.importorskip("typer", reason="the command line needs the extra 'cli'")
+    import json
+
+    from command_line import invoke
+
+    folder = CAPTURES / "pcl_milk_clorox"
+    words = ["grasp-image", str(folder / "depth.png"), "--camera-info", str(folder / "capture.json"), "--all"]
+    words += ["--policy", str(REPOSITORY / "policies" / "panda_clutter"), "--count", "1"]
+    out = tmp_path / "grasps.json"
+    named = invoke([*words, "--mask", str(folder / "labels.png"), "--out", str(out), "--json"])
+    assert named.exit_code == 0, named.output
+    told = json.loads(named.stdout)
+    assert [row["thing"] for row in told["things"]] == [1, 2, 3]
+    assert told == json.loads(out.read_text())
+    assert told["order"][0]["thing"] in (1, 2, 3)
+    shown = invoke(words)
+    assert "object 1, " in shown.output
+    assert "--all writes no --picture" in str(invoke([*words, "--label", "2"]).exception)

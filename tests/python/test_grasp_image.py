@@ -380,3 +380,45 @@ def test_the_command_writes_grasps_and_a_picture(
     assert "the hand's error is 600 mm and 6 degrees; pass 0 to 50 mm" in str(huge.exception)
     half = invoke([*words, "--tilt", "30"])
     assert "needs both --camera-height and --tilt" in str(half.exception)
+
+
+def test_the_command_reads_what_cameras_write(
+    seen: Views, depth: NDArray[np.float64], tiny: Path, tmp_path: Path
+) -> None:
+    """A cloud instead of an image, a file of the camera instead of numbers, one of several labels, limits."""
+    pytest.importorskip("typer", reason="the command line needs the extra 'cli'")
+    from command_line import invoke
+
+    options = ["--policy", str(tiny), "--count", "2", "--json"]
+    np.save(tmp_path / "depth.npy", depth)
+    lens = seen.intrinsics
+    k = [lens[0, 0], 0.0, lens[0, 2] - 0.5, 0.0, lens[1, 1], lens[1, 2] - 0.5, 0.0, 0.0, 1.0]
+    (tmp_path / "info.json").write_text(json.dumps({"width": 320, "height": 240, "k": k}))
+    words = ["grasp-image", str(tmp_path / "depth.npy"), *options, "--camera-info", str(tmp_path / "info.json")]
+    by_file = invoke(words)
+    assert by_file.exit_code == 0, by_file.output
+    numbers = [str(lens[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2))]
+    by_numbers = invoke(["grasp-image", str(tmp_path / "depth.npy"), *options, "--intrinsics", *numbers])
+    found, same = json.loads(by_file.stdout), json.loads(by_numbers.stdout)
+    np.testing.assert_allclose(found["grasps"][0]["camera_from_hand"], same["grasps"][0]["camera_from_hand"], atol=1e-6)
+    # Warnings of the source are printed, and in the result.
+    points = points_of(depth, lens)
+    np.save(tmp_path / "cloud.npy", points * [1, -1, -1])
+    cloud = invoke(["grasp-image", str(tmp_path / "cloud.npy"), *options])
+    assert cloud.exit_code == 0, cloud.output
+    warnings = json.loads(cloud.stdout)["warnings"]
+    assert "y and z are negated" in warnings[0]
+    assert f"warning: {warnings[0]}" in cloud.stderr
+    things = np.zeros(depth.shape, dtype=np.int64)
+    things[:120], things[120:] = 4, 9
+    np.save(tmp_path / "things.npy", things)
+    for added, message in (
+        (["--mask", str(tmp_path / "things.npy")], "holds the labels 4, 9; choose one by --label"),
+        (["--mask", str(tmp_path / "things.npy"), "--label", "5"], "has the label 5; choose from 4, 9"),
+        (["--label", "5"], "--label chooses an object of --mask"),
+        (["--intrinsics", *numbers], "both state the intrinsics; pass one"),
+        (["--limits", "2", "3"], "no depth within the limits"),
+        (["--topic", "/depth"], "is no recording"),
+        (["--time", "1"], "is no recording"),
+    ):
+        assert message in str(invoke([*words, *added]).exception)

@@ -1,12 +1,14 @@
 """``graspbox grasp-image``: grasps for your own depth image."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from graspbox.captures import Capture, read_capture
 from graspbox.cli.common import (
     Json,
     Rehearse,
@@ -20,12 +22,50 @@ from graspbox.cli.common import (
 )
 from graspbox.cli.recorders import CommandRecorder, Rerun, rerun_recorder
 from graspbox.errors import ConfigError
-from graspbox.perception.depth_images import camera_over_table, read_depth, read_mask, read_points, read_pose
+from graspbox.perception.depth_images import camera_over_table, read_points, read_pose
 from graspbox.perception.perturbations import PoseNoise
-from graspbox.policies.grasp_image import ImageGrasps, grasp_image
+from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
 
+SourceArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SOURCE",
+        help="Depth image (.npy, .npz, 16-bit .png, .tiff, .exr), point cloud in the camera's frame (.ply, .pcd, "
+        ".npy), or ROS recording (.bag, .db3, .mcap, a folder).",
+    ),
+]
 PolicyOption = Annotated[
     str, typer.Option(help="An installed policy such as depth, the folder of one, or hf://owner/name.")
+]
+IntrinsicsOption = Annotated[
+    tuple[float, float, float, float] | None,
+    typer.Option(
+        metavar="FX FY CX CY",
+        help="Focal lengths and principal point, pixels; by default those of the source or of --camera-info.",
+    ),
+]
+CameraInfoOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="File with intrinsics: ROS CameraInfo (.yaml, .json), OpenCV, RealSense, Open3D, BOP, .npy, or text."
+    ),
+]
+TopicOption = Annotated[
+    str | None, typer.Option(help="Topic of a recording; by default the only one with depth images, or with clouds.")
+]
+TimeOption = Annotated[
+    float | None, typer.Option(help="Seconds from the beginning of the topic of a recording; by default 0.")
+]
+LimitsOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option(metavar="NEAR FAR", help="Depths outside, metres, count as not measured."),
+]
+LabelOption = Annotated[
+    int | None, typer.Option(help="The object's number in --mask, which is then an image of several objects.")
+]
+EverythingOption = Annotated[
+    bool,
+    typer.Option("--all", help="Find grasps of every object: those of --mask, or all that rise above the table."),
 ]
 CameraPoseOption = Annotated[
     Path | None,
@@ -64,8 +104,14 @@ HandErrorOption = Annotated[
         "that tolerate it come first.",
     ),
 ]
+HandOption = Annotated[
+    str | None, typer.Option(help="The hand, for a policy that grasps with any: a name, or URDF,TOML.")
+]
 DepthScaleOption = Annotated[
-    float | None, typer.Option(help="Metres per unit of the file; by default 1 for floats, 0.001 for integers.")
+    float | None,
+    typer.Option(
+        help="Metres per unit of the file; by default as the source states, else 1 for floats, 0.001 for integers."
+    ),
 ]
 
 
@@ -80,6 +126,39 @@ def _pose(file: Path | None, height: float | None, tilt: float | None) -> NDArra
     if height is not None and tilt is not None:
         return camera_over_table(height, float(np.radians(tilt)))
     return None
+
+
+def _capture(
+    source: Path,
+    intrinsics: tuple[float, float, float, float] | None,
+    camera_info: Path | None,
+    depth_scale: float | None,
+    mask: Path | None,
+    label: int | None,
+    topic: str | None,
+    time: float | None,
+    limits: tuple[float, float] | None,
+    everything: bool,
+) -> Capture:
+    """Read the source with the options that describe it."""
+    if intrinsics is not None and camera_info is not None:
+        raise ConfigError("--intrinsics and --camera-info both state the intrinsics; pass one of them")
+    if label is not None and mask is None:
+        raise ConfigError("--label chooses an object of --mask; pass both")
+    lens: NDArray[np.float64] | Path | None = camera_info
+    if intrinsics is not None:
+        fx, fy, cx, cy = intrinsics
+        lens = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    return read_capture(
+        source,
+        intrinsics=lens,
+        depth_scale=depth_scale,
+        mask=None if everything or label is not None else mask,
+        labels=mask if everything or label is not None else None,
+        topic=topic,
+        time=time,
+        limits=limits,
+    )
 
 
 def _write(grasps: ImageGrasps, out: Path | None, picture: Path | None, recorder: CommandRecorder | None) -> None:
@@ -107,27 +186,26 @@ def _print(grasps: ImageGrasps) -> None:
 
 
 def grasp_image_command(
-    image: Annotated[
-        Path, typer.Argument(metavar="DEPTH", help="Depth image: .npy (H, W), or .png with 16 bits per pixel.")
-    ],
+    source: SourceArgument,
     policy: PolicyOption,
-    intrinsics: Annotated[
-        tuple[float, float, float, float],
-        typer.Option(metavar="FX FY CX CY", help="Focal lengths and principal point, pixels."),
-    ],
+    intrinsics: IntrinsicsOption = None,
+    camera_info: CameraInfoOption = None,
     depth_scale: DepthScaleOption = None,
+    topic: TopicOption = None,
+    time: TimeOption = None,
+    limits: LimitsOption = None,
     camera_pose: CameraPoseOption = None,
     camera_height: CameraHeightOption = None,
     tilt: TiltOption = None,
     region: RegionOption = None,
     mask: MaskOption = None,
+    label: LabelOption = None,
+    everything: EverythingOption = False,
     keep_off: KeepOffOption = None,
     hand_error: HandErrorOption = None,
     rehearse: Rehearse = None,
     count: Annotated[int, typer.Option(min=1, max=100, help="Most grasps.")] = 5,
-    hand: Annotated[
-        str | None, typer.Option(help="The hand, for a policy that grasps with any: a name, or URDF,TOML.")
-    ] = None,
+    hand: HandOption = None,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Write the grasps into this JSON file.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Write a picture into this file.")] = None,
@@ -137,29 +215,30 @@ def grasp_image_command(
     """Find grasps of the object in your own depth image, with a published policy.
 
     Poses are those of the hand's grasp frame, in the frames of the camera (x right, y down, z forward) and of the
-    table.
+    table. Warnings say what was assumed of the source, and what may be wrong with it.
     """
-    depth = read_depth(image, depth_scale)
-    fx, fy, cx, cy = intrinsics
-    lens = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    if everything and (picture or rerun or rehearse is not None or label is not None):
+        raise ConfigError("--all writes no --picture and no --rerun, and takes no --rehearse and no --label")
+    seen = _capture(source, intrinsics, camera_info, depth_scale, mask, label, topic, time, limits, everything)
     check_files(out, picture)
     recorder = rerun_recorder(rerun)
-    pose = _pose(camera_pose, camera_height, tilt)
-    grasps = grasp_image(
-        depth,
-        lens,
-        pose,
-        policy,
-        hand=None if hand is None else find_hand(hand),
-        count=count,
-        region=region,
-        mask=None if mask is None else read_mask(mask),
-        keep_off=None if keep_off is None else read_points(keep_off),
-        hand_error=None if hand_error is None else PoseNoise.in_millimetres(*hand_error),
-        rehearsed=rehearse,
-        seed=seed,
-    )
-    if pose is None:
+    grasper = ImageGrasper(policy, hand=None if hand is None else find_hand(hand))
+    place = (seen.depth, seen.intrinsics, _pose(camera_pose, camera_height, tilt))
+    options: dict[str, Any] = {
+        "count": count,
+        "region": region,
+        "keep_off": None if keep_off is None else read_points(keep_off),
+        "hand_error": None if hand_error is None else PoseNoise.in_millimetres(*hand_error),
+        "seed": seed,
+    }
+    if everything:
+        _report_all(grasper.find_all(*place, labels=seen.labels, **options), seen, out, as_json)
+        return
+    chosen = None if mask is None else seen.mask(label)
+    grasps = grasper.find(*place, mask=chosen, rehearsed=rehearse, **options)
+    grasps = replace(grasps, warnings=(*seen.warnings, *grasps.warnings))
+    _warn(grasps.warnings)
+    if place[2] is None:
         height, down = grasps.table_from_camera[2, 3], np.degrees(np.arcsin(-grasps.table_from_camera[2, 2]))
         console.print(f"table found: the camera is {height:.3f} m above it and looks down by {down:.1f} degrees")
     _write(grasps, out, picture, recorder)
@@ -169,4 +248,29 @@ def grasp_image_command(
         _print(grasps)
     if not len(grasps):
         console.print("no grasp of the object is feasible", style="red")
+        raise typer.Exit(1)
+
+
+def _warn(warnings: tuple[str, ...]) -> None:
+    for warning in warnings:
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+
+
+def _report_all(scene: SceneGrasps, seen: Capture, out: Path | None, as_json: bool) -> None:
+    """Write and print the grasps of every object; exits with 1 if there are none."""
+    _warn(seen.warnings)
+    told = {**scene.to_json(), "warnings": list(seen.warnings)}
+    if out is not None:
+        write_json(out, told)
+    if as_json:
+        print_json(told)
+    else:
+        for label, grasps in scene.grasps.items():
+            console.print(f"object {label}, {int((scene.labels == label).sum())} pixels")
+            _warn(grasps.warnings)
+            _print(grasps)
+    for label, why in scene.refused.items():
+        console.print(f"object {label}: {why}")
+    if not scene.best():
+        console.print("no grasp of an object is feasible", style="red")
         raise typer.Exit(1)

@@ -4,7 +4,7 @@ A folder of captures holds a folder for each:
 
 | file | contents |
 |---|---|
-| ``depth.npy`` or ``depth.png`` | as `graspbox.perception.depth_images.read_depth` reads it |
+| ``depth.npy`` or ``depth.png`` | as `graspbox.captures.read_capture` reads it |
 | ``capture.json`` | ``intrinsics``: ``fx``, ``fy``, ``cx``, ``cy``, pixels, centres of pixels at integers; ``camera``; others are ignored |
 | ``labels.png`` | (H, W): 0, or the number of a thing |
 
@@ -22,11 +22,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox import captures
 from graspbox._common.files import read_bounded
 from graspbox.errors import ConfigError, FileError
 from graspbox.hands import Hand
 from graspbox.hands.description import describe
-from graspbox.perception.depth_images import points_of, read_depth, read_labels
 from graspbox.policies.grasp_image import ImageGrasper
 
 __all__ = ["Capture", "JudgedCapture", "captures_in", "judge_captures", "summary"]
@@ -42,26 +42,17 @@ _LARGEST = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
-class Capture:
-    """A depth image with its camera and the things in it.
+class Capture(captures.Capture):
+    """A depth image with its camera and the things in it, whose `labels` are known.
 
     Attributes
     ----------
     name, camera : str
         The folder's name, and the kind of camera.
-    depth : (H, W) float64
-        Metres, 0 where nothing was measured.
-    intrinsics : (3, 3) float64
-        Pixels.
-    labels : (H, W) int64
-        Number of the thing that a pixel shows, 0 for none.
     """
 
-    name: str
-    camera: str
-    depth: NDArray[np.float64]
-    intrinsics: NDArray[np.float64]
-    labels: NDArray[np.int64]
+    name: str = ""
+    camera: str = "unknown"
 
     @classmethod
     def read(cls, folder: Path) -> Self:
@@ -69,27 +60,15 @@ class Capture:
         image = next((path for path in (folder / "depth.npy", folder / "depth.png") if path.is_file()), None)
         if image is None:
             raise FileError(2, "there is no depth.npy or depth.png", str(folder))
-        depth = read_depth(image)
-        try:
-            found = json.loads(read_bounded(folder / "capture.json", _LARGEST))
-            fx, fy, cx, cy = (float(found["intrinsics"][name]) for name in ("fx", "fy", "cx", "cy"))
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise ConfigError(
-                f"{folder / 'capture.json'} has no intrinsics fx, fy, cx and cy ({type(error).__name__}: {error})"
-            ) from None
-        labels = read_labels(folder / "labels.png")
-        if labels.shape != depth.shape:
-            raise ConfigError(f"{folder / 'labels.png'} has shape {labels.shape}; pass {depth.shape}, as the image")
-        lens = np.array([[fx, 0.0, cx + 0.5], [0.0, fy, cy + 0.5], [0.0, 0.0, 1.0]])
-        return cls(folder.name, str(found.get("camera", "unknown")), depth, lens, labels)
-
-    def points(self, pixels: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
-        """Return the seen points (n, 3), of some pixels or all, camera's frame, metres."""
-        return points_of(self.depth if pixels is None else np.where(pixels, self.depth, 0.0), self.intrinsics)
+        described = folder / "capture.json"
+        seen = captures.read_capture(image, intrinsics=described, labels=folder / "labels.png")
+        camera = str(json.loads(read_bounded(described, _LARGEST)).get("camera", "unknown"))
+        return cls(**vars(seen), name=folder.name, camera=camera)
 
     @property
     def things(self) -> tuple[int, ...]:
         """Numbers of the things of which enough pixels have a depth."""
+        assert self.labels is not None
         numbers, counts = np.unique(self.labels[self.depth > 0], return_counts=True)
         return tuple(int(n) for n, count in zip(numbers, counts, strict=True) if n and count >= _LEAST_PIXELS)
 
@@ -162,6 +141,7 @@ def judge_captures(
 
 
 def _judged(grasper: ImageGrasper, capture: Capture, thing: int | None, seed: int) -> JudgedCapture:
+    assert capture.labels is not None
     mask = None if thing is None else capture.labels == thing
     told = partial(JudgedCapture, capture.name, capture.camera, thing)
     try:

@@ -3,6 +3,8 @@
 import io
 import json
 import os
+import re
+import struct
 import warnings
 from pathlib import Path
 
@@ -22,15 +24,61 @@ __all__ = [
     "check_pose",
     "check_table",
     "fit_table",
+    "kind_of",
     "metric_depth",
     "points_of",
     "read_depth",
+    "read_image",
     "read_labels",
     "read_mask",
     "read_points",
     "read_pose",
+    "refusal",
     "thinned",
 ]
+
+#: First bytes of the kinds of files that cameras and programs write.
+_MAGIC = (
+    (b"\x93NUMPY", "npy"),
+    (b"PK\x03\x04", "npz"),
+    (b"\x89PNG\r\n\x1a\n", "png"),
+    (b"II*\0", "tiff"),
+    (b"MM\0*", "tiff"),
+    (b"II+\0", "tiff"),
+    (b"MM\0+", "tiff"),
+    (b"v/1\x01", "exr"),
+    (b"ply", "ply"),
+    (b"#ROSBAG", "bag"),
+    (b"SQLite format 3\0", "db3"),
+    (b"\x89MCAP0\r\n", "mcap"),
+    (b"\xff\xd8\xff", "jpg"),
+    (b"\x1aE\xdf\xa3", "mkv"),
+    (b"NI10", "oni"),
+    (b"\x89HDF\r\n\x1a\n", "h5"),
+)
+#: First lines of PCD files, comments before them included.
+_PCD = re.compile(rb"\s*(#[^\n]*\n\s*)*(VERSION|FIELDS|COLUMNS)\s")
+#: Kinds that `graspbox.captures.read_capture` reads, besides those of this module.
+_CAPTURES = {
+    "npz": "an archive of arrays (.npz)",
+    "tiff": "a TIFF file",
+    "exr": "an OpenEXR file",
+    "ply": "a PLY file",
+    "pcd": "a PCD file",
+    "bag": "a ROS recording",
+    "db3": "a ROS recording",
+    "mcap": "a recording (MCAP)",
+}
+#: Kinds that are not read, with the conversion to one that is.
+_REFUSED = {
+    "jpg": "a JPEG picture, with 8 changed bits per value; pass the camera's own 16-bit image",
+    "mkv": "a Matroska video, as of Azure Kinect; extract an image: ffmpeg -i FILE.mkv -map 0:1 -vframes 1 depth.png",
+    "oni": "a recording of OpenNI; export a frame as 16-bit PNG, with NiViewer or OpenNI's Python package",
+    "h5": "an HDF5 file; save one image of it with numpy.save",
+    "sens": "a recording of ScanNet; export its depth images with SensReader",
+    "zdf": "a file of Zivid; save the point cloud as PCD or PLY with Zivid Studio",
+    "praw": "a file of Photoneo; save the point cloud as PLY, whose unit is the millimetre",
+}
 
 #: Metres per unit of images of integers, as most cameras write them.
 _INTEGERS = 0.001
@@ -103,7 +151,7 @@ def read_depth(
     MissingExtraError
         For a ``.png`` without Pillow (extra ``cli``).
     """
-    mode, values = _read_image(Path(path), "depth image", max_pixels)
+    mode, values = read_image(Path(path), "depth image", max_pixels)
     if not mode.startswith("I"):
         raise ConfigError(
             f"{path} is a picture of the kind {mode!r} with 8 bits per value, which a depth image for people is; "
@@ -117,7 +165,7 @@ def read_mask(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS) -
 
     Arguments and errors as `read_depth`; ConfigError if it holds no mask.
     """
-    values = _read_image(Path(path), "mask", max_pixels)[1]
+    values = read_image(Path(path), "mask", max_pixels)[1]
     if values.ndim != 2 or values.dtype.kind not in "biu" or not values.any():
         raise ConfigError(
             f"{path} holds {values.dtype} of shape {values.shape}; pass one mask (H, W), not 0 where the object is"
@@ -130,7 +178,7 @@ def read_labels(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS)
 
     Arguments and errors as `read_depth`; ConfigError if it holds no labels.
     """
-    values = _read_image(Path(path), "image of labels", max_pixels)[1]
+    values = read_image(Path(path), "image of labels", max_pixels)[1]
     if values.ndim != 2 or values.dtype.kind not in "biu":
         raise ConfigError(f"{path} holds {values.dtype} of shape {values.shape}; pass one label per pixel (H, W)")
     return values.astype(np.int64)
@@ -141,6 +189,8 @@ def read_points(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     path = Path(path)
     if not path.is_file():
         raise FileError(2, "there is no such file of points", str(path))
+    if kind_of(path) != "npy":
+        raise ConfigError(f"{path} is not an array written by numpy.save; pass points (k, 3) as .npy")
     return check_points(_read_npy(path), str(path))
 
 
@@ -165,6 +215,11 @@ def metric_depth(
     """Convert a depth image to metres; errors name it `name`. Otherwise as `read_depth`, whose file holds `values`."""
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[..., 0]
+    if values.ndim == 2 and values.shape[1] == 3 < len(values) and values.dtype.kind == "f":
+        raise ConfigError(
+            f"{name} has shape {values.shape}, points rather than an image; read clouds with "
+            "graspbox.captures.read_capture, as graspbox grasp-image does"
+        )
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not values.size:
         raise ConfigError(
             f"{name} holds {values.dtype} of shape {values.shape}; pass one depth image (H, W) of numbers"
@@ -180,37 +235,77 @@ def metric_depth(
     return depth
 
 
+def kind_of(path: Path) -> str:
+    """Return the kind of a file by its first bytes, else its suffix: ``npy``, ``png``, ``pcd``, ...; "" if empty."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(1024)
+    except OSError as error:
+        raise FileError(error.errno or 5, error.strerror or "it cannot be read", str(path)) from None
+    found = next((kind for magic, kind in _MAGIC if start.startswith(magic)), "")
+    return found or ("pcd" if start.startswith(b"# .PCD") or _PCD.match(start) else path.suffix.lower()[1:])
+
+
+def refusal(path: Path, kind: str) -> ConfigError:
+    """Return the error of a file whose kind is not read, with what to do."""
+    if kind in _REFUSED:
+        return ConfigError(f"{path} is {_REFUSED[kind]}")
+    if kind in _CAPTURES:
+        return ConfigError(
+            f"{path} is {_CAPTURES[kind]}; read it with graspbox.captures.read_capture, as graspbox grasp-image does, "
+            "or save its image with numpy.save"
+        )
+    return ConfigError(f"{path} is not an array written by numpy.save, nor an image of a known kind; pass .npy or .png")
+
+
 def _read_npy(path: Path) -> NDArray[np.generic]:
     try:
         # Mapped: a header that promises a huge array costs nothing.
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OverflowError, OSError) as error:
-        raise ConfigError(f"{path} is not an array written by numpy.save: {error}") from None
-    if not isinstance(array, np.ndarray):
-        raise ConfigError(f"{path} holds several arrays; save only one, with numpy.save")
+        array: NDArray[np.generic] = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as error:  # a header is a literal of Python, whose parser raises many kinds
+        why = str(error)
+        if "Python objects" in why:
+            why = "it holds Python objects, such as a dict; save the image alone"
+        elif "pickle" in why:  # numpy takes all other contents for this
+            why = "it begins otherwise"
+        raise ConfigError(f"{path} is not an array written by numpy.save: {why}") from None
     return array
 
 
-def _read_image(path: Path, what: str, max_pixels: int) -> tuple[str, NDArray[np.generic]]:
-    """Read the kind (``I`` for a ``.npy`` file) and the values of an image; a last axis of one channel is removed."""
+def read_image(path: Path, what: str, max_pixels: int = _MOST_PIXELS) -> tuple[str, NDArray[np.generic]]:
+    """Read the mode of Pillow (``I`` for a ``.npy`` file) and the values of an image, called `what` in errors.
+
+    A last axis of one channel is removed; palettes stay indices. Errors as `read_depth`.
+    """
     if not path.is_file():
         raise FileError(2, f"there is no such {what}", str(path))
-    mode, values = _read_png(path, max_pixels) if path.suffix.lower() == ".png" else ("I", _read_npy(path))
+    kind = kind_of(path)
+    if kind not in ("png", "npy"):
+        raise refusal(path, kind)
+    mode, values = _read_png(path, max_pixels) if kind == "png" else ("I", _read_npy(path))
     _check_size(values.size, str(path), max_pixels)
     return mode, values[..., 0] if values.ndim == 3 and values.shape[2] == 1 else values
 
 
 def _read_png(path: Path, max_pixels: int) -> tuple[str, NDArray[np.generic]]:
     pillow = imported("PIL.Image", "PNG files need Pillow, from the extra 'cli'", "cli")
+    with path.open("rb") as file:
+        header = file.read(26)
+    # Bits per value and kind of colour, of which 0 is grey: Pillow would keep the upper 8 bits of colours.
+    if header[24:25] == b"\x10" and header[25:26] != b"\0":
+        raise ConfigError(
+            f"{path} has 16 bits per value in several channels; save the channel that holds the depth alone, such as "
+            "numpy.save('depth.npy', cv2.imread(FILE, cv2.IMREAD_UNCHANGED)[..., 0])"
+        )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pillow.DecompressionBombWarning)
-            with pillow.open(path) as image:
+            with pillow.open(path, formats=("PNG",)) as image:
                 _check_size(image.width * image.height, str(path), max_pixels)
                 mode, values = image.mode, np.asarray(image)
     except (pillow.DecompressionBombError, pillow.DecompressionBombWarning):
         _check_size(_MOST_PIXELS + 1, str(path), max_pixels)
-    except (OSError, SyntaxError) as error:
+    except (OSError, SyntaxError, ValueError, EOFError, MemoryError, struct.error) as error:
         raise ConfigError(f"{path} is no PNG: {error}") from None
     return mode, values
 

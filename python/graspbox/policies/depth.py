@@ -2,25 +2,29 @@
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
+from graspbox.captures import Capture
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
+from graspbox.hands import HandLike
 from graspbox.perception.configs import DepthNoise, FinderConfig
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder, Query
-from graspbox.perception.hand_grids import HandGrid
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies._executor import Executor, GraspExecutor, executor_of
 from graspbox.policies._hand_view import HandView
 from graspbox.policies._observer import Observer
 from graspbox.policies.base import SCRIPTED, Actions, SeededPolicy, Task
+from graspbox.policies.finders import check_backend, load_finder
+from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
 from graspbox.policies.published.configs import DepthPolicyConfig, PolicyConfig
 from graspbox.policies.published.folders import hand_of, read_depth_policy
-from graspbox.policies.published.runtimes import Backend, load_parts
+from graspbox.policies.published.runtimes import Backend
 from graspbox.simulation import load_hand
 from graspbox.simulation.layouts import bin_points
 
@@ -205,12 +209,44 @@ class DepthGrasp(DepthPolicy):
         backend: Backend = "onnx",
         num_threads: int | None = None,
     ) -> None:
-        _check_backend(backend)
+        check_backend(backend)
         published = read_depth_policy(Path(folder))
         settings = Query(hand_error=hand_error, rehearsed=rehearsed).settings(config or published.finder)
         load = partial(load_finder, Path(folder), published, config=settings, backend=backend, num_threads=num_threads)
         super().__init__(partial(Observer, noise=noise), MadeOnce(load))
         self._describe(folder, published)
+        self._grasper = MadeOnce(partial(_grasper, Path(folder), backend, num_threads))
+
+    def grasps(
+        self, capture: Capture, *, label: int | None = None, hand: HandLike | None = None, **options: Any
+    ) -> ImageGrasps:
+        """Find grasps in a depth image of a real camera, without an environment.
+
+        Parameters
+        ----------
+        capture : Capture
+            The image (`graspbox.captures.read_capture`); its labels name the thing, its pose the table.
+        label : int, optional
+            The thing, if the capture has labels of several.
+        hand : str, Hand or pair of paths, optional
+            The hand, for a policy that grasps with any.
+        **options
+            Those of `graspbox.policies.grasp_image.ImageOptions`, but for the mask.
+
+        Raises
+        ------
+        ConfigError
+            As `graspbox.policies.grasp_image.ImageGrasper.find`, or if the label is unknown.
+        """
+        mask = None if capture.labels is None else capture.mask(label)
+        place = (capture.depth, capture.intrinsics, capture.table_from_camera)
+        found = self._grasper(hand).find(*place, mask=mask, **options)
+        return replace(found, warnings=(*capture.warnings, *found.warnings))
+
+    def grasps_of_things(self, capture: Capture, *, hand: HandLike | None = None, **options: Any) -> SceneGrasps:
+        """Find grasps of every thing in a depth image, those of its labels if it has some; otherwise as `grasps`."""
+        place = (capture.depth, capture.intrinsics, capture.table_from_camera)
+        return self._grasper(hand).find_all(*place, labels=capture.labels, **options)
 
     def _bind(self, task: Task) -> None:
         super()._bind(task)
@@ -221,26 +257,5 @@ class DepthGrasp(DepthPolicy):
             )
 
 
-def load_finder(
-    folder: Path,
-    published: DepthPolicyConfig,
-    hand: Hand,
-    *,
-    config: FinderConfig | None = None,
-    backend: Backend = "onnx",
-    num_threads: int | None = None,
-) -> GraspFinder:
-    """Load the finder of a published policy; `published` is its config, other parameters are those of `DepthGrasp`.
-
-    Raises ConfigError for a hand other than the policy's, or an unknown backend.
-    """
-    settings, finder = published.settings_for(hand, config)
-    _check_backend(backend)
-    grid = HandGrid(hand, settings, crop=published.crop, num_threads=num_threads)
-    parts = load_parts(folder, published, grid, backend, num_threads)
-    return GraspFinder(grid, parts.complete, parts.scorer, finder, head=parts.head)
-
-
-def _check_backend(backend: str) -> None:
-    if backend not in get_args(Backend):
-        raise ConfigError(f"there is no backend {backend!r}; choose from {', '.join(get_args(Backend))}")
+def _grasper(folder: Path, backend: Backend, num_threads: int | None, hand: HandLike | None) -> ImageGrasper:
+    return ImageGrasper(folder, hand=hand, backend=backend, num_threads=num_threads)

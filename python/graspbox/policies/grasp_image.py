@@ -23,7 +23,7 @@ from graspbox.perception.finder import Query, grasps
 from graspbox.perception.outputs import NONE_JUDGED
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.scoring import Ranked
-from graspbox.policies.depth import load_finder
+from graspbox.policies.finders import load_finder
 from graspbox.policies.published.configs import DepthPolicyConfig
 from graspbox.policies.published.downloads import folder_of
 from graspbox.policies.published.folders import hand_of, read_depth_policy

@@ -20,7 +20,8 @@ from graspbox.perception.perturbations import PoseNoise, perturbed
 from graspbox.policies._observer import Observer
 from graspbox.policies.base import Task
 from graspbox.policies.baselines.planner import KnownObject, KnownObjects, Planner
-from graspbox.policies.depth import DepthPolicy, load_finder
+from graspbox.policies.depth import DepthPolicy
+from graspbox.policies.finders import load_finder
 from graspbox.policies.published.folders import read_depth_policy
 from graspbox.simulation import Scene
 
