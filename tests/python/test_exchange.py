@@ -391,13 +391,14 @@ def _image() -> dict[str, Any]:
     camera[:3, 3] = (0.1, 0.0, 0.6)
     table = np.diag([1.0, -1.0, -1.0, 1.0])
     table[:3, 3] = (0.0, 0.02, 0.1)
-    grasp = {"preshape": 0.3, "success": 0.8, "secure": 0.7, "choice": 0.75, "rank": 1}
+    grasp = {"preshape": 0.3, "success": 0.8, "secure": 0.7, "choice": 0.75, "rank": 1, "free": True, "lift_free": True}
     poses = {"table_from_hand": table.tolist(), "camera_from_hand": (np.linalg.inv(camera) @ table).tolist()}
     weak = {**grasp, **poses, "success": 0.2, "rank": 2}
     return {
         "policy": "depth",
         "hand": "reflex",
         "table_from_camera": camera.tolist(),
+        "warnings": [],
         "grasps": [{**grasp, **poses}, weak],
     }
 
