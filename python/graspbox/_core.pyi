@@ -48,6 +48,8 @@ __all__ = [
     "occupancies",
     "occupancy",
     "pictures",
+    "pixel_groups",
+    "pixel_heights",
     "plan",
     "poses_of_cameras",
     "procedural",

@@ -58,8 +58,8 @@ pub fn add_depth_noise<'py>(
     array(py, images, &shape)
 }
 
-/// Crops around the object of depth images (n, H, W), whose pixels, and those of the crop's middle, may be `marked`: `world_from_crop` (n, 4, 4), `found` (n,), `object` (n, H, W), and `channels`
-/// (n, 3, N, N, N) uint8. Where no object is found, the pose is the identity and the channels are 0.
+/// Crops around the object of depth images (n, H, W), whose pixels, and those of the crop's middle, may be `marked`: `world_from_crop`
+/// (n, 4, 4), `found` (n,), `object` (n, H, W), and `channels` (n, 3, N, N, N) uint8. Where no object is found, the pose is the identity and the channels are 0.
 #[pyfunction]
 #[pyo3(signature = (depth, intrinsics, world_from_camera, marked, crop, num_threads))]
 pub fn crops<'py>(
