@@ -320,9 +320,9 @@ def test_a_run_has_ten_evaluations_by_default(tmp_path: Path) -> None:
 
 
 def test_a_trained_policy_is_evaluated_as_the_run_did(tmp_path: Path) -> None:
-    """The same episodes give the last row of the run; their starts are not eased."""
+    """The same episodes give the last row of the run."""
     folder = tmp_path / "run"
-    assert run("ppo", folder, (*PPO, "env.grasp_starts=1.0")) == 0
+    assert run("ppo", folder, PPO) == 0
     last = rows_of(folder)[-1]
     options: dict[str, Any] = {"split": "validation", "include_learned": True, "trials": last["episodes"]}
     found = summary(evaluation.evaluate(str(folder / "checkpoint"), seed=EVALUATION_SEED, **options))

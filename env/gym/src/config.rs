@@ -161,8 +161,6 @@ pub struct EnvConfig {
     pub observations: Vec<Observation>,
     /// Domain randomization.
     pub randomization: Randomization,
-    /// Share of episodes that begin with the open hand at a planned grasp; only in closed-loop control of a single object.
-    pub grasp_starts: f64,
     /// Layout of the objects. [`Control::Clear`] clears all of them; in the other modes one of several is the target.
     pub clutter: ClutterConfig,
     /// Cameras and images.
@@ -185,7 +183,6 @@ impl Default for EnvConfig {
             max_episode_steps: None,
             observations: Observation::ALL.to_vec(),
             randomization: Randomization::default(),
-            grasp_starts: 0.0,
             clutter: ClutterConfig::default(),
             cameras: CamerasConfig::default(),
             goal: None,
@@ -261,10 +258,6 @@ impl EnvConfig {
             self.trial().validate()?;
         }
         self.clutter.validate()?;
-        in_range("grasp_starts", self.grasp_starts, 0.0..=1.0, "")?;
-        if self.grasp_starts > 0.0 && (self.control.decides() || self.clutter.layout.is_some()) {
-            return Err(EnvError::NoGraspStarts);
-        }
         if let Some(goal) = &self.goal {
             goal.validate()?;
             if self.control.decides() || self.clutter.layout.is_some() {

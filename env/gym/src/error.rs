@@ -26,11 +26,6 @@ pub enum EnvError {
         /// The control period, seconds.
         period: f64,
     },
-    /// Starts at a grasp in another mode, or among several objects.
-    #[error(
-        "grasp_starts needs closed-loop control of a single object; choose another control mode and layout, or leave it out"
-    )]
-    NoGraspStarts,
     /// An observation is requested twice.
     #[error("the observation `{name}` is named twice; name it once")]
     Twice { name: String },

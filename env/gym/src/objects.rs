@@ -8,12 +8,10 @@
 use crate::EnvError;
 use crate::ahead::{Ahead, Claim, Work};
 use crate::source::Source;
-use crate::starts::grasp_starts::BEST;
 use graspbox_episode::EpisodeError;
 use graspbox_episode::{Body, ObjectSpec, Scene};
-use graspbox_hand::{GraspPose, Hand};
+use graspbox_hand::Hand;
 use graspbox_mesh::{RestingOptions, TriMesh, convex_hull, least_width, resting_poses};
-use graspbox_plan::PlanParams;
 use graspbox_render::{HandModel, Model};
 use graspbox_sim::PhysicsConfig;
 use nalgebra::{Isometry3, Point3};
@@ -45,8 +43,6 @@ pub struct Need {
     pub resting: Option<RestingChoice>,
     /// Its render model is needed too.
     pub model: bool,
-    /// So are its planned grasps.
-    pub grasps: bool,
 }
 
 /// A prepared object with its resting poses.
@@ -71,8 +67,6 @@ struct RestingPose {
     width: f64,
     /// `None` inside if the object does not come to rest.
     scene: OnceLock<Option<Arc<Scene>>>,
-    /// The best planned grasps; planned at their first use.
-    grasps: OnceLock<Vec<GraspPose>>,
 }
 
 impl Prepared {
@@ -92,7 +86,6 @@ impl Prepared {
             probability: pose.probability,
             width: least_width(hull.vertices(), &pose.world_from_object),
             scene: OnceLock::new(),
-            grasps: OnceLock::new(),
         });
         let aabb = body.mesh().aabb();
         Ok(Self {
@@ -326,18 +319,14 @@ impl Objects {
     pub fn is_ready(&self, need: &Need) -> bool {
         let Some(prepared) = self.cache_lock().take(need.object) else { return false };
         let resting = need.resting.and_then(|choice| prepared.resting_poses.get(prepared.resting(choice)));
-        resting.is_none_or(|pose| pose.scene.get().is_some() && (!need.grasps || pose.grasps.get().is_some()))
-            && (!need.model || prepared.model.get().is_some())
+        resting.is_none_or(|pose| pose.scene.get().is_some()) && (!need.model || prepared.model.get().is_some())
     }
 
     fn make(&self, need: &Need) -> Result<(), EnvError> {
         let prepared = self.prepared(need.object)?;
         let resting = need.resting.map(|choice| prepared.resting(choice));
         if let Some(resting) = resting.filter(|resting| *resting < prepared.resting_poses.len()) {
-            let scene = self.scene(&prepared, resting);
-            if let (true, Ok((found, _))) = (need.grasps, scene) {
-                drop(self.grasps(&prepared, found));
-            }
+            drop(self.scene(&prepared, resting));
         }
         if need.model {
             drop(prepared.model());
@@ -375,21 +364,6 @@ impl Objects {
             why: "it leaves the table from every resting pose",
         }
         .into())
-    }
-
-    /// The best planned grasps of the object at rest in pose `resting`, whose scene exists.
-    ///
-    /// # Errors
-    /// As [`Objects::scene`], or [`EpisodeError::Plan`].
-    pub fn grasps<'a>(&self, object: &'a Prepared, resting: usize) -> Result<&'a [GraspPose], EnvError> {
-        let pose = &object.resting_poses[resting];
-        if let Some(found) = pose.grasps.get() {
-            return Ok(found);
-        }
-        let (_, scene) = self.scene(object, resting)?;
-        let plan = scene.plan(&object.body, &PlanParams::default())?;
-        let best = plan.ranked().iter().take(BEST).map(|candidate| candidate.grasp).collect();
-        Ok(pose.grasps.get_or_init(|| best))
     }
 
     fn cache_lock(&self) -> std::sync::MutexGuard<'_, Cache> {

@@ -6,13 +6,11 @@
 //! | [`random_stream`] | the random stream of one environment |
 //! | [`initial_state`] | the initial state of an episode |
 //! | [`clutter`], [`scene_ahead`] | a scene of several objects, made when it is needed or before |
-//! | [`grasp_starts`] | the hand at a grasp, in a share of episodes |
 //! | [`goal_samples`] | the goal, in environments that have one |
 //! | [`initial_samples`], [`hand_placement`] | its random samples, and the place of the hand |
 
 pub mod clutter;
 pub mod goal_samples;
-pub mod grasp_starts;
 pub mod hand_placement;
 pub mod initial_samples;
 pub mod initial_state;

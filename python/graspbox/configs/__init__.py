@@ -379,8 +379,6 @@ class EnvConfig:
         Names of the observations, in order.
     randomization : Randomization
         Randomization per episode.
-    grasp_starts : float
-        Share of episodes that begin with the open hand at a planned grasp, in closed-loop control of a single object.
     clutter : ClutterConfig
         How objects lie: ``clear`` clears all of them, in the other modes one of several is the target.
     cameras : CamerasConfig
@@ -400,7 +398,6 @@ class EnvConfig:
     max_episode_steps: int | None = None
     observations: tuple[str, ...] = ("proprio", "tactile", "state")
     randomization: Randomization = field(default_factory=Randomization)
-    grasp_starts: float = 0.0
     clutter: ClutterConfig = field(default_factory=ClutterConfig)
     cameras: CamerasConfig = field(default_factory=CamerasConfig)
     goal: GoalConfig | None = None

@@ -132,7 +132,6 @@ class GraspCore:
             autoreset=self.autoreset_mode.name.lower(),  # type: ignore[arg-type]
             fingers=acting.fingers,
             control_freq=acting.control_freq,
-            grasp_starts=acting.grasp_starts,
             max_episode_steps=max_steps,
             observations=tuple(name for name in names if name not in cameras.images),
             randomization=_randomization(settings.randomization),

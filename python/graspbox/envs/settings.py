@@ -163,9 +163,6 @@ class GraspConfig(EnvironmentConfig):
         Actions per second of simulated time, Hz, 5 to 100: an action is held for ``1 / control_freq`` seconds. Slower
         control eases exploration. `physics.dt` must divide this time (below 20 Hz, each of its equal parts of at most
         0.05 s).
-    grasp_starts : float
-        Share of episodes that begin with the open hand around the object, at one of the best poses that the planner
-        finds, 0 to 1; for training. It needs a single object.
     reward : {"dense", "sparse", "firm"}
         Weights of the reward terms.
     """
@@ -173,7 +170,6 @@ class GraspConfig(EnvironmentConfig):
     control: Control = "twist"
     fingers: Fingers = "synergy"
     control_freq: float = 5.0
-    grasp_starts: float = 0.0
     reward: Reward = "dense"
 
 

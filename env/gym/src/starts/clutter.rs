@@ -55,7 +55,7 @@ impl ClutterSamples {
 
     /// The preparation that the scene needs of its objects.
     pub fn needs(&self, model: bool) -> Vec<Need> {
-        self.objects.iter().map(|(object, _)| Need { object: *object, resting: None, model, grasps: false }).collect()
+        self.objects.iter().map(|(object, _)| Need { object: *object, resting: None, model }).collect()
     }
 
     /// The objects at rest, as many as stay in the workspace.

@@ -14,7 +14,6 @@ use crate::objects::{Need, Prepared, RestingChoice};
 use crate::pool::env_spec::EnvSpec;
 use crate::starts::clutter::{ClutterSamples, check_options, scene_of};
 use crate::starts::goal_samples::{Resting, goal};
-use crate::starts::grasp_starts::{HandStart, at_grasp};
 use crate::starts::hand_placement::HandPlacement;
 use crate::starts::initial_samples::InitialSamples;
 use crate::starts::random_stream::RandomStream;
@@ -75,8 +74,7 @@ impl InitialState {
             return Ok(ClutterSamples::new(&spec.config.clutter, layout, &samples, spec.objects.len()).needs(model));
         }
         let resting = options.resting.map_or(RestingChoice::Share(samples.resting), RestingChoice::Index);
-        let object = object_index(spec, &samples, options)?;
-        Ok(vec![Need { object, resting: Some(resting), model, grasps: spec.config.grasp_starts > 0.0 }])
+        Ok(vec![Need { object: object_index(spec, &samples, options)?, resting: Some(resting), model }])
     }
 
     /// The samples of the scene of several objects with which the state of [`InitialState::sample`] would begin; the stream is unchanged.
@@ -132,17 +130,14 @@ impl InitialState {
             obstacles: scene.obstacles_at(&world_from_object),
             world_from_object: &world_from_object,
         };
-        let at_rest = objects.at_rest(&prepared, dropped.is_none() && !options.places_hand());
-        let HandStart { world_from_hand, preshape } = match at_grasp(spec, &samples, at_rest, &world_from_object)? {
-            Some(start) => start,
-            None => HandStart { world_from_hand: placement.place(&samples, options, preshape)?, preshape },
-        };
+        let world_from_hand = placement.place(&samples, options, preshape)?;
         let scene_kind = |kind| Mode::of_one(spec.config.control, kind);
         let mode = match objects {
             StartObjects::Single { resting } => scene_kind(SceneKind::Single { resting, dropped: dropped.is_some() }),
             StartObjects::Target(target) => scene_kind(SceneKind::Target(target)),
             StartObjects::Cleared(objects) => Mode::Clear(ClearState::new(objects, world_from_hand)),
         };
+        let viewpoint = sample_viewpoint(spec, options, samples.viewpoint)?;
         Ok(Self {
             object,
             prepared,
@@ -155,7 +150,7 @@ impl InitialState {
             friction,
             mass,
             hand_error: hand_error(vary, &samples),
-            viewpoint: sample_viewpoint(spec, options, samples.viewpoint)?,
+            viewpoint,
             goal,
         })
     }
@@ -183,16 +178,6 @@ enum StartObjects {
     Target(TargetScene),
     /// Objects to be cleared.
     Cleared(Vec<Placed>),
-}
-
-impl StartObjects {
-    /// A single object and its resting pose, if it lies there and the hand may be placed around it.
-    fn at_rest<'a>(&self, prepared: &'a [Arc<Prepared>], free: bool) -> Option<(&'a Prepared, usize)> {
-        match self {
-            Self::Single { resting } if free => Some((&*prepared[0], *resting)),
-            _ => None,
-        }
-    }
 }
 
 impl Start {

@@ -38,13 +38,6 @@ pub struct ResetOptions {
     pub goal: Option<[f64; 3]>,
 }
 
-impl ResetOptions {
-    /// True if they set the hand's pose or preshape.
-    pub fn places_hand(&self) -> bool {
-        self.world_from_hand.is_some() || self.preshape.is_some()
-    }
-}
-
 /// Least and greatest factor on mass and friction.
 const FACTORS: [f64; 2] = [0.01, 100.0];
 

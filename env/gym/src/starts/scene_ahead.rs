@@ -147,7 +147,7 @@ mod tests {
         while wanted.made.get().is_none() {
             std::thread::yield_now();
         }
-        let is_ready = |object| objects.is_ready(&Need { object, resting: None, model: false, grasps: false });
+        let is_ready = |object| objects.is_ready(&Need { object, resting: None, model: false });
         assert_eq!((is_ready(0), is_ready(1)), (false, true));
     }
 }

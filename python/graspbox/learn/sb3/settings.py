@@ -16,7 +16,6 @@ from graspbox.learn.sb3.checks import check_name, check_parameters
 from graspbox.learn.training.options import HandOption, Options
 
 __all__ = [
-    "EASING",
     "EVALUATION_SEED",
     "PARAMETERS",
     "TEST_SEED",
@@ -35,9 +34,6 @@ PARAMETERS = Path(__file__).with_name("parameters.yaml")
 #: Seeds of evaluation trials during training and of tests; training episodes have other seeds.
 EVALUATION_SEED, TEST_SEED = 10_000, 90_000
 
-#: Keywords of environments that ease learning; evaluations leave them out.
-EASING = ("grasp_starts",)
-
 Algorithm = Literal["ppo", "sac", "td3", "tqc"]
 
 
@@ -50,7 +46,7 @@ class Parameters:
     num_envs: int
     #: Whether vector observations, and rewards, are scaled by running statistics.
     normalize: dict[str, bool]
-    #: Keywords of the environment; evaluations leave `EASING` out.
+    #: Keywords of the environment.
     env: dict[str, Any]
     #: Arguments of the algorithm.
     model: dict[str, Any]

@@ -10,7 +10,7 @@ from graspbox.errors import ConfigError
 from graspbox.learn.sb3 import cloning
 from graspbox.learn.sb3.histories import STUDENT, settings_of
 from graspbox.learn.sb3.run_policy import RunPolicy
-from graspbox.learn.sb3.settings import EASING, CloneSettings, StudentSettings
+from graspbox.learn.sb3.settings import CloneSettings, StudentSettings
 from graspbox.learn.training.options import TrainingOutcome
 
 __all__ = ["train"]
@@ -69,7 +69,7 @@ def _record(
 ) -> None:
     """Record a round, unless it is complete: what the teacher does in the states to which teacher or student lead."""
     run = settings_of(teacher.run)
-    env = {name: value for name, value in run["env"].items() if name not in ("obs", "objects", "split", *EASING)}
+    env = {name: value for name, value in run["env"].items() if name not in ("obs", "objects", "split")}
     tenth = max(1, settings.shown // 10)
 
     def progress(kept: int, trials: int) -> None:

@@ -33,7 +33,7 @@ from graspbox.learn.sb3.running import (
     normalized,
 )
 from graspbox.learn.sb3.runs import next_commands
-from graspbox.learn.sb3.settings import EASING, EVALUATION_SEED, Parameters, Sb3Settings
+from graspbox.learn.sb3.settings import EVALUATION_SEED, Parameters, Sb3Settings
 from graspbox.learn.training.options import TrainingOutcome
 from graspbox.pictures import playback
 from graspbox.policies.base import is_closed_loop
@@ -98,8 +98,7 @@ def train(settings: Sb3Settings, command: str, echo: Callable[[str], None]) -> T
     """
     began, parameters = time.monotonic(), settings.read_parameters()
     check_arguments(ALGORITHMS[settings.algorithm], parameters.model)
-    held = {name: value for name, value in parameters.env.items() if name not in EASING}
-    held["split"] = settings.evaluate
+    held = {**parameters.env, "split": settings.evaluate}
     num_envs = min(parameters.num_envs, settings.episodes)
     with settings.run(echo) as run:
         run.log(command)
