@@ -174,7 +174,7 @@ def _write(grasps: ImageGrasps, out: Path | None, picture: Path | None, recorder
         recorder.write_image_grasps(grasps)
 
 
-def _print(grasps: ImageGrasps) -> None:
+def _print(grasps: ImageGrasps, of: str = "") -> None:
     rows: list[tuple[str, ...]] = []
     for rank, pose in enumerate(grasps.camera_from_hand):
         place = " ".join(f"{x:.3f}" for x in pose[:3, 3])
@@ -182,7 +182,7 @@ def _print(grasps: ImageGrasps) -> None:
         shares = (f"{grasps.success[rank]:.0%}", f"{grasps.secure[rank]:.0%}", f"{grasps.preshape[rank]:.2f}")
         rows.append((str(rank + 1), *shares, place, way))
     columns = ("rank", "success", "secure", "preshape", "position / m", "approach")
-    print_table(f"grasps of {grasps.hand.name}, camera frame", columns, rows)
+    print_table(f"{of}grasps of {grasps.hand.name}, camera frame", columns, rows)
 
 
 def grasp_image_command(
@@ -266,9 +266,8 @@ def _report_all(scene: SceneGrasps, seen: Capture, out: Path | None, as_json: bo
         print_json(told)
     else:
         for label, grasps in scene.grasps.items():
-            console.print(f"object {label}, {int((scene.labels == label).sum())} pixels")
             _warn(grasps.warnings)
-            _print(grasps)
+            _print(grasps, f"object {label}, {int((scene.labels == label).sum())} pixels: ")
     for label, why in scene.refused.items():
         console.print(f"object {label}: {why}")
     if not scene.best():
