@@ -14,7 +14,7 @@ from graspbox.evaluation.captures import Capture, captures_in, depth_inside, jud
 from graspbox.hands import load_hand
 from graspbox.perception.captured import look, things
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.depth_images import camera_over_table, check_intrinsics, fit_table
+from graspbox.perception.depth_images import camera_over_table, check_intrinsics, check_table, fit_table
 from graspbox.perception.depth_views import DepthView
 
 REPOSITORY = Path(__file__).parents[2]
@@ -110,6 +110,29 @@ def test_an_object_alone_needs_a_pose() -> None:
     raised[2, 3] += 0.5
     with pytest.raises(ConfigError, match="does not fit the image"):
         look(DepthView(cut, LENS, raised), CROP, pose_given=True)
+
+
+def test_a_far_pixel_makes_no_level_surface() -> None:
+    """It asked for more memory than there is."""
+    view = scene((0.0, 0.0, 0.03, 0.08))
+    cut = np.where(things(view, CROP).labels == 1, np.asarray(view.depth), 0.0)
+    cut[0, 0] = 1e9
+    warning = check_table(cut, LENS, POSE)
+    assert warning is None or "cannot be checked" in warning
+    cut[cut > 0] = 1e9
+    with pytest.raises(ConfigError, match="does not fit the image"):
+        check_table(cut, LENS, POSE)
+
+
+def test_masks_and_regions_of_nothing_are_refused(grasper: Any) -> None:
+    """Without a camera's pose the table is searched around them."""
+    depth = np.asarray(scene((0.0, 0.0, 0.03, 0.08)).depth)
+    with pytest.raises(ConfigError, match="the mask has 0 pixels"):
+        grasper.find(depth, LENS, mask=np.zeros(depth.shape, dtype=np.bool_))
+    assert grasper.find_all(depth, LENS, labels=np.zeros(depth.shape, dtype=np.int64)).best() == []
+    for wrong in (depth[0], depth[None]):
+        with pytest.raises(ConfigError, match=r"pass one image \(H, W\)"):
+            grasper.find(wrong, LENS, region=(0, 0, 20, 20))
 
 
 @pytest.mark.parametrize(

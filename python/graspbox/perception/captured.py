@@ -160,7 +160,9 @@ def look(
                 f"the mask has {int(own.sum())} pixels with a depth; pass the mask of a thing that the image shows"
             )
     labels = own | (found.labels > 0) if together else own
-    made = crop(depth[None], lens, pose[None], labels=labels[None], middle=own[None], config=config)
+    made = crop(
+        depth[None], lens, pose[None], labels=labels[None], middle=own[None], config=config, num_threads=num_threads
+    )
     frame = made.world_from_crop[0]
     target = view.voxels(own, frame, config)
     warnings += _warnings_of_thing(own, target, view, config)

@@ -490,7 +490,8 @@ def fit_table(
 def _nearness(depth: NDArray[np.float64], every: int, focus: NDArray[np.bool_] | None) -> NDArray[np.float64]:
     """Return the weights (n,) of the points of `points_of`: 1 at the middle of the pixels `focus`, less away."""
     shape = np.array(depth.shape)
-    middle = shape / 2 if focus is None else np.array([places.mean() for places in np.nonzero(focus)])
+    # A mask of nothing is refused where the thing is searched.
+    middle = shape / 2 if focus is None or not focus.any() else np.array([one.mean() for one in np.nonzero(focus)])
     places = every * np.stack(np.nonzero(depth[::every, ::every]), axis=1)
     return np.asarray(np.exp(-0.5 * (((places - middle) / (_AROUND_MIDDLE * shape)) ** 2).sum(axis=1)))
 
@@ -538,9 +539,9 @@ def check_table(
     middle = f"; the middle height of its pixels is {np.median(heights):.3g} m" if len(points) else ""
     told = f"{share:.0%} of the image is at the height of the table{middle}"
     sunk = float((heights < -4 * tolerance).mean()) if len(points) else 1.0
-    level = (
-        np.bincount(((heights - heights.min()) / _LEVEL).astype(np.int64)).max() / depth.size if len(points) else 0.0
-    )
+    # A single far pixel must not make many levels.
+    levels = np.floor(heights[np.abs(heights) < _FARTHEST_OBSTACLE] / _LEVEL).astype(np.int64)
+    level = np.unique(levels, return_counts=True)[1].max(initial=0) / depth.size
     if sunk > _MOST_SUNK or np.quantile(heights, _MOST_SUNK) > _HIGHEST or level > _ANOTHER_TABLE:
         raise ConfigError(
             f"the camera's pose does not fit the image: {told}. "

@@ -253,8 +253,10 @@ class ImageGrasper:
             Numbers of the things, 0 for none; by default groups of pixels above the table.
         """
         inside = None if region is None else _within(region, np.shape(depth))
-        if labels is not None and (np.shape(labels) != np.shape(depth) or labels.dtype.kind not in "iu"):
-            raise ConfigError(f"labels are {labels.dtype} of shape {labels.shape}; pass integers {np.shape(depth)}")
+        if labels is not None:
+            labels = np.asarray(labels)
+            if labels.shape != np.shape(depth) or labels.dtype.kind not in "iu":
+                raise ConfigError(f"labels are {labels.dtype} of shape {labels.shape}; pass integers {np.shape(depth)}")
         scene = _Scene.of(depth, intrinsics, table_from_camera, inside if labels is None else labels > 0)
         if labels is None:
             found = things(scene.view.leveled(), self._finder.crop, scene.thin(inside)).labels.astype(np.int64)
@@ -456,6 +458,8 @@ def _belongs(
 
 def _within(region: tuple[int, int, int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Mark the pixels of a region in an image."""
+    if len(shape) != 2:
+        raise ConfigError(f"depth has shape {shape}; pass one image (H, W)")
     left, top, right, bottom = region
     if not (0 <= left < right <= shape[1] and 0 <= top < bottom <= shape[0]):
         raise ConfigError(f"region is {region}; pass left < right <= {shape[1]} and top < bottom <= {shape[0]}")
