@@ -1,6 +1,9 @@
 """What a depth image shows besides one thing: noise, neighbours, walls, a cut background; and real captures."""
 
+import json
 import re
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,7 @@ import graspbox
 from graspbox.errors import ConfigError
 from graspbox.evaluation.captures import Capture, captures_in, depth_inside, judge_captures, summary
 from graspbox.hands import load_hand
-from graspbox.perception.captured import look, things
+from graspbox.perception.captured import look, survey, things
 from graspbox.perception.configs import CropConfig
 from graspbox.perception.depth_images import camera_over_table, check_intrinsics, check_table, fit_table
 from graspbox.perception.depth_views import DepthView
@@ -72,11 +75,11 @@ def test_the_crop_lies_around_the_mask() -> None:
     labels = things(view, CROP).labels
     assert labels.max() == 2
     small = labels == 2
-    found = look(view, CROP, mask=small)
+    found = look(survey(view, CROP), CROP, mask=small)
     assert np.linalg.norm(found.seen.crops.world_from_crop[0, :2, 3] - (MIDDLE + 0.05, 0.3)) < 0.03
     np.testing.assert_array_equal(found.object, small)
     # Without a mask the larger one near the middle is taken, and the other is an obstacle for both.
-    other = look(view, CROP)
+    other = look(survey(view, CROP), CROP)
     np.testing.assert_array_equal(other.object, labels == 1)
     assert (np.linalg.norm(other.keep_off[:, :2] - (MIDDLE + 0.05, 0.3), axis=1) < 0.04).all()
     assert (np.linalg.norm(found.keep_off[:, :2] - (MIDDLE, 0.0), axis=1) < 0.08).all()
@@ -86,10 +89,10 @@ def test_the_crop_lies_around_the_mask() -> None:
 def test_a_thing_that_the_border_cuts_comes_last() -> None:
     """A wall or the robot is larger than what lies on the table."""
     view = scene((0.0, 0.0, 0.03, 0.08), (0.1, 0.55, 0.3, 0.4))
-    found = look(view, CROP)
+    found = look(survey(view, CROP), CROP)
     assert found.object[120, 160]
     assert not found.object[:, :2].any()
-    alone = look(scene((0.1, 0.55, 0.3, 0.4)), CROP)
+    alone = look(survey(scene((0.1, 0.55, 0.3, 0.4)), CROP), CROP)
     assert any("the image's border cuts" in warning for warning in alone.warnings)
     assert any("extends over" in warning for warning in alone.warnings)
 
@@ -97,19 +100,20 @@ def test_a_thing_that_the_border_cuts_comes_last() -> None:
 def test_an_object_alone_needs_a_pose() -> None:
     view = scene((0.0, 0.0, 0.03, 0.08))
     cut = np.where(things(view, CROP).labels == 1, np.asarray(view.depth), 0.0)
-    found = look(DepthView(cut, LENS, POSE), CROP, pose_given=True)
+    found = look(survey(DepthView(cut, LENS, POSE), CROP, pose_given=True), CROP)
     assert found.object.sum() > 100
     assert any("cannot be checked" in warning for warning in found.warnings)
     # So does a thing that is as low as noise.
     low = scene((0.0, 0.0, 0.04, 0.007))
     own = np.linalg.norm(np.indices((240, 320)) - np.array([[[120]], [[160]]]), axis=0) < 12
-    flat = look(DepthView(np.where(own, np.asarray(low.depth), 0.0), LENS, POSE), CROP, pose_given=True)
+    shown = DepthView(np.where(own, np.asarray(low.depth), 0.0), LENS, POSE)
+    flat = look(survey(shown, CROP, pose_given=True), CROP)
     assert flat.object.sum() == own.sum()
     assert any("all that the image shows" in warning for warning in flat.warnings)
     raised = POSE.copy()
     raised[2, 3] += 0.5
     with pytest.raises(ConfigError, match="does not fit the image"):
-        look(DepthView(cut, LENS, raised), CROP, pose_given=True)
+        survey(DepthView(cut, LENS, raised), CROP, pose_given=True)
 
 
 def test_a_far_pixel_makes_no_level_surface() -> None:
@@ -147,7 +151,7 @@ def test_masks_and_regions_of_nothing_are_refused(grasper: Any) -> None:
 def test_wrong_intrinsics_and_units_are_told(scale: float, unit: float, message: str) -> None:
     depth = np.asarray(scene((0.0, 0.0, 0.04, 0.09)).depth) * unit
     lens = check_intrinsics(np.diag([scale, scale, 1.0]) @ LENS, depth.shape)
-    warnings = look(DepthView(depth, lens, fit_table(depth, lens)), CROP).warnings
+    warnings = look(survey(DepthView(depth, lens, fit_table(depth, lens)), CROP), CROP).warnings
     assert any(re.search(message, warning) for warning in warnings), warnings
 
 
@@ -235,20 +239,74 @@ def test_a_lift_under_a_shelf_is_told(grasper: Any) -> None:
     assert not grasper.find(view.depth, LENS, POSE, count=3, keep_off=shelf).lift_free.any()
 
 
-@pytest.mark.parametrize(("masks", "of", "near"), [(False, 8, 8), (True, 20, 18)])
-def test_real_captures_are_grasped(masks: bool, of: int, near: int, grasper: Any) -> None:
+@pytest.mark.parametrize(
+    ("given", "of", "near", "planes"), [("depth", 8, 8, 8), ("mask", 20, 18, 20), ("alone", 20, 18, 0)]
+)
+def test_real_captures_are_grasped(given: Any, of: int, near: int, planes: int, grasper: Any) -> None:
     """Before, 5 of these 8 images, and 7 of the 20 things, had a best grasp near a thing."""
-    rows = list(judge_captures(grasper, captures_in(CAPTURES), masks=masks))
+    names: list[str] = []
+    rows = list(
+        judge_captures(grasper, captures_in(CAPTURES), given=given, draw=lambda name, grasps: names.append(name))
+    )
     found: dict[str, Any] = summary(rows)
     assert found["of"] == of
     assert found["near"] >= near, [row.to_json() for row in rows]
     assert found["sure_and_wrong"] == 0
+    assert (found["planes"], found["right_planes"]) == (planes, planes), [row.to_json() for row in rows]
+    assert len(set(names)) == len(names) >= found["answered"]
+
+
+def test_a_wrong_plane_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("PIL", reason="PNG files need Pillow, from the extra 'cli'")
+    folder = shutil.copytree(CAPTURES / "sixdof_mustard", tmp_path / "one")
+    told = json.loads((folder / "capture.json").read_text())
+    for plane in ({"normal": [0, 0, 2.0], "offset": 1.0}, {"normal": "up"}, [1, 2]):
+        (folder / "capture.json").write_text(json.dumps(told | {"plane": plane}))
+        with pytest.raises(ConfigError, match="pass a unit normal of 3 numbers and an offset"):
+            Capture.read(folder)
+
+
+def jittered(depth: NDArray[np.float64], number: int) -> NDArray[np.float64]:
+    """Return the image of a still scene with noise of 1 mm."""
+    return np.where(depth > 0, depth + np.random.default_rng(number).normal(0, 0.001, depth.shape), 0.0)
+
+
+def test_the_best_grasp_of_a_still_scene_stays(grasper: Any) -> None:
+    capture = Capture.read(CAPTURES / "pcl_milk_clorox")
+    mask, previous, moved = capture.labels == 1, None, []
+    for number in range(6):
+        depth = jittered(capture.depth, number)
+        found = grasper.find(depth, capture.intrinsics, mask=mask, previous=previous)
+        if previous is not None:
+            moved.append(np.linalg.norm(found.camera_from_hand[0, :3, 3] - previous.camera_from_hand[0, :3, 3]))
+        previous = found
+    assert np.sort(moved)[:4].max() < 1e-6, moved
+    # Grasps where there is nothing any more are forgotten.
+    there = grasper.find(capture.depth, capture.intrinsics, mask=capture.labels == 2)
+    fresh = grasper.find(capture.depth, capture.intrinsics, mask=mask)
+    np.testing.assert_array_equal(
+        grasper.find(capture.depth, capture.intrinsics, mask=mask, previous=there).table_from_hand,
+        fresh.table_from_hand,
+    )
+    other = replace(there, hand=load_hand("reflex"))
+    with pytest.raises(ConfigError, match="previous has grasps of reflex, not of panda_gripper"):
+        grasper.find(capture.depth, capture.intrinsics, mask=mask, previous=other)
+
+
+def test_things_of_a_still_scene_keep_their_numbers(grasper: Any) -> None:
+    capture = Capture.read(CAPTURES / "pcl_milk_clorox")
+    first = grasper.find_all(capture.depth, capture.intrinsics, count=1)
+    renamed = replace(first, labels=np.where(first.labels > 0, first.labels + 6, 0))
+    second = grasper.find_all(jittered(capture.depth, 1), capture.intrinsics, count=1, previous=renamed)
+    # The largest things are seen in both images.
+    for label in (7, 8, 9):
+        both = (second.labels == label) & (renamed.labels == label)
+        assert both.sum() > 0.8 * (renamed.labels == label).sum()
+    assert set(second.labels.ravel().tolist()) == {0, *second.grasps, *second.refused}
 
 
 def test_the_command_grasps_all_objects(grasper: Any, tmp_path: Path) -> None:
     pytest.importorskip("typer", reason="the command line needs the extra 'cli'")
-    import json
-
     from command_line import invoke
 
     folder = CAPTURES / "pcl_milk_clorox"

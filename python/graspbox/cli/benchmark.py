@@ -4,6 +4,7 @@
 real depth images by what the camera saw.
 """
 
+from collections.abc import Callable
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import typer
 
-from graspbox._common.files import dumps, write_text
+from graspbox._common.files import check_output, dumps, write_text
 from graspbox._common.progress import ProgressBar
 from graspbox.cli.common import (
     HandOfPolicy,
@@ -184,31 +185,37 @@ def _print(results: list[dict[str, Any]]) -> None:
 def captures(
     folder: Annotated[Path, typer.Argument(help="Folder of captures: NAME/depth.npy, capture.json, labels.png.")],
     policy: Annotated[str, typer.Option(help="An installed policy such as depth, or the folder of one.")],
-    masks: Annotated[
-        bool, typer.Option("--masks", help="Give the mask of each thing; otherwise the policy chooses.")
-    ] = (False),
+    given: Annotated[
+        Literal["depth", "mask", "alone"],
+        typer.Option(
+            help="What the policy is given: the image, from which it chooses a thing; also the mask of each thing; or "
+            "each thing alone, with nothing measured around it, and the camera's pose."
+        ),
+    ] = "depth",
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="File for the result of every image, JSON.")] = None,
+    pictures: Annotated[Path | None, typer.Option(help="Folder for a picture of every answer.")] = None,
     as_json: Json = False,
 ) -> None:
     """Judge grasps in real depth images by what the camera saw; no robot executes them.
 
-    Counts, for each kind of camera: images, or things with --masks; answered; best grasps that close within 2 cm and
-    4 cm of seen points of the thing; open hands with seen points more than 3 mm inside; answers with warnings; wrong
-    grasps that state a success of more than 0.7; and the mean stated success of the others. The files are documented
-    in graspbox.evaluation.captures.
+    Counts, for each kind of camera: images, or things; answered; best grasps that close within 2 cm and 4 cm of seen
+    points of the thing; open hands with seen points more than 3 mm inside; answers with warnings; tables that can be
+    judged, and right ones; wrong grasps that state a success of more than 0.7; and the mean stated success of the
+    others. The files are documented in graspbox.evaluation.captures.
     """
     from graspbox.evaluation.captures import captures_in, judge_captures, summary
     from graspbox.policies.grasp_image import ImageGrasper
 
     check_files(out)
     folders, grasper = captures_in(folder), ImageGrasper(policy)
+    draw = _drawer(pictures)
     with ProgressBar(f"{policy}", len(folders), not as_json) as bar:
-        rows = list(judge_captures(grasper, folders, masks=masks, seed=seed, progress=bar.update))
+        rows = list(judge_captures(grasper, folders, given=given, seed=seed, progress=bar.update, draw=draw))
     cameras = sorted({row.camera for row in rows})
     result: dict[str, Any] = {
         "policy": policy,
-        "masks": masks,
+        "given": given,
         "cameras": {camera: summary([row for row in rows if row.camera == camera]) for camera in cameras},
         "all": summary(rows),
     }
@@ -227,3 +234,13 @@ def captures(
     for row in rows:
         if row.refused is not None:
             console.print(f"{row.capture}{'' if row.thing is None else f', thing {row.thing}'}: {row.refused}")
+
+
+def _drawer(folder: Path | None) -> Callable[[str, Any], None]:
+    """Return what saves the picture of an answer, by name, in a folder."""
+    if folder is None:
+        return lambda name, grasps: None
+    from graspbox import pictures
+
+    check_output(folder / "picture.png")
+    return lambda name, grasps: pictures.save_grasp_image(folder / f"{name}.png", grasps)

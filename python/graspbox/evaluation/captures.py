@@ -8,16 +8,19 @@ A folder of captures holds a folder for each:
 | ``capture.json`` | ``intrinsics``: ``fx``, ``fy``, ``cx``, ``cy``, pixels, centres of pixels at integers; ``camera``; others are ignored |
 | ``labels.png`` | (H, W): 0, or the number of a thing |
 
+``plane`` in ``capture.json`` is optional: the table, or what carries the things, is ``normal @ x = offset``, metres, in
+the camera's frame.
+
 A grasp is *on* a thing if the point on which the hand closes is within 2 cm of its seen points, and *near* it within
-4 cm. It is *in collision* if points of the image, of whatever thing, are more than 3 mm inside the open hand.
+4 cm. It is *in collision* if points of the image, of whatever thing, are more than 3 mm inside the open hand. A table
+is *right* if it is within 2 degrees and, at the things, within 12 mm of the plane.
 """  # noqa: E501 (a table)
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
-from functools import partial
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +30,18 @@ from graspbox._common.files import read_bounded
 from graspbox.errors import ConfigError, FileError
 from graspbox.hands import Hand
 from graspbox.hands.description import describe
-from graspbox.policies.grasp_image import ImageGrasper
+from graspbox.perception.depth_images import camera_over_plane
+from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
 
-__all__ = ["Capture", "JudgedCapture", "captures_in", "judge_captures", "summary"]
+__all__ = ["Capture", "Given", "JudgedCapture", "captures_in", "judge_captures", "summary"]
 
 #: Greatest distance of a grasp that is on, and near, a thing, and least depth of a collision, metres.
 ON, NEAR, DEEP = 0.02, 0.04, 0.003
+#: Greatest angle and, at the things, distance of a right table, degrees and metres.
+TILT, OFF = 2.0, 0.012
+#: What a policy is given: the whole image, also the mask of a thing, or a thing alone with the camera's pose over the
+#: plane, where nothing else was measured.
+Given = Literal["depth", "mask", "alone"]
 #: Fewer pixels with a depth are no thing.
 _LEAST_PIXELS = 20
 #: Points farther from the hand cannot be inside, metres.
@@ -49,10 +58,13 @@ class Capture(captures.Capture):
     ----------
     name, camera : str
         The folder's name, and the kind of camera.
+    plane : (3,) float64 and float, optional
+        Unit normal and offset of what carries the things: ``normal @ x = offset``, metres, camera's frame.
     """
 
     name: str = ""
     camera: str = "unknown"
+    plane: tuple[NDArray[np.float64], float] | None = None
 
     @classmethod
     def read(cls, folder: Path) -> Self:
@@ -62,8 +74,18 @@ class Capture(captures.Capture):
             raise FileError(2, "there is no depth.npy or depth.png", str(folder))
         described = folder / "capture.json"
         seen = captures.read_capture(image, intrinsics=described, labels=folder / "labels.png")
-        camera = str(json.loads(read_bounded(described, _LARGEST)).get("camera", "unknown"))
-        return cls(**vars(seen), name=folder.name, camera=camera)
+        told = json.loads(read_bounded(described, _LARGEST))
+        camera, plane = str(told.get("camera", "unknown")), _plane(told.get("plane"), described)
+        return cls(**vars(seen), name=folder.name, camera=camera, plane=plane)
+
+    def alone(self, thing: int) -> Self | None:
+        """Return the image of a thing alone, with the camera's pose over the plane; None without a plane."""
+        assert self.labels is not None
+        pose = None if self.plane is None else camera_over_plane(*self.plane)
+        if pose is None:
+            return None
+        own = self.labels == thing
+        return replace(self, depth=np.where(own, self.depth, 0.0), table_from_camera=pose)
 
     @property
     def things(self) -> tuple[int, ...]:
@@ -82,7 +104,7 @@ class JudgedCapture:
     capture, camera : str
         As of `Capture`.
     thing : int, optional
-        The thing whose mask was given; None if the policy chose.
+        The thing that was given; None if the policy chose.
     refused : str, optional
         Why there is no grasp; the other values are then None.
     distance : float, optional
@@ -91,6 +113,9 @@ class JudgedCapture:
         Number of seen points in the open hand.
     success : float, optional
         Stated probability of success.
+    tilt, off : float, optional
+        Angle between the table and the plane of the capture, degrees, and their distance at the things, metres; None
+        without a plane, or if the camera's pose was given.
     warnings : tuple of str
         Those of the result.
     """
@@ -102,6 +127,8 @@ class JudgedCapture:
     distance: float | None = None
     inside: int | None = None
     success: float | None = None
+    tilt: float | None = None
+    off: float | None = None
     warnings: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
@@ -121,11 +148,12 @@ def judge_captures(
     grasper: ImageGrasper,
     folders: tuple[Path, ...],
     *,
-    masks: bool = False,
+    given: Given = "depth",
     seed: int = 0,
     progress: Callable[[int], None] = lambda done: None,
+    draw: Callable[[str, ImageGrasps], None] = lambda name, grasps: None,
 ) -> Iterator[JudgedCapture]:
-    """Judge the best grasp in each capture, or with `masks` of each thing.
+    """Judge the best grasp in each capture, or of each thing that is given; `draw` gets all answers, with a name.
 
     Raises
     ------
@@ -134,32 +162,73 @@ def judge_captures(
     """
     for done, folder in enumerate(folders):
         capture = Capture.read(folder)
-        for thing in capture.things if masks else (None,):
-            if thing is not None or capture.things:
-                yield _judged(grasper, capture, thing, seed)
+        for thing in (None,) if given == "depth" and capture.things else capture.things:
+            shown = capture if thing is None or given == "mask" else capture.alone(thing)
+            if shown is not None:
+                yield _judged(grasper, capture, shown, thing, seed, draw)
         progress(done + 1)
 
 
-def _judged(grasper: ImageGrasper, capture: Capture, thing: int | None, seed: int) -> JudgedCapture:
+def _judged(
+    grasper: ImageGrasper,
+    capture: Capture,
+    shown: Capture,
+    thing: int | None,
+    seed: int,
+    draw: Callable[[str, ImageGrasps], None],
+) -> JudgedCapture:
+    """Judge the best grasp in what is shown of a capture."""
     assert capture.labels is not None
-    mask = None if thing is None else capture.labels == thing
-    told = partial(JudgedCapture, capture.name, capture.camera, thing)
+    own = capture.labels > 0 if thing is None else capture.labels == thing
+    told = JudgedCapture(capture.name, capture.camera, thing)
+    pose = shown.table_from_camera
     try:
-        found = grasper.find(capture.depth, capture.intrinsics, count=1, mask=mask, seed=seed)
+        found = grasper.find(
+            shown.depth, shown.intrinsics, pose, count=1, mask=None if thing is None else own, seed=seed
+        )
     except ConfigError as error:
-        return told(refused=str(error))
+        return replace(told, refused=str(error))
+    draw(capture.name if thing is None else f"{capture.name}_{thing}", found)
+    told = replace(told, warnings=found.warnings)
+    seen = capture.points(own)
+    if capture.plane is not None and pose is None:
+        tilt, off = _table_error(found.table_from_camera, *capture.plane, seen.mean(axis=0))
+        told = replace(told, tilt=tilt, off=off)
     if not len(found):
-        return told(refused="no grasp of the thing is feasible", warnings=found.warnings)
-    pose, preshape = found.camera_from_hand[0], float(found.preshape[0])
-    point = pose[:3, :3] @ found.hand.closing_center(preshape) + pose[:3, 3]
-    of_things = capture.points(capture.labels > 0 if mask is None else mask)
-    inside = depth_inside(found.hand, preshape, pose, capture.points())
-    return told(
-        distance=float(np.linalg.norm(of_things - point, axis=1).min()),
+        return replace(told, refused="no grasp of the thing is feasible")
+    hand_pose, preshape = found.camera_from_hand[0], float(found.preshape[0])
+    point = hand_pose[:3, :3] @ found.hand.closing_center(preshape) + hand_pose[:3, 3]
+    inside = depth_inside(found.hand, preshape, hand_pose, capture.points())
+    return replace(
+        told,
+        distance=float(np.linalg.norm(seen - point, axis=1).min()),
         inside=int((inside > DEEP).sum()),
         success=float(found.success[0]),
-        warnings=found.warnings,
     )
+
+
+def _table_error(
+    table_from_camera: NDArray[np.float64], normal: NDArray[np.float64], offset: float, middle: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the angle between a table and a plane, degrees, and their distance at a point, metres."""
+    up = table_from_camera[2, :3]
+    angle = float(np.degrees(np.arccos(min(abs(float(up @ normal)), 1.0))))
+    # The point of the plane below the things, in the table's frame.
+    below = middle - (normal @ middle - offset) * normal
+    return angle, abs(float(up @ below + table_from_camera[2, 3]))
+
+
+def _plane(told: Any, file: Path) -> tuple[NDArray[np.float64], float] | None:
+    """Read the plane of a capture."""
+    if told is None:
+        return None
+    try:
+        normal, offset = np.array(told["normal"], dtype=np.float64), float(told["offset"])
+    except (KeyError, TypeError, ValueError):
+        normal, offset = np.zeros(0), 0.0
+    if normal.shape != (3,) or not np.isclose(np.linalg.norm(normal), 1.0, atol=1e-3):
+        raise ConfigError(f"{file}: plane is {told!r}; pass a unit normal of 3 numbers and an offset, metres")
+    return normal / np.linalg.norm(normal), offset
 
 
 def depth_inside(
@@ -189,12 +258,13 @@ def depth_inside(
 def summary(rows: list[JudgedCapture]) -> dict[str, Any]:
     """Count the results of a camera, or of all: ``of``, ``answered``, ``on``, ``near``, ``in_collision``, ``warned``.
 
-    ``sure_and_wrong`` counts grasps that are not near and state more than 0.7, ``success_of_near`` is the mean
+    ``planes`` counts those whose table can be judged, ``right_planes`` the right ones of these. ``sure_and_wrong`` counts grasps that are not near and state more than 0.7, ``success_of_near`` is the mean
     stated probability of the others.
     """
     answered = [row for row in rows if row.distance is not None]
     near = [row for row in answered if (row.distance or 0.0) < NEAR]
     wrong = [row for row in answered if row not in near]
+    planes = [(row.tilt, row.off) for row in rows if row.tilt is not None and row.off is not None]
     return {
         "of": len(rows),
         "answered": len(answered),
@@ -202,6 +272,8 @@ def summary(rows: list[JudgedCapture]) -> dict[str, Any]:
         "near": len(near),
         "in_collision": sum(bool(row.inside) for row in answered),
         "warned": sum(bool(row.warnings) for row in answered),
+        "planes": len(planes),
+        "right_planes": sum(tilt < TILT and off < OFF for tilt, off in planes),
         "sure_and_wrong": sum((row.success or 0.0) > 0.7 for row in wrong),
         "success_of_near": float(np.mean([row.success for row in near])) if near else None,
     }

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from graspbox import _core
 from graspbox._common.arguments import floats
 from graspbox.errors import ConfigError
-from graspbox.perception.configs import CropConfig
-from graspbox.perception.crops import crop
+from graspbox.perception.configs import EVERYTHING, CropConfig
+from graspbox.perception.crops import Crops, crop
 from graspbox.perception.depth_images import check_table, points_of
 from graspbox.perception.depth_views import DepthView, Seen
 
-__all__ = ["Look", "Things", "look", "things"]
+__all__ = ["Look", "Survey", "Things", "crop_of_a_thing", "look", "survey", "things"]
 
 #: A pixel is above the table from a height that grows with the square of its distance, 1/m; a group with less than
 #: this share of the pixels of the largest is noise. On bare tables 1 to 12 % of the pixels are more than 4 mm too high.
@@ -56,6 +56,19 @@ class Things(NamedTuple):
 
     labels: NDArray[np.uint32]
     heights: NDArray[np.float32]
+
+
+class Survey(NamedTuple):
+    """A real depth image: its levelled view, its things, and what was assumed.
+
+    What may be an obstacle are pixels `over` (H, W) the table, and their points (k, 3), table's frame, metres.
+    """
+
+    view: DepthView
+    things: Things
+    over: NDArray[np.bool_]
+    points: NDArray[np.float64]
+    warnings: tuple[str, ...]
 
 
 class Look(NamedTuple):
@@ -105,17 +118,14 @@ def things(
     return Things(np.where(labels > kept, 0, labels).astype(np.uint32), heights)
 
 
-def look(
+def survey(
     view: DepthView,
     config: CropConfig,
     *,
-    mask: NDArray[np.bool_] | None = None,
     within: NDArray[np.bool_] | None = None,
     pose_given: bool = False,
-    together: bool = False,
-    num_threads: int | None = None,
-) -> Look:
-    """Find the thing to grasp in a real depth image, and what stands around it.
+) -> Survey:
+    """Level the camera of a real depth image, and find all its things.
 
     Parameters
     ----------
@@ -123,22 +133,15 @@ def look(
         The image.
     config : CropConfig
         The crop.
-    mask : (H, W) bool, optional
-        Pixels of the thing to grasp; by default the best group of pixels above the table.
     within : (H, W) bool, optional
-        Pixels among which it is searched; by default all.
+        Pixels among which things are searched; by default all.
     pose_given : bool
         Whether the camera's pose is known, and not found in the image: then the table need not be seen.
-    together : bool
-        Whether the volume shows all things of the crop, for a policy that takes a target among them, or only the one to
-        grasp.
-    num_threads : int, optional
-        By default one per core.
 
     Raises
     ------
     ConfigError
-        If no thing is seen, the mask shows none, or the camera's pose does not fit the image.
+        If the camera's pose does not fit the image, or for arrays of another shape or type.
     """
     view = view.leveled()
     depth, lens, pose = _arrays(view)
@@ -148,6 +151,41 @@ def look(
     if pose_given and not found.labels.any() and np.count_nonzero(depth) < _CUT_OUT * depth.size:
         found = things(view, config, within, bare=True)
         warnings.append("nothing rises above the table, so all that the image shows is the thing to grasp")
+    over = np.nan_to_num(found.heights, nan=-1.0) > _OBSTACLE
+    return Survey(view, found, over, _points(over, view), tuple(warnings))
+
+
+def look(
+    scene: Survey,
+    config: CropConfig,
+    *,
+    mask: NDArray[np.bool_] | None = None,
+    together: bool = False,
+    num_threads: int | None = None,
+) -> Look:
+    """Look at the thing to grasp in a real depth image, and at what stands around it.
+
+    Parameters
+    ----------
+    scene : Survey
+        The image.
+    config : CropConfig
+        The crop.
+    mask : (H, W) bool, optional
+        Pixels of the thing to grasp; by default the best group of pixels above the table.
+    together : bool
+        Whether the volume shows all things of the crop, for a policy that takes a target among them, or only the one to
+        grasp.
+    num_threads : int, optional
+        By default one per core.
+
+    Raises
+    ------
+    ConfigError
+        If no thing is seen, or the mask shows none.
+    """
+    view, found = scene.view, scene.things
+    depth, lens, pose = _arrays(view)
     if mask is None:
         best = _best(found, view, config)
         if not best:
@@ -165,10 +203,24 @@ def look(
     )
     frame = made.world_from_crop[0]
     target = view.voxels(own, frame, config)
-    warnings += _warnings_of_thing(own, target, view, config)
-    obstacles = _obstacles(view, found.heights, own, frame, config)
+    warnings = (*scene.warnings, *_warnings_of_thing(own, target, view, config))
     seen = Seen(made, target if together else None, view)
-    return Look(seen, own, _spaced(_points(own, view)), obstacles, tuple(warnings))
+    return Look(seen, own, _spaced(_points(own, view)), _obstacles(scene, own, frame, config), warnings)
+
+
+def crop_of_a_thing(view: DepthView, config: CropConfig, rng: np.random.Generator) -> Crops:
+    """Make the crop of a thing that is drawn, for training: larger things are drawn more often.
+
+    As in `look`, a crop in which everything is one object (`EVERYTHING`) shows its neighbours too. Without a thing the
+    crop has found none.
+    """
+    depth, lens, pose = _arrays(view)
+    labels = things(view, config).labels
+    sizes = np.bincount(labels.ravel(), minlength=2)[1:]
+    drawn = 1 + int(rng.choice(len(sizes), p=sizes / sizes.sum())) if sizes.any() else 0
+    own = (labels == drawn) & (labels > 0)
+    shown = labels > 0 if config.gap >= EVERYTHING else own
+    return crop(depth[None], lens, pose[None], labels=shown[None], middle=own[None], config=config)
 
 
 def _arrays(view: DepthView) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
@@ -226,22 +278,16 @@ def _best(found: Things, view: DepthView, config: CropConfig) -> int:
 
 
 def _obstacles(
-    view: DepthView,
-    heights: NDArray[np.float32],
-    own: NDArray[np.bool_],
-    frame: NDArray[np.float64],
-    config: CropConfig,
+    scene: Survey, own: NDArray[np.bool_], frame: NDArray[np.float64], config: CropConfig
 ) -> NDArray[np.float64]:
     """Return the seen points above the table but those of the thing to grasp in the crop, table's frame.
 
     Those of its neighbours in the crop are among them: a completed shape may lack what is seen.
     """
-    over = np.nan_to_num(heights, nan=-1.0) > _OBSTACLE
-    points = _points(over, view)
-    local = (points - frame[:3, 3]) @ frame[:3, :3]
+    local = (scene.points - frame[:3, 3]) @ frame[:3, :3]
     least = np.array(config.origin)
-    grasped = ((local >= least) & (local < least + config.side)).all(axis=1) & own[over]
-    return _spaced(points[~grasped & (np.linalg.norm(local[:, :2], axis=1) < _REACH)])
+    grasped = ((local >= least) & (local < least + config.side)).all(axis=1) & own[scene.over]
+    return _spaced(scene.points[~grasped & (np.linalg.norm(local[:, :2], axis=1) < _REACH)])
 
 
 def _warnings_of_lens(lens: NDArray[np.float64], shape: tuple[int, ...]) -> list[str]:

@@ -104,8 +104,10 @@ _MOST_OBSTACLES = 500_000
 _FARTHEST_OBSTACLE = 10.0
 #: A plane is fitted to about this many points at most; more make it slower, not better.
 _MOST_POINTS = 1_000_000
+#: Pixels of an image from which a table is fitted, about: those of a quarter of a million give the same plane.
+_FITTED = 40_000
 #: Planes that are tried, pixels that vote for them, and the least share of the votes that a table has.
-_PLANES, _VOTERS, _TABLE_SHARE = 600, 4000, 0.1
+_PLANES, _VOTERS, _TABLE_SHARE = 600, 2000, 0.1
 #: Pixels vote the more the nearer they are to the middle: a Gaussian of this share of the image's size. A vote below a
 #: plane counts half against it: a thing's own face has a table below.
 _AROUND_MIDDLE, _BELOW = 0.3, 0.5
@@ -465,7 +467,7 @@ def fit_table(
     ConfigError
         If no plane has a tenth of these pixels, or the largest is no table below the camera.
     """
-    every = int(np.ceil(np.sqrt(depth.size / _MOST_POINTS)))
+    every = int(np.ceil(np.sqrt(depth.size / _FITTED)))
     points, weights = points_of(depth, intrinsics, every), _nearness(depth, every, focus)
     if len(points) < 3:
         raise ConfigError("the depth image shows no table; pass the camera's pose")
@@ -477,13 +479,23 @@ def fit_table(
         moved = own - middle
         normal = np.linalg.svd((moved.T * share) @ moved)[0][:, 2]
         offset = float(normal @ middle)
+    pose = camera_over_plane(normal, offset)
+    if pose is None:
+        tilt = np.degrees(np.arcsin(min(abs(float(normal[2])), 1.0)))
+        raise ConfigError(f"the largest plane is seen at {tilt:.0f} degrees, as a wall is; pass the camera's pose")
+    return pose
+
+
+def camera_over_plane(normal: NDArray[np.float64], offset: float) -> NDArray[np.float64] | None:
+    """Return the pose of `camera_over_table` over the plane ``normal @ x = offset``, camera frame, metres.
+
+    None if the camera looks along it, as along a wall.
+    """
     # Up is where the camera is.
     up, height = (-normal, offset) if offset > 0 else (normal, -offset)
     tilt = float(np.arcsin(np.clip(-up[2], -1.0, 1.0)))
     if tilt < _LEAST_TILT:
-        raise ConfigError(
-            f"the largest plane is seen at {np.degrees(tilt):.0f} degrees, as a wall is; pass the camera's pose"
-        )
+        return None
     return camera_over_table(height, tilt, float(np.arctan2(-up[0], -up[1])) if tilt < np.pi / 2 - 1e-6 else 0.0)
 
 

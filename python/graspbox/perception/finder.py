@@ -136,7 +136,7 @@ class FoundGrasp:
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """What to grasp in one depth image, and how. Only `GraspFinder` reads `keep_off` to `rehearsed`.
+    """What to grasp in one depth image, and how. Only `GraspFinder` reads what follows `keep_off`.
 
     Attributes
     ----------
@@ -152,6 +152,8 @@ class Query:
         As `FinderConfig.tolerating`; by default as the finder is configured.
     rehearsed : int, optional
         As `FinderConfig.rehearsing`; by default as the finder is configured.
+    known : (k, 4, 4) and (k,) float64, optional
+        ``world_from_hand``, metres, and preshapes of grasps that are scored too where the open hand is free.
     """
 
     seed: int = 0
@@ -160,6 +162,7 @@ class Query:
     failed: tuple[FoundGrasp, ...] = ()
     hand_error: PoseNoise | None = None
     rehearsed: int | None = None
+    known: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def settings(self, config: FinderConfig) -> FinderConfig:
         """Return a finder's settings with those of the query."""
@@ -336,6 +339,10 @@ class GraspFinder(Finder):
                 free = np.flatnonzero(reach.feasible(others.poses, shapes))[: config.predicted]
                 poses = np.concatenate([poses, others.poses[free]])
                 preshapes = np.concatenate([preshapes, shapes[free]])
+            if query.known is not None:
+                again, shapes = np.linalg.inv(frame) @ query.known[0], query.known[1]
+                kept = reach.free(again, shapes)
+                poses, preshapes = np.concatenate([poses, again[kept]]), np.concatenate([preshapes, shapes[kept]])
             if len(poses):
                 break
         failed = [(grasp.world_from_hand, grasp.preshape) for grasp in query.failed]

@@ -1,6 +1,7 @@
 """Ranked grasps for your own depth image, by a published policy; `ImageGrasper` loads the networks once for many."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self, TypedDict, Unpack
 
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
-from graspbox.perception.captured import look, things
+from graspbox.perception.captured import Survey, look, survey
 from graspbox.perception.configs import EVERYTHING
 from graspbox.perception.depth_images import (
     check_intrinsics,
@@ -35,6 +36,8 @@ __all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "SceneGrasps", "grasp_
 _NEAR, _ALIKE = 0.01, 0.26
 #: A grasp of a thing closes within these distances of its seen surface, metres: the second if none is within the first.
 _OF_SURFACE = (0.04, 0.06)
+#: An earlier grasp stays the first while its score is less than this below the best one.
+_STAY = 0.15
 #: Heights over the grasp at which a lift is checked, metres.
 _LIFTS = (0.03, 0.06, 0.1)
 
@@ -61,6 +64,10 @@ class ImageOptions(TypedDict, total=False):
     rehearsed : int
         How many of the best grasps are first tried in simulation on the completed shape, for a single object
         (`graspbox.perception.configs.RehearsalConfig`); by default as in the policy's folder.
+    previous : ImageGrasps
+        Grasps of an earlier image of the same scene, by the same hand: they are scored again, and the best of them
+        stays first while no other is clearly better. Earlier poses are taken in the table's frame if
+        `table_from_camera` is given, else in the camera's.
     seed : int
         Seed of the refinement, by default 0.
     """
@@ -71,6 +78,7 @@ class ImageOptions(TypedDict, total=False):
     keep_off: ArrayLike | None
     hand_error: PoseNoise | None
     rehearsed: int | None
+    previous: "ImageGrasps | None"
     seed: int
 
 
@@ -205,6 +213,7 @@ class ImageGrasper:
         keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
         rehearsed: int | None = None,
+        previous: ImageGrasps | None = None,
         seed: int = 0,
     ) -> ImageGrasps:
         """Find grasps of the object that a depth image shows; further arguments are those of `ImageOptions`.
@@ -229,8 +238,10 @@ class ImageGrasper:
         marked = None if mask is None else _checked(mask, np.shape(depth))
         inside = None if region is None else _within(region, np.shape(depth))
         scene = _Scene.of(depth, intrinsics, table_from_camera, inside if marked is None else marked)
-        chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed)
-        return self._grasps(scene, scene.thin(marked), scene.thin(inside), chosen)
+        seen = survey(scene.view, self._finder.crop, within=scene.thin(inside), pose_given=scene.pose_given)
+        earlier = self._known(scene, seen, () if previous is None else (previous,))
+        chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, earlier)
+        return self._grasps(scene, seen, scene.thin(marked), chosen)
 
     def find_all(
         self,
@@ -243,6 +254,7 @@ class ImageGrasper:
         count: int = 5,
         keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
+        previous: "SceneGrasps | None" = None,
         seed: int = 0,
     ) -> "SceneGrasps":
         """Find grasps of every thing that a depth image shows; arguments and errors as of `find`.
@@ -251,6 +263,8 @@ class ImageGrasper:
         ----------
         labels : (H, W) array of integers, optional
             Numbers of the things, 0 for none; by default groups of pixels above the table.
+        previous : SceneGrasps, optional
+            Those of an earlier image of the same scene. Things that are found keep their numbers.
         """
         inside = None if region is None else _within(region, np.shape(depth))
         if labels is not None:
@@ -258,34 +272,51 @@ class ImageGrasper:
             if labels.shape != np.shape(depth) or labels.dtype.kind not in "iu":
                 raise ConfigError(f"labels are {labels.dtype} of shape {labels.shape}; pass integers {np.shape(depth)}")
         scene = _Scene.of(depth, intrinsics, table_from_camera, inside if labels is None else labels > 0)
-        if labels is None:
-            found = things(scene.view.leveled(), self._finder.crop, scene.thin(inside)).labels.astype(np.int64)
-        else:
+        seen = survey(scene.view, self._finder.crop, within=scene.thin(inside), pose_given=scene.pose_given)
+        if labels is not None:
             found = scene.thinned(labels).astype(np.int64)
-        chosen = _Chosen(count, keep_off, hand_error, None, seed)
-        grasps_of: dict[int, ImageGrasps] = {}
-        refused: dict[int, str] = {}
-        for label in np.unique(found[found > 0]).tolist():
+        else:
+            found = seen.things.labels.astype(np.int64)
+            found = found if previous is None else _renumbered(found, previous.labels)
+        earlier = self._known(scene, seen, () if previous is None else tuple(previous.grasps.values()))
+        chosen = _Chosen(count, keep_off, hand_error, None, seed, earlier)
+
+        def of(label: int) -> ImageGrasps | str:
             try:
-                grasps_of[label] = self._grasps(scene, found == label, None, chosen)
+                return self._grasps(scene, seen, found == label, chosen)
             except ConfigError as error:
-                refused[label] = str(error)
-        return SceneGrasps(found, grasps_of, refused)
+                return str(error)
+
+        numbers = np.unique(found[found > 0]).tolist()
+        with ThreadPoolExecutor(self._finder.num_threads or os.cpu_count()) as pool:
+            each = dict(zip(numbers, pool.map(of, numbers), strict=True))
+        return SceneGrasps(
+            found,
+            {label: one for label, one in each.items() if isinstance(one, ImageGrasps)},
+            {label: one for label, one in each.items() if isinstance(one, str)},
+        )
+
+    def _known(self, scene: "_Scene", surveyed: Survey, earlier: tuple[ImageGrasps, ...]) -> "_Known | None":
+        """Return the best earlier grasps, in the frame of the table."""
+        if any(one.hand.name != self.hand.name for one in earlier):
+            raise ConfigError(
+                f"previous has grasps of {earlier[0].hand.name}, not of {self.hand.name}; pass those of this hand"
+            )
+        kept = [one for one in earlier if len(one)]
+        if not kept:
+            return None
+        moved = np.eye(4) if scene.pose_given else np.asarray(surveyed.view.world_from_camera)
+        poses = [(one.table_from_hand if scene.pose_given else one.camera_from_hand)[0] for one in kept]
+        return _Known(moved @ np.array(poses), np.array([one.preshape[0] for one in kept]))
 
     def _grasps(
-        self,
-        scene: "_Scene",
-        mask: NDArray[np.bool_] | None,
-        within: NDArray[np.bool_] | None,
-        chosen: "_Chosen",
+        self, scene: "_Scene", surveyed: Survey, mask: NDArray[np.bool_] | None, chosen: "_Chosen"
     ) -> ImageGrasps:
         """Find the grasps of one thing."""
         looked = look(
-            scene.view,
+            surveyed,
             self._finder.crop,
             mask=mask,
-            within=within,
-            pose_given=scene.pose_given,
             # A crop in which everything is one object shows a policy the neighbours of its target.
             together=self._finder.crop.gap >= EVERYTHING,
             num_threads=self._finder.num_threads,
@@ -297,7 +328,9 @@ class ImageGrasper:
         frame = seen.crops.world_from_crop[0]
         near = _belongs(self.hand, frame @ ranked.poses, ranked.preshapes, looked.surface)
         erring = query.settings(self._finder.config).hand_error is not None
-        ranked = _distinct(ranked.kept(np.flatnonzero(near)), chosen.count, erring)
+        ranked = ranked.kept(np.flatnonzero(near))
+        first = None if query.known is None else _stays(ranked, np.linalg.inv(frame) @ query.known[0])
+        ranked = _distinct(ranked, chosen.count, erring, first)
         judged = NONE_JUDGED if ranked.judged is None else ranked.judged
         assert query.keep_off is not None
         obstacles = (query.keep_off - frame[:3, 3]) @ frame[:3, :3]
@@ -365,6 +398,13 @@ class SceneGrasps:
         return {"things": sorted([*things, *refused], key=lambda row: int(row["thing"])), "order": order}
 
 
+class _Known(NamedTuple):
+    """Earlier grasps: poses in the frame of the table (k, 4, 4), metres, and preshapes (k,)."""
+
+    poses: NDArray[np.float64]
+    preshapes: NDArray[np.float64]
+
+
 @dataclass(frozen=True, eq=False)
 class _Chosen:
     """Options of `ImageGrasper.find` that hold for every thing."""
@@ -374,6 +414,7 @@ class _Chosen:
     hand_error: PoseNoise | None
     rehearsed: int | None
     seed: int
+    known: "_Known | None"
 
     def query(self, scene: "_Scene", seen: NDArray[np.float64]) -> Query:
         """Make the query, with the obstacles that are seen."""
@@ -387,7 +428,7 @@ class _Chosen:
                     "table_from_camera"
                 )
             around = np.concatenate([check_points(self.keep_off), seen])
-        return Query(self.seed, keep_off=around, hand_error=self.hand_error, rehearsed=self.rehearsed)
+        return Query(self.seed, keep_off=around, hand_error=self.hand_error, rehearsed=self.rehearsed, known=self.known)
 
 
 class _Scene(NamedTuple):
@@ -475,10 +516,42 @@ def _checked(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool
     return pixels
 
 
-def _distinct(ranked: Ranked, count: int, erring: bool) -> Ranked:
-    """Keep the best grasps that differ, best first."""
+def _stays(ranked: Ranked, known: NDArray[np.float64]) -> int | None:
+    """Return the best of the earlier grasps ``crop_from_hand`` (k, 4, 4) if it is nearly as good as any other."""
+    again = [index for index, pose in enumerate(ranked.poses) if np.isclose(known, pose, atol=1e-9).all((1, 2)).any()]
+    if not again:
+        return None
+    best = max(again, key=lambda index: float(ranked.scores[index]))
+    return best if ranked.scores[best] >= ranked.scores.max() - _STAY else None
+
+
+def _renumbered(found: NDArray[np.int64], earlier: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Give things (H, W) the numbers of the earlier ones that they cover most, and new numbers to the others."""
+    if earlier.shape != found.shape:
+        return found
+    given, taken = {0: 0}, {0}
+    for label in np.unique(found[found > 0]).tolist():
+        numbers, counts = np.unique(earlier[found == label], return_counts=True)
+        covered = [
+            (count, number)
+            for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)
+            if number not in taken
+        ]
+        count, number = max(covered, default=(0, 0))
+        if 2 * count >= min((found == label).sum(), (earlier == number).sum()) and number:
+            given[label] = number
+            taken.add(number)
+    spare = int(max(earlier.max(), found.max())) + 1
+    for label in np.unique(found).tolist():
+        if label not in given:
+            given[label], spare = spare, spare + 1
+    return np.asarray(np.array([given.get(label, 0) for label in range(int(found.max()) + 1)])[found])
+
+
+def _distinct(ranked: Ranked, count: int, erring: bool, first: int | None) -> Ranked:
+    """Keep the best grasps that differ, best first, but for one that stays `first`."""
     chosen: list[int] = []
-    for index in ranked.best(len(ranked.scores)).tolist():
+    for index in [*([] if first is None else [first]), *ranked.best(len(ranked.scores)).tolist()]:
         pose, kept = ranked.poses[index], ranked.poses[chosen]
         distances = np.linalg.norm(kept[:, :3, 3] - pose[:3, 3], axis=1)
         traces = np.einsum("nij,ij->n", kept[:, :3, :3], pose[:3, :3])
@@ -491,4 +564,5 @@ def _distinct(ranked: Ranked, count: int, erring: bool) -> Ranked:
     if ranked.judged is not None and ranked.rehearsed is None and not erring:
         # By the choice of the scorer, without the penalties by which these were selected.
         ranked = ranked._replace(scores=ranked.judged.choice)
-    return ranked.kept(ranked.best(count))
+    order = ranked.best(count)
+    return ranked.kept(order if first is None else np.concatenate([[0], order[order != 0]]))

@@ -6,7 +6,7 @@ scenes as an uninterrupted one.
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -20,8 +20,10 @@ from graspbox.errors import ConfigError, MeshError, SimulationError
 from graspbox.hands import HandLike, cache_folder
 from graspbox.meshes import Surroundings
 from graspbox.meshes.views import ViewPlan, views
+from graspbox.perception.captured import crop_of_a_thing
 from graspbox.perception.configs import CropConfig, DepthNoise
 from graspbox.perception.crops import Crops, add_depth_noise, crop, solid_occupancy
+from graspbox.perception.depth_views import DepthView
 from graspbox.simulation.layouts import SCALES, Arrangement, Layout, SceneLayout, arrange, draws, wall_points
 
 __all__ = ["Clutter", "PlacedObjects", "SceneConfig", "SceneSampler", "Scenes", "render_crops"]
@@ -35,6 +37,9 @@ _MESHES = 512
 #: Scenes of several objects from which a completion learns, each rendered again from other cameras: settling one takes
 #: longer than a training step.
 _CLUTTERED = 2048
+#: Distances of real cameras from the middle of the objects, metres, half of the width that their images show there, and
+#: their least angle above the horizon, radians.
+REAL_DISTANCE, REAL_HALF_WIDTH, REAL_ELEVATION = (0.35, 1.5), (0.2, 0.35), 0.35
 #: Objects sampled until one has a resting pose, and scenes until one comes to rest.
 _TRIES = 100
 _LOG = logging.getLogger(__name__)
@@ -60,6 +65,9 @@ class SceneConfig:
         The camera's noise.
     crop : CropConfig
         The crop.
+    real : float
+        Share of the scenes that are seen as by a real camera: from `REAL_DISTANCE` and lower down, with noise that
+        neighbours share and holes, and with a crop around one thing, as `graspbox.perception.captured` makes it.
     """
 
     image_size: int = 128
@@ -69,6 +77,28 @@ class SceneConfig:
     shift: float = 0.04
     noise: DepthNoise = field(default_factory=DepthNoise)
     crop: CropConfig = field(default_factory=CropConfig)
+    real: float = 0.0
+
+    def as_real(self, rng: np.random.Generator) -> "SceneConfig":
+        """Draw lens, distances and noise of a real camera."""
+        noise = replace(
+            self.noise,
+            correlated_growth=float(rng.uniform(0.0, 0.004)),
+            correlation=float(rng.uniform(0.01, 0.06)),
+            holes=float(rng.uniform(0.0, 0.25)),
+            grazing_angle=float(rng.uniform(0.9, self.noise.grazing_angle)),
+            edge_dropout=float(rng.uniform(self.noise.edge_dropout, 1.0)),
+            dropout=float(rng.uniform(0.0, 0.1)),
+        )
+        distance = float(rng.uniform(*REAL_DISTANCE))
+        fov = 2.0 * float(np.arctan(rng.uniform(*REAL_HALF_WIDTH) / distance))
+        return replace(
+            self,
+            fov=(fov, fov),
+            distance=(0.9 * distance, 1.1 * distance),
+            elevation=REAL_ELEVATION,
+            noise=noise,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +195,9 @@ def render_crops(
     `neighbours` are rendered with it; the cameras look at `target` (3,), by default the middle of the object.
     """
     rng = np.random.default_rng(list(seed))
+    real = config.real > 0.0 and bool(rng.random() < config.real)
+    if real:
+        config = config.as_real(rng)
     fov = float(rng.uniform(*config.fov))
     plan = ViewPlan(
         "random",
@@ -188,7 +221,12 @@ def render_crops(
         neighbours=neighbours,
     )
     depth = add_depth_noise(seen.depth, seen.intrinsics, noise, config.noise)
-    return crop(depth, seen.intrinsics, seen.world_from_camera, config=config.crop)
+    if not real:
+        return crop(depth, seen.intrinsics, seen.world_from_camera, config=config.crop)
+    images = zip(depth, seen.world_from_camera, strict=True)
+    return Crops.joined(
+        [crop_of_a_thing(DepthView(image, seen.intrinsics, pose), config.crop, rng) for image, pose in images]
+    )
 
 
 class SceneSampler:

@@ -27,8 +27,8 @@ def complete(context: DepthContext, stage: Run) -> dict[str, Any]:
     if settings.completion is not None:
         policy = networks.adopt_completion(folder_of(settings.completion))
         adopted = {"policy": policy.name, "sha256": policy.files["completion.onnx"]}
-        # That of single objects is poor among several.
-        if not context.has_several or not sizes.completion_steps:
+        # That of single objects is poor among several, and that of rendered images in real ones.
+        if not (context.has_several or settings.real) or not sizes.completion_steps:
             return adopted
         start = networks.completion_net()
     config = train_config(

@@ -40,7 +40,8 @@ class DepthContext:
         self.settings, self.sizes, self.run, self._learned = settings, settings.sizes, run, learned
         self.layouts = cast("tuple[SceneLayout, ...]", settings.layout)
         self.physics = PhysicsConfig(dt=settings.time_step)
-        self.scenes = SceneConfig(crop=CropConfig(gap=EVERYTHING if self.has_several else CropConfig.gap))
+        crop = CropConfig(gap=EVERYTHING if self.has_several else CropConfig.gap)
+        self.scenes = SceneConfig(crop=crop, real=settings.real)
         hand = settings.load_hand()
         shape = None if settings.start is None else grid_shape(settings.start)
         fitted = settings_of(hand, FINDER.proposals, shape=shape)

@@ -188,6 +188,10 @@ class DepthSettings(HandOption):
     time_step: float = PhysicsConfig.dt
     """Time step of the simulation of all trials from which the policy learns, seconds, 0.0001 to 0.01. The evaluation
     uses that of the environments, 0.002."""
+    real: float = 0.0
+    """Share of the scenes that are seen as by a real camera: from 0.35 to 1.5 m, with noise that neighbouring pixels
+    share, with holes, and with a crop around one thing. With more than 0 the completion of --completion is trained
+    further for single objects too."""
     quick: bool = False
     """Run all stages in minutes."""
 
@@ -204,6 +208,8 @@ class DepthSettings(HandOption):
             raise ConfigError("--sizes.scorer-steps is 0; pass more, or name the policy to keep by --start")
         if not self.sizes.completion_steps and self.completion is None:
             raise ConfigError("--sizes.completion-steps is 0; pass more, or name the policy to keep by --completion")
+        if not 0.0 <= self.real <= 1.0:
+            raise ConfigError(f"--real is {self.real}; it is a share of the scenes, 0 to 1")
         if not 1e-4 <= self.time_step <= 0.01:
             raise ConfigError(f"--time-step is {self.time_step}; it must be 0.0001 to 0.01 seconds")
         if not self.layout:
