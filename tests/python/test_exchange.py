@@ -18,6 +18,7 @@ from graspbox.evaluation.planner_trials import try_set
 from graspbox.hands.conventions import convention_of, mechanism_of
 from graspbox.tools import exchange
 from graspbox.tools.exchange.dexgraspbench import grasps_of
+from test_exchange_images import image_result
 
 h5py = pytest.importorskip("h5py", reason="ACRONYM's files need h5py, from the extra 'exchange'")
 yaml = pytest.importorskip("yaml", reason="Isaac Grasp files need PyYAML, from the extra 'exchange'")
@@ -385,65 +386,6 @@ def test_data_sets_give_what_was_tried(folder: Path) -> None:
         assert one.mass == pytest.approx(object_sets.load(source)[0].load().mass)
 
 
-def _image() -> dict[str, Any]:
-    """Give a result in the form of `ImageGrasps.to_json`."""
-    camera = np.diag([1.0, -1.0, -1.0, 1.0])
-    camera[:3, 3] = (0.1, 0.0, 0.6)
-    table = np.diag([1.0, -1.0, -1.0, 1.0])
-    table[:3, 3] = (0.0, 0.02, 0.1)
-    grasp = {"preshape": 0.3, "success": 0.8, "secure": 0.7, "choice": 0.75, "rank": 1, "free": True, "lift_free": True}
-    poses = {"table_from_hand": table.tolist(), "camera_from_hand": (np.linalg.inv(camera) @ table).tolist()}
-    weak = {**grasp, **poses, "success": 0.2, "rank": 2}
-    return {
-        "policy": "depth",
-        "hand": "reflex",
-        "table_from_camera": camera.tolist(),
-        "warnings": [],
-        "grasps": [{**grasp, **poses}, weak],
-    }
-
-
-def test_grasps_of_an_image_have_a_confidence(tmp_path: Path) -> None:
-    (tmp_path / "image.json").write_text(json.dumps(_image()))
-    (on_table,) = exchange.read(tmp_path / "image.json")
-    (at_camera,) = exchange.read(tmp_path / "image.json", frame="camera")
-    np.testing.assert_array_equal(on_table.confidence, [0.8, 0.2])
-    assert np.isnan(on_table.success).all()
-    world = at_camera.world_from_object @ at_camera.poses
-    np.testing.assert_allclose(world, on_table.world_from_object @ on_table.poses, atol=1e-12)
-    exchange.save(at_camera, tmp_path / "it.yaml", "isaac")
-    document = yaml.safe_load((tmp_path / "it.yaml").read_text())
-    assert document["object_frame_link"] == "camera"
-    assert document["grasps"]["grasp_0"]["confidence"] == 0.8
-    assert "cspace_position" not in document["grasps"]["grasp_0"]
-    with pytest.raises(errors.ConfigError, match="2 of 2 grasps of 'camera' have no outcome"):
-        exchange.save(at_camera, tmp_path / "it.h5", "acronym")
-    np.testing.assert_array_equal(at_camera.labeled(0.5).success, [1.0, 0.0])
-
-
-def test_results_of_grasp_image_are_read(tmp_path: Path) -> None:
-    """`_image` has the keys of the real thing."""
-    pytest.importorskip("onnx", reason="small networks are made with onnx, from the extra 'dev'")
-    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
-    import tiny_policy
-    from graspbox.meshes.views import ViewPlan, views
-    from graspbox.perception import add_depth_noise
-    from graspbox.policies.grasp_image import grasp_image
-
-    tiny_policy.make(tmp_path / "tiny")
-    mesh = object_sets.load("procedural:mug:3")[0].load()
-    plan = ViewPlan("random", axis=(-1.0, 0.0, 1.2), cap=0.2, distance=(0.6, 0.6))
-    seen = views(mesh, plan=plan, count=1, seed=2, image_size=(120, 160), images="depth", fov=0.5)
-    depth = add_depth_noise(seen.depth, seen.intrinsics, 1)[0] / 1000.0
-    found = grasp_image(depth, seen.intrinsics, seen.world_from_camera[0], tmp_path / "tiny", count=3)
-    result = found.to_json()
-    assert set(result) == set(_image())
-    assert set(result["grasps"][0]) == set(_image()["grasps"][0])
-    grasps = exchange.from_image(result)
-    np.testing.assert_array_equal(grasps.poses, found.table_from_hand)
-    np.testing.assert_array_equal(grasps.confidence, found.success)
-
-
 def test_imported_grasps_are_tried(made: Made, tmp_path: Path) -> None:
     """A file comes back with the poses that succeeded before, and the mesh that lies beside it."""
     mesh, grasps = made
@@ -588,7 +530,7 @@ def test_the_command_reads_data_sets_and_images(folder: Path, tmp_path: Path) ->
         fields = _fields(tmp_path / "d" / row["name"] / "0.npy")
         assert fields["obj_path"] == f"meshes/{row['name']}.obj"
         assert len(fields["grasp_qpos"]) == 7 + 8
-    (tmp_path / "image.json").write_text(json.dumps(_image()))
+    (tmp_path / "image.json").write_text(json.dumps(image_result()))
     words = [str(tmp_path / "image.json"), "--to", "graspgen", "--out", str(tmp_path / "i.json")]
     assert "have no outcome" in str(_run(*words).exception)
     assert _run(*words, "--threshold", "0.5").exit_code == 0

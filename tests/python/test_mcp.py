@@ -5,6 +5,7 @@ import base64
 import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,7 +21,9 @@ import pytest
 import tiny_policy
 from command_line import invoke
 from graspbox import errors, object_sets
+from graspbox.captures import read_capture
 from graspbox.meshes.views import ViewPlan, views
+from graspbox.perception.depth_images import read_labels
 from graspbox.tools.mcp import ToolServer, ToolSettings, serving
 from test_cli_files import write_box
 
@@ -28,6 +31,9 @@ mcp = pytest.importorskip("mcp", reason="tools for agents need the extra 'mcp'")
 
 CAN = "procedural:can:0"
 INTRINSICS = [230.0, 230.0, 80.0, 60.0]
+CAPTURES = Path(__file__).parent.parent / "captures"
+#: A real image of three things, in the folder.
+THREE = {"depth": "three/depth.png", "camera_info": "three/capture.json"}
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +57,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     seen = views(mesh, plan=plan, count=1, image_size=(120, 160), images="depth", fov=fov)
     np.save(inside / "depth.npy", seen.depth[0])
     np.save(inside / "zeros.npy", np.zeros((4, 4)))
+    shutil.copytree(CAPTURES / "pcl_milk_clorox", inside / "three")
+    (inside / "bag").mkdir()
+    (inside / "bag/metadata.yaml").symlink_to(root / "secret.off")
     tiny_policy.make(root / "policy")
     return inside
 
@@ -201,11 +210,36 @@ def test_paths_that_leave_the_folder_are_refused(settings: ToolSettings, path: s
         ),
         ("simulate", {"object": CAN, "grasps": [{"object_from_hand": [[1]] * 4, "preshape": 0}]}, "object_from_hand.0"),
         ("grasp_image", {"depth": "zeros.npy", "intrinsics": INTRINSICS}, "zeros.npy has no pixel with a depth"),
-        ("grasp_image", {"depth": "box.off", "intrinsics": INTRINSICS}, "the file's name must end in .npy, .png"),
+        ("grasp_image", {"depth": "box.off", "intrinsics": INTRINSICS}, "the file's name must end in .bag, .db3"),
         ("grasp_image", {"depth": "depth.npy", "intrinsics": [1, 2, 3]}, "intrinsics is [1, 2, 3]"),
         ("grasp_image", {"depth": "depth.npy", "intrinsics": [230, 230, 900, 60]}, "CX is 900"),
         ("grasp_image", {"depth": "depth.npy", "intrinsics": INTRINSICS, "region": [5, 0, 2, 9]}, "region is (5, 0"),
         ("grasp_image", {"depth": "depth.npy", "intrinsics": INTRINSICS, "depth_scale": 0}, "depth_scale is 0"),
+        ("grasp_image", {"depth": "depth.npy"}, "depth.npy has no intrinsics; pass them"),
+        ("grasp_image", {"depth": "bag"}, "'bag/metadata.yaml' leads out of the folder"),
+        ("grasp_image", {"depth": "parts"}, "parts is a folder without metadata.yaml"),
+        (
+            "grasp_image",
+            {"depth": "nothing.mcap"},
+            "nothing.mcap: there is no such depth image; the folder has depth.npy",
+        ),
+        (
+            "grasp_image",
+            {"depth": "depth.npy", "intrinsics": INTRINSICS, "topic": "/depth"},
+            "is no recording; topic, time",
+        ),
+        ("grasp_image", {"depth": "depth.npy", "camera_info": "way/camera.yaml"}, "leads out of the folder"),
+        ("grasp_image", {"depth": "depth.npy", "camera_info": "box.off"}, "'box.off' is no file of intrinsics"),
+        ("grasp_image", {**THREE, "intrinsics": INTRINSICS}, "intrinsics and camera_info both state the intrinsics"),
+        ("grasp_image", {**THREE, "mask": "three/labels.png"}, "marks no single thing: it holds the labels 1, 2, 3"),
+        (
+            "grasp_image",
+            {**THREE, "labels": "three/labels.png"},
+            "the labels of three/depth.png are 1, 2, 3; choose one",
+        ),
+        ("grasp_image", {**THREE, "labels": "three/labels.png", "label": 7}, "has the label 7; choose from 1, 2, 3"),
+        ("grasp_image", {**THREE, "label": 2}, "label chooses a thing of labels; pass both"),
+        ("grasp_image", {**THREE, "all": True, "mask": "three/labels.png"}, "all asks for every thing, mask and label"),
     ],
     ids=lambda value: str(value)[:60],
 )
@@ -221,9 +255,61 @@ def test_large_files_are_refused_unread(settings: ToolSettings, tmp_path: Path) 
         file.truncate(65 << 20)
     sentence = refusal(own, "look", object="big.stl")
     assert "big.stl: it has 68157440 bytes; this server reads at most 67108864" in sentence
-    np.save(tmp_path / "wide.npy", np.ones((3073, 4096), dtype=np.uint8))
-    sentence = refusal(own, "grasp_image", depth="wide.npy", intrinsics=INTRINSICS)
+    np.save(tmp_path / "wide.npy", np.full((3073, 4096), 700, dtype=np.uint16))
+    sentence = refusal(own, "grasp_image", depth="wide.npy", intrinsics=[2300, 2300, 2048, 1536])
     assert "wide.npy has more than 12582912 pixels; pass a smaller image" in sentence
+    (tmp_path / "bag").mkdir()
+    for name in ("metadata.yaml", "bag_0.db3"):
+        with (tmp_path / "bag" / name).open("wb") as file:
+            file.truncate(33 << 20)
+    assert "bag: it has 69206016 bytes" in refusal(own, "grasp_image", depth="bag")
+
+
+def test_things_of_a_real_image_are_grasped(settings: ToolSettings, folder: Path) -> None:
+    labels = {"labels": "three/labels.png", "count": 2}
+    told, pictures = serving.call(settings, "grasp_image", {**THREE, **labels, "all": True})
+    assert isinstance(told, dict)
+    assert [row["thing"] for row in told["things"]] == [1, 2, 3]
+    assert told["shown"] == told["order"][0]["thing"]
+    assert len(pictures) == 1
+    marked = answer(settings, "grasp_image", **THREE, **labels, label=2, picture=False)
+    np.save(folder / "mask.npy", np.asarray(read_labels(folder / "three/labels.png") == 2))
+    assert answer(settings, "grasp_image", **THREE, mask="mask.npy", count=2, picture=False) == marked
+    found = answer(settings, "grasp_image", **THREE, all=True, count=1, picture=False)
+    assert len(found["things"]) >= 3
+    one = answer(settings, "grasp_image", **THREE, count=1, picture=False)
+    assert len(one["grasps"]) == 1
+
+
+def test_clouds_of_the_folder_are_depth_images(settings: ToolSettings, folder: Path) -> None:
+    seen = read_capture(folder / "three/depth.png", intrinsics=folder / "three/capture.json")
+    np.save(folder / "cloud.npy", seen.points())
+    told = answer(settings, "grasp_image", depth="cloud.npy", count=1, picture=False)
+    assert any("rendered" in warning for warning in told["warnings"])
+    assert len(told["grasps"]) == 1
+
+
+def test_recordings_of_the_folder_are_depth_images(settings: ToolSettings, folder: Path) -> None:
+    """A folder of ROS 2, and the file in it."""
+    pytest.importorskip("rosbags", reason="recordings need the extra 'recordings'")
+    from test_capture_recordings import ROS2, Messages, write
+
+    seen = read_capture(folder / "three/depth.png", intrinsics=folder / "three/capture.json")
+    k = seen.intrinsics.copy()
+    k[:2, 2] -= 0.5  # pixel centres of ROS are integers
+    ros, millimetres = Messages(ROS2), (seen.depth * 1000).round().astype(np.uint16)
+    size = (seen.depth.shape[1], seen.depth.shape[0])
+    info = ros.info(size=size, k=k.ravel(), p=np.hstack([k, np.zeros((3, 1))]).ravel())
+    topics = {"/front/image_rect": [ros.image(millimetres, "16UC1")], "/front/camera_info": [info]}
+    topics["/side/image_rect"] = topics["/front/image_rect"] * 2
+    write(folder / "scan", topics)
+    (file,) = (folder / "scan").glob("*.mcap")
+    for depth in ("scan", f"scan/{file.name}"):
+        assert "several topics with depth" in refusal(settings, "grasp_image", depth=depth)
+        told = answer(settings, "grasp_image", depth=depth, topic="/front/image_rect", count=1, picture=False)
+        assert len(told["grasps"]) == 1
+        late = refusal(settings, "grasp_image", depth=depth, topic="/front/image_rect", time=9.0)
+        assert "has no message from 9.0 s on" in late
 
 
 def asleep(_settings: ToolSettings, name: str, _arguments: dict[str, Any]) -> tuple[dict[str, Any], tuple[bytes, ...]]:

@@ -20,6 +20,7 @@ import graspbox
 import tiny_policy
 from graspbox import _core
 from graspbox._common.rotations import rotation_from_quaternion
+from graspbox.captures import read_capture
 from graspbox.errors import ConfigError, ConnectionLostError
 from graspbox.hands import load_hand
 from graspbox.learn.random_hands import random_hand
@@ -33,6 +34,7 @@ from hostile_wire import Peer, msgpack
 from test_serve import served
 
 POLICIES = Path(__file__).parents[2] / "policies"
+CAPTURES = Path(__file__).parent.parent / "captures"
 SETTINGS = PolicyServerSettings(port=0, threads=2)
 
 
@@ -95,6 +97,128 @@ def test_several_images_have_several_answers(server: PolicyServer, request_of_ca
     both = asked(server, {**request_of_can, "depth": np.stack([request_of_can["depth"]] * 2)})
     assert len(both["images"]) == 2
     np.testing.assert_array_equal(both["images"][1]["camera_from_hand"], one["camera_from_hand"])
+
+
+@pytest.fixture(scope="module")
+def request_of_three() -> dict[str, Any]:
+    """Take a real image of three things, with their labels."""
+    pytest.importorskip("PIL", reason="PNG files need Pillow, from the extra 'cli'")
+    folder = CAPTURES / "pcl_milk_clorox"
+    seen = read_capture(folder / "depth.png", intrinsics=folder / "capture.json", labels=folder / "labels.png")
+    return {"depth": seen.depth, "intrinsics": seen.intrinsics, "labels": seen.labels, "count": 2}
+
+
+def test_one_of_several_things_is_named(folder: Path, server: PolicyServer, request_of_three: dict[str, Any]) -> None:
+    labels = request_of_three["labels"]
+    plain = {name: value for name, value in request_of_three.items() if name != "labels"}
+    local = grasp_image(plain["depth"], plain["intrinsics"], None, folder, mask=labels == 2, count=2)
+    for marked in ({"mask": labels == 2}, {"mask": 255 * (labels == 2).astype(np.uint8)}):
+        np.testing.assert_array_equal(asked(server, {**plain, **marked})["table_from_hand"], local.table_from_hand)
+    named = asked(server, {**request_of_three, "label": 2})
+    np.testing.assert_array_equal(named["table_from_hand"], local.table_from_hand)
+    several = {name: np.stack([value] * 2) for name, value in request_of_three.items() if name in ("depth", "labels")}
+    both = asked(server, {**request_of_three, **several, "label": 2})["images"]
+    np.testing.assert_array_equal(both[1]["table_from_hand"], local.table_from_hand)
+    only = asked(server, {**plain, "labels": 7 * (labels == 2).astype(np.uint16)})
+    np.testing.assert_array_equal(only["table_from_hand"], local.table_from_hand)
+
+
+def test_all_things_are_answered(folder: Path, server: PolicyServer, request_of_three: dict[str, Any]) -> None:
+    """The server tells why a thing has no grasp, without paths, and an image without a grasp is no error."""
+    labels = request_of_three["labels"].copy()
+    labels[0, 0] = 9  # too few pixels
+    answer = asked(server, {**request_of_three, "labels": labels, "all": True})
+    local = ImageGrasper(folder).find_all(
+        request_of_three["depth"], request_of_three["intrinsics"], labels=labels, count=2
+    )
+    assert [row["thing"] for row in answer["things"]] == [1, 2, 3, 9]
+    assert answer["things"][3] == {"thing": 9, "pixels": 1, "refused": local.refused[9]}
+    for row in answer["things"][:3]:
+        found = local.grasps[row["thing"]]
+        np.testing.assert_array_equal(row["camera_from_hand"], found.camera_from_hand)
+        assert row["pixels"] == int((local.labels == row["thing"]).sum())
+        assert set(row) - {"thing", "pixels"} == set(grasp_requests.answer_of(found, found.hand))
+    assert [(row["thing"], row["rank"] - 1) for row in answer["order"]] == local.best()
+    np.testing.assert_array_equal(answer["labels"], local.labels)
+    sent = {name: np.asarray(request_of_three[name]).tolist() for name in ("depth", "intrinsics")}
+    status, told = posted(server.url, json.dumps({**sent, "labels": labels.tolist(), "all": True, "count": 2}).encode())
+    assert status == 200
+    assert {name: told[name] for name in ("things", "order", "labels")} == json.loads(
+        grasp_requests.to_json({name: answer[name] for name in ("things", "order", "labels")})
+    )
+    found = asked(server, {"depth": request_of_three["depth"], "intrinsics": sent["intrinsics"], "all": True})
+    assert len(found["things"]) >= 3
+
+
+def test_refusals_of_things_tell_no_path(tmp_path: Path, request_of_three: dict[str, Any]) -> None:
+    tiny_policy.make(tmp_path)
+    tiny_policy.give_nan(tmp_path, "scorer", "logits")
+    with PolicyServer(tmp_path, SETTINGS) as running:
+        for row in asked(running, {**request_of_three, "all": True})["things"]:
+            assert "is not finite" in row["refused"]
+            assert str(tmp_path) not in row["refused"]
+
+
+def test_grasps_keep_off_the_points_of_a_request(
+    folder: Path, server: PolicyServer, request_of_can: dict[str, Any]
+) -> None:
+    points = np.array([[0.0, 0.0, 0.3], [0.008, 0.0, 0.3]])
+    answer = asked(server, {**request_of_can, "keep_off": points, "seed": 4})
+    depth, lens, pose = request_of_can["depth"] * 1e-3, request_of_can["intrinsics"], request_of_can["camera_pose"]
+    local = grasp_image(depth, lens, pose, folder, keep_off=points, seed=4)
+    np.testing.assert_array_equal(answer["camera_from_hand"], local.camera_from_hand)
+    np.testing.assert_array_equal(answer["lift_free"], local.lift_free)
+    unposed = {name: value for name, value in request_of_can.items() if name != "camera_pose"}
+    assert "give it too" in asked(server, {**unposed, "keep_off": points})
+
+
+MARKS = np.zeros((120, 160), dtype=np.int64)
+MARKS[50:70, 70:90] = 1
+TWO = MARKS + (np.arange(160) > 80)
+
+
+@pytest.mark.parametrize(
+    ("changed", "field", "sentence"),
+    [
+        ({"mask": MARKS[:-1]}, "mask", "mask is int64 of shape (119, 160); give bool or integers of shape (120, 160)"),
+        ({"mask": MARKS.astype(float)}, "mask", "mask is float64 of shape (120, 160)"),
+        ({"mask": [[1], [1, 2]]}, "mask", "mask has rows of different lengths"),
+        ({"mask": MARKS * 0}, "mask", "mask is 0 everywhere"),
+        ({"mask": TWO}, "mask", "mask holds the numbers 1, 2; give one, or the numbers of several as labels"),
+        ({"mask": -MARKS}, "mask", "mask holds -1"),
+        ({"labels": MARKS.astype(np.uint64) * (2**64 - 1), "all": True}, "labels", "labels holds 18446744073709551615"),
+        ({"labels": np.arange(19200).reshape(120, 160), "all": True}, "labels", "has 19199 things; give at most 100"),
+        ({"mask": MARKS, "labels": MARKS}, "mask", "mask and labels both mark pixels; give one of them"),
+        ({"label": 1}, "label", "label is 1 (int), the number of a thing in labels; give labels too"),
+        ({"labels": MARKS, "label": 2}, "label", "label is 2; the things of labels are 1"),
+        ({"labels": TWO}, "label", "label is missing; give one of the things of labels, 1, 2, or all"),
+        ({"labels": MARKS, "label": "cup"}, "label", "label is 'cup' (str); give an integer"),
+        ({"all": True, "mask": MARKS}, "all", "all asks for every thing, mask and label for one"),
+        ({"all": True, "labels": MARKS, "label": 1}, "all", "all asks for every thing"),
+        ({"all": 1}, "all", "all is 1 (int); give True or False"),
+        ({"keep_off": np.zeros((4, 2))}, "keep_off", "keep_off has shape (4, 2); pass points (k, 3)"),
+        ({"keep_off": "wall"}, "keep_off", "keep_off is 'wall' (str); give an array of numbers"),
+        ({"keep_off": np.full((1, 3), np.nan)}, "keep_off", "keep_off has a coordinate of nan"),
+    ],
+    ids=lambda value: str(value)[:40] if isinstance(value, str) else "",
+)
+def test_wrong_marks_are_told(
+    server: PolicyServer, request_of_can: dict[str, Any], changed: dict[str, Any], field: str, sentence: str
+) -> None:
+    answer = asked(server, {**request_of_can, **changed})
+    assert isinstance(answer, str)
+    assert sentence in answer
+    body = {name: np.asarray(value).tolist() for name, value in request_of_can.items()}
+    listed = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in changed.items()}
+    if field != "keep_off" or "nan" not in sentence:
+        status, told = posted(server.url, json.dumps({**body, **listed}).encode())
+        assert (status, told["error"]["type"], told["error"]["field"]) == (400, "ConfigError", field)
+
+
+def test_marks_of_several_images_have_their_shape(server: PolicyServer, request_of_can: dict[str, Any]) -> None:
+    several = {**request_of_can, "depth": np.stack([request_of_can["depth"]] * 2)}
+    wrong = asked(server, {**several, "mask": MARKS})
+    assert "mask has shape (120, 160); give (2, 120, 160), one for each image" in wrong
 
 
 def test_json_says_the_same(server: PolicyServer, request_of_can: dict[str, Any]) -> None:

@@ -15,6 +15,8 @@ import graspbox
 import tiny_policy
 from command_line import invoke
 from graspbox import errors, object_sets
+from graspbox.captures import read_capture
+from graspbox.policies.grasp_image import SceneGrasps
 from graspbox.tools.hand_links import HandLinks
 from graspbox.tools.viewer import Viewer, show
 from graspbox.tools.viewer.grasp_points import GraspPoints
@@ -301,8 +303,12 @@ def test_a_depth_image_is_shown_with_the_grasps_of_a_policy(
     depth_image: tuple[Path, tuple[float, float, float, float]],
 ) -> None:
     path, lens = depth_image
-    with pytest.raises(errors.ConfigError, match=r"intrinsics is missing; pass .*--intrinsics FX FY CX CY"):
+    with pytest.raises(errors.ConfigError, match=r"has no intrinsics; pass them: FX FY CX CY .*--intrinsics"):
         show(path, port=0)
+    with pytest.raises(errors.ConfigError, match="an array needs intrinsics"):
+        show(np.load(path), port=0)
+    with pytest.raises(errors.ConfigError, match="both state the intrinsics"):
+        show(path, port=0, intrinsics=lens, camera_info="camera.json")
     with shown(path, intrinsics=lens, policy=str(ROOT / "policies/depth")) as viewer:
         page = viewer.page
         wait_for(lambda: "tilted down" in viewer.canvas.status.content or viewer.canvas.problem.visible)
@@ -314,6 +320,83 @@ def test_a_depth_image_is_shown_with_the_grasps_of_a_policy(
         assert page.poses.shown == int((page.grasps.success >= page.least.value).sum())
     with shown(page.grasps) as viewer:
         assert viewer.page.poses.shown == len(page.grasps)
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> str:
+    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
+    folder = tmp_path_factory.mktemp("tiny")
+    tiny_policy.make(folder)
+    return str(folder)
+
+
+def test_all_things_of_a_real_image_are_shown(tiny: str) -> None:
+    """The choice of a thing filters the points, and its crop, pixels and best grasp are shown."""
+    folder = ROOT / "tests/captures/pcl_milk_clorox"
+    options = {"camera_info": folder / "capture.json", "policy": tiny}
+    with shown(folder / "depth.png", mask=folder / "labels.png", **options) as viewer:
+        page = viewer.page
+        wait_for(lambda: "of 3 things" in viewer.canvas.status.content or viewer.canvas.problem.visible)
+        assert not viewer.canvas.problem.visible
+        scene = page.scene
+        assert page.thing.options == ("all", "1", "2", "3")
+        assert page.thing.visible
+        assert not page.everything.visible
+        assert page.poses.shown == len(page.rows) == sum(len(one) for one in scene.grasps.values())
+        best, rank = scene.best()[0]
+        np.testing.assert_allclose(page.hand.root.position, scene.grasps[best].table_from_hand[rank, :3, 3])
+        for thing, grasps in scene.grasps.items():
+            page.thing.value = str(thing)
+            assert page.poses.shown == page.rank.max == len(grasps)
+            assert page.grasps is grasps
+            np.testing.assert_allclose(page.hand.root.position, grasps.table_from_hand[0, :3, 3])
+            np.testing.assert_allclose(page.crop.position, grasps.table_from_crop[:3, 3])
+            page.rank.value = 2
+            np.testing.assert_allclose(page.hand.root.position, grasps.table_from_hand[1, :3, 3])
+            assert f"thing {thing}, " in page.reading.content
+        page.thing.value = "all"
+        assert page.poses.shown == len(page.rows)
+    with shown(scene) as viewer:
+        assert viewer.page.poses.shown == len(page.rows)
+    with shown(folder / "depth.png", **options) as viewer:
+        page = viewer.page
+        wait_for(lambda: "tilted down" in viewer.canvas.status.content or viewer.canvas.problem.visible)
+        assert page.everything.visible
+        assert not page.thing.visible
+        before = len(page.rows)
+        page._find_all()
+        wait_for(lambda: " things" in viewer.canvas.status.content or viewer.canvas.problem.visible)
+        assert not viewer.canvas.problem.visible
+        assert page.thing.visible
+        assert len(page.rows) > before
+
+
+def test_clouds_and_meshes_are_told_apart(tmp_path: Path) -> None:
+    folder = ROOT / "tests/captures/pcl_milk_clorox"
+    seen = read_capture(folder / "depth.png", intrinsics=folder / "capture.json")
+    points = seen.points()
+    header = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz")
+    with (tmp_path / "cloud.ply").open("w") as file:
+        file.write(f"{header}end_header\n")
+        np.savetxt(file, points, fmt="%.4f")
+    with shown(tmp_path / "cloud.ply") as viewer:
+        assert viewer.page.title == "depth image"
+        assert "warning: " in viewer.canvas.status.content
+    with shown(seen) as viewer:
+        assert "name a policy" in viewer.canvas.status.content
+    cube = "0 0 0\n0.1 0 0\n0 0.1 0\n0 0 0.1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+    mesh = (
+        header.replace(str(len(points)), "4") + "element face 4\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    (tmp_path / "mesh.ply").write_text(mesh + cube)
+    with shown(tmp_path / "mesh.ply", poses=0) as viewer:
+        assert viewer.page.title == "object"
+
+
+def test_things_without_grasps_are_no_page() -> None:
+    with pytest.raises(errors.ConfigError, match=r"no thing of the image has grasps \(thing 3: too far\)"):
+        show(SceneGrasps(np.zeros((2, 2), dtype=np.int64), {}, {3: "too far"}), port=0)
 
 
 def test_a_gallery_shows_names_and_opens_objects() -> None:

@@ -274,7 +274,7 @@ class ImageGrasper:
         scene = _Scene.of(depth, intrinsics, table_from_camera, inside if labels is None else labels > 0)
         seen = survey(scene.view, self._finder.crop, within=scene.thin(inside), pose_given=scene.pose_given)
         if labels is not None:
-            found = scene.thinned(labels).astype(np.int64)
+            found = scene.thinned(labels if inside is None else np.where(inside, labels, 0)).astype(np.int64)
         else:
             found = seen.things.labels.astype(np.int64)
             found = found if previous is None else _renumbered(found, previous.labels)

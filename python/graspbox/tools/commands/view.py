@@ -14,38 +14,57 @@ Source = Annotated[
     typer.Argument(
         metavar="SOURCE",
         help="An object or mesh file, an object set, a hand (name or hand.urdf,hand.toml), an environment id, the "
-        "folder of a policy or of a run, a depth image (.npy, .png), or a plan (.json).",
+        "folder of a policy or of a run, a depth image, cloud or recording as of grasp-image, or a plan (.json).",
     ),
 ]
 Objects = Annotated[str | None, typer.Option(help="Objects of an environment, or the object of a plan.")]
 Intrinsics = Annotated[
     tuple[float, float, float, float] | None,
-    typer.Option(metavar="FX FY CX CY", help="Intrinsics of a depth image, pixels."),
+    typer.Option(
+        metavar="FX FY CX CY", help="Intrinsics of a depth image, pixels; by default its own, or --camera-info."
+    ),
 ]
+CameraInfo = Annotated[
+    Path | None,
+    typer.Option(help="File with the intrinsics of a depth image, as of grasp-image."),
+]
+Mask = Annotated[
+    Path | None,
+    typer.Option(help="Image of the objects' numbers in a depth image, 0 for none, .npy or .png: each has its grasps."),
+]
+Topic = Annotated[str | None, typer.Option(help="Topic of a recording; by default the only one with depth.")]
+Time = Annotated[float | None, typer.Option(help="Seconds from the beginning of the topic of a recording.")]
 Poses = Annotated[int, typer.Option(min=0, help="Poses to simulate at once, best first.")]
 Port = Annotated[
     int | None, typer.Option(min=0, max=65535, help="Port; 0: any free one. By default 8080 or the next free one.")
+]
+PolicyName = Annotated[str | None, typer.Option(help="Policy of an environment or a depth image: a name or a folder.")]
+Layout = Annotated[str | None, typer.Option(help="How the objects of an environment lie: single, packed, pile or bin.")]
+DepthScale = Annotated[
+    float | None,
+    typer.Option(
+        help="Metres per unit of a depth image; by default as its file states, else 1 for floats, 0.001 for integers."
+    ),
+]
+CameraPose = Annotated[
+    Path | None, typer.Option(help="File of table_from_camera (4x4); by default the table is searched for.")
 ]
 
 
 def view(
     source: Source,
     hand: HandOfPolicy = None,
-    policy: Annotated[
-        str | None, typer.Option(help="Policy of an environment or a depth image: a name or a folder.")
-    ] = None,
+    policy: PolicyName = None,
     objects: Objects = None,
-    layout: Annotated[
-        str | None, typer.Option(help="How the objects of an environment lie: single, packed, pile or bin.")
-    ] = None,
+    layout: Layout = None,
     objects_per_scene: PerScene = None,
     intrinsics: Intrinsics = None,
-    depth_scale: Annotated[
-        float | None, typer.Option(help="Metres per unit of a depth image; by default 1 for floats, else 0.001.")
-    ] = None,
-    camera_pose: Annotated[
-        Path | None, typer.Option(help="File of table_from_camera (4x4); by default the table is searched for.")
-    ] = None,
+    camera_info: CameraInfo = None,
+    depth_scale: DepthScale = None,
+    mask: Mask = None,
+    topic: Topic = None,
+    time: Time = None,
+    camera_pose: CameraPose = None,
     poses: Poses = 200,
     host: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",
     port: Port = None,
@@ -71,6 +90,10 @@ def view(
             poses=poses,
             policy=policy,
             intrinsics=intrinsics,
+            camera_info=camera_info,
+            mask=mask,
+            topic=topic,
+            time=time,
             depth_scale=depth_scale,
             camera_pose=camera_pose,
             host=host,

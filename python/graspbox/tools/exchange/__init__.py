@@ -22,7 +22,7 @@
 from graspbox.hands.conventions import CONVENTIONS, Convention, frame_from_hand
 from graspbox.tools.exchange.formats import FORMATS, Format, load, save, save_each, with_mesh
 from graspbox.tools.exchange.grasps import ExchangeGrasps
-from graspbox.tools.exchange.sources import from_dataset, from_image, from_plan, from_table, read
+from graspbox.tools.exchange.sources import from_dataset, from_image, from_plan, from_scene, from_table, read
 from graspbox.tools.exchange.trials import simulated
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "from_dataset",
     "from_image",
     "from_plan",
+    "from_scene",
     "from_table",
     "load",
     "read",

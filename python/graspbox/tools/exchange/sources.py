@@ -8,7 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.arguments import shown
 from graspbox._core import Hand
+from graspbox.captures.capture import listed
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
 from graspbox.planning import Plan
@@ -16,7 +18,7 @@ from graspbox.simulation.outcomes import Outcomes
 from graspbox.tools.exchange.checks import matrices, numbers, read_json, rows_of
 from graspbox.tools.exchange.grasps import ExchangeGrasps
 
-__all__ = ["ImageFrame", "from_dataset", "from_image", "from_plan", "from_table", "read"]
+__all__ = ["ImageFrame", "from_dataset", "from_image", "from_plan", "from_scene", "from_table", "read"]
 
 #: Frames in which grasps of an image can be given.
 ImageFrame = Literal["table", "camera"]
@@ -110,12 +112,13 @@ def _table_row(
 
 
 def from_image(
-    document: Mapping[str, Any], *, frame: ImageFrame = "table", hand: HandLike | None = None
+    document: Mapping[str, Any], *, frame: ImageFrame = "table", hand: HandLike | None = None, object_name: str = ""
 ) -> ExchangeGrasps:
     """Take the grasps of a policy in a depth image; their confidence is the predicted probability of success.
 
     An image shows no mesh: instead of the object's frame the poses are in that of the table or of the camera (`frame`).
     `document` is `graspbox.policies.grasp_image.ImageGrasps.to_json`, and `hand` is as in `from_plan`.
+    `object_name` is by default the frame's.
 
     Raises
     ------
@@ -134,8 +137,37 @@ def from_image(
         confidence=numbers([g.get("success") for g in grasps], "grasps: success"),
         score=numbers([g.get("choice") for g in grasps], "grasps: choice"),
         world_from_object=np.eye(4) if frame == "table" else table_from_camera,
-        object_name=frame,
+        object_name=object_name or frame,
     )
+
+
+def from_scene(
+    document: Mapping[str, Any], *, frame: ImageFrame = "table", hand: HandLike | None = None
+) -> list[ExchangeGrasps]:
+    """Take the grasps of every thing in a depth image, as `from_image`; objects are named ``table_1`` for thing 1.
+
+    `document` is `graspbox.policies.grasp_image.SceneGrasps.to_json`. Things without a grasp are left out.
+
+    Raises
+    ------
+    ConfigError
+        If it is no such result, no thing has a grasp, or the hand is unknown.
+    """
+    found, without = [], []
+    for row in rows_of(document, "things"):
+        thing = row.get("thing")
+        if not isinstance(thing, int) or isinstance(thing, bool):
+            raise ConfigError(f"things: thing is {shown(thing)}; use the number of a thing")
+        if row.get("refused") or row.get("grasps") == []:
+            without.append(f"{thing} ({row.get('refused') or 'no grasp is feasible'})")
+            continue
+        try:
+            found.append(from_image(row, frame=frame, hand=hand, object_name=f"{frame}_{thing}"))
+        except ConfigError as error:
+            raise ConfigError(f"thing {thing}: {error}") from None
+    if not found:
+        raise ConfigError(f"no thing of the image has a grasp: {listed(without) or 'there are none'}")
+    return found
 
 
 def from_dataset(
@@ -209,8 +241,8 @@ def read(
     Parameters
     ----------
     path : str or PathLike
-        A saved plan, the JSON of ``graspbox grasp --out`` or ``graspbox grasp-image --out``, or a folder of
-        ``graspbox dataset``.
+        A saved plan, the JSON of ``graspbox grasp --out`` or ``graspbox grasp-image --out`` (``--all`` too), or a
+        folder of ``graspbox dataset``.
     hand : str, Hand or pair of paths, optional
         The hand, if it is not one of the package.
     frame : {"table", "camera"}
@@ -234,6 +266,8 @@ def read(
             return from_table(document, hand=hand)
         if isinstance(document, dict) and "table_from_camera" in document:
             return [from_image(document, frame=frame, hand=hand)]
+        if isinstance(document, dict) and "things" in document:
+            return from_scene(document, frame=frame, hand=hand)
         raise ConfigError(
             "it is JSON, but not of graspbox's grasps; pass a plan, or a result of `grasp` or `grasp-image`"
         )

@@ -95,12 +95,32 @@ class LookArguments(ObjectArguments):
 class GraspImageArguments(_Arguments):
     """Arguments of ``grasp_image``."""
 
-    depth: Text = Field(description="Path of a depth image in the folder: .npy (H, W), or .png of 16 bits per pixel.")
-    intrinsics: Annotated[list[float], Field(min_length=4, max_length=4)] = Field(
-        description="FX, FY, CX, CY: focal lengths and principal point, pixels."
+    depth: Text = Field(
+        description="Path in the folder: a depth image (.npy, .npz, 16-bit .png, .tiff, .exr), a point cloud in the "
+        "camera's frame (.ply, .pcd, .npy), or a ROS recording (.bag, .db3, .mcap, a folder)."
+    )
+    intrinsics: Annotated[list[float], Field(min_length=4, max_length=4)] | None = Field(
+        None,
+        description="FX, FY, CX, CY: focal lengths and principal point, pixels; by default those of the source or of "
+        "camera_info.",
+    )
+    camera_info: Text | None = Field(
+        None, description="Path of a file with intrinsics: ROS CameraInfo, OpenCV, RealSense, Open3D, BOP, .npy, .txt."
     )
     depth_scale: float | None = Field(
-        None, gt=0, description="Metres per unit of the file; by default 1 for floats, 0.001 for integers."
+        None, gt=0, description="Metres per unit; by default as the file states, else 1 for floats, 0.001 for integers."
+    )
+    topic: Text | None = Field(None, description="Topic of a recording; by default the only one with depth.")
+    time: float | None = Field(None, ge=0, lt=1e9, description="Seconds since the topic's first message; 0 by default.")
+    mask: Text | None = Field(
+        None, description="Path of an image (.npy, .png) that is not 0 where the object to grasp is."
+    )
+    labels: Text | None = Field(
+        None, description="Path of an image (.npy, .png) with the numbers of things, 0 for none, instead of mask."
+    )
+    label: int | None = Field(None, ge=1, lt=2**63, description="The thing of labels to grasp.")
+    all: bool = Field(
+        False, description="Find grasps of every thing: those of labels, or all that rise above the table."
     )
     table_from_camera: Matrix | None = Field(
         None,

@@ -13,7 +13,7 @@ __all__ = ["MAX_BYTES", "MAX_GRASPS", "MAX_PIXELS", "MAX_SIDE", "ToolSettings"]
 MAX_GRASPS = 100
 #: Longest side of a picture that an agent requests, pixels.
 MAX_SIDE = 1024
-#: Largest mesh file and depth image that are read, bytes.
+#: Largest file, and recording of several, that is read, bytes.
 MAX_BYTES = 64 << 20
 #: Most pixels of a depth image: as many as a camera of 4096 x 3072 has.
 MAX_PIXELS = 4096 * 3072
@@ -26,7 +26,7 @@ class ToolSettings:
     Attributes
     ----------
     folder : Path
-        Folder whose mesh files and depth images agents may name; nothing else of the machine can be read.
+        Folder whose mesh files, depth images and recordings agents may name; nothing else of the machine can be read.
     objects : tuple of str
         Object sets that agents may name: ``SET`` allows the set and its parts, ``NAME=SET`` offers it under another
         name, as in `graspbox.tools.remote.ServerSettings`.

@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._common.imports import imported
+from graspbox.captures import Capture, read_capture
 from graspbox.configs import DecomposeConfig, ShakeConfig, TrialConfig
-from graspbox.perception.depth_images import read_depth
+from graspbox.errors import ConfigError
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.planning import plan as plan_grasps
 from graspbox.planning.plan_files import grasp_rows
-from graspbox.policies.grasp_image import ImageGrasper
+from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
 from graspbox.simulation import Scene
 from graspbox.simulation.outcomes import Outcomes
 from graspbox.tools.mcp.arguments import GraspImageArguments, LookArguments, PlanArguments, SimulateArguments, SomeGrasp
 from graspbox.tools.mcp.settings import MAX_PIXELS
-from graspbox.tools.mcp.workspace import DEPTH_SUFFIXES, Workspace
+from graspbox.tools.mcp.workspace import CAMERA_SUFFIXES, MARK_SUFFIXES, Workspace
 
 __all__ = ["TOOLS", "Answer", "Tool", "grasp_image", "look", "plan", "simulate"]
 
@@ -192,24 +193,64 @@ def _grasper(policy: str, threads: int | None) -> ImageGrasper:
     return ImageGrasper(policy, num_threads=threads)
 
 
-def grasp_image(workspace: Workspace, arguments: GraspImageArguments) -> Answer:
-    """Find grasps of the object in a depth image of the folder."""
-    path = workspace.file(arguments.depth, DEPTH_SUFFIXES, "depth image")
-    depth = read_depth(path, arguments.depth_scale, max_pixels=MAX_PIXELS)
-    fx, fy, cx, cy = arguments.intrinsics
-    assert workspace.settings.policy is not None
-    grasps = _grasper(workspace.settings.policy, workspace.settings.threads).find(
-        depth,
-        [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
-        arguments.table_from_camera,
-        count=arguments.count,
-        region=None if arguments.region is None else tuple(arguments.region),  # type: ignore[arg-type]
-        hand_error=None if arguments.hand_error is None else PoseNoise.in_millimetres(*arguments.hand_error),
-        seed=arguments.seed,
+def _capture(workspace: Workspace, arguments: GraspImageArguments) -> Capture:
+    """Read the depth image that a call names, with its intrinsics and labels."""
+    if arguments.intrinsics is not None and arguments.camera_info is not None:
+        raise ConfigError("intrinsics and camera_info both state the intrinsics; pass one of them")
+    if arguments.label is not None and arguments.labels is None:
+        raise ConfigError("label chooses a thing of labels; pass both")
+    if arguments.all and (arguments.mask is not None or arguments.label is not None):
+        raise ConfigError("all asks for every thing, mask and label for one; leave either out")
+    lens: NDArray[np.float64] | Path | None = None
+    if arguments.intrinsics is not None:
+        fx, fy, cx, cy = arguments.intrinsics
+        lens = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    if arguments.camera_info is not None:
+        lens = workspace.file(arguments.camera_info, CAMERA_SUFFIXES, "file of intrinsics")
+    mask, labels = (
+        None if name is None else workspace.file(name, MARK_SUFFIXES, kind)
+        for name, kind in ((arguments.mask, "mask"), (arguments.labels, "image of labels"))
     )
-    if not arguments.picture:
-        return Answer(grasps.to_json())
-    return Answer(grasps.to_json(), (_drawn(lambda path: _pictures().save_grasp_image(path, grasps)),))
+    seen = read_capture(
+        workspace.capture(arguments.depth),
+        intrinsics=lens,
+        depth_scale=arguments.depth_scale,
+        mask=mask,
+        labels=labels,
+        topic=arguments.topic,
+        time=arguments.time,
+    )
+    if seen.depth.size > MAX_PIXELS:
+        raise ConfigError(
+            f"{arguments.depth[:100]} has more than {MAX_PIXELS} pixels; pass a smaller image, with its own intrinsics"
+        )
+    return seen
+
+
+def grasp_image(workspace: Workspace, arguments: GraspImageArguments) -> Answer:
+    """Find grasps of the object, or of every thing, in a depth image of the folder."""
+    seen = _capture(workspace, arguments)
+    place = (seen.depth, seen.intrinsics, arguments.table_from_camera)
+    options: dict[str, Any] = {
+        "count": arguments.count,
+        "region": None if arguments.region is None else tuple(arguments.region),
+        "hand_error": None if arguments.hand_error is None else PoseNoise.in_millimetres(*arguments.hand_error),
+        "seed": arguments.seed,
+    }
+    assert workspace.settings.policy is not None
+    grasper = _grasper(workspace.settings.policy, workspace.settings.threads)
+    if arguments.all:
+        scene = grasper.find_all(*place, labels=seen.labels, **options)
+        best = scene.best()
+        content = {**scene.to_json(), "warnings": list(seen.warnings), "shown": best[0][0] if best else None}
+        return Answer(content, _picture(scene.grasps[best[0][0]]) if arguments.picture and best else ())
+    grasps = grasper.find(*place, mask=None if seen.labels is None else seen.mask(arguments.label), **options)
+    grasps = replace(grasps, warnings=(*seen.warnings, *grasps.warnings))
+    return Answer(grasps.to_json(), _picture(grasps) if arguments.picture else ())
+
+
+def _picture(grasps: ImageGrasps) -> tuple[bytes]:
+    return (_drawn(lambda path: _pictures().save_grasp_image(path, grasps)),)
 
 
 @dataclass(frozen=True)
@@ -251,7 +292,8 @@ TOOLS = {
         GraspImageArguments,
         grasp_image,
         "Grasp from a depth image",
-        "Find ranked grasps of the object in a depth image, a file of the folder, with a trained policy. The answer "
-        "has camera_from_hand, table_from_hand, preshape and probabilities of each grasp, and a picture.",
+        "Find ranked grasps of the object in a depth image, cloud or recording of the folder, with a trained policy. "
+        "The answer has camera_from_hand, table_from_hand, preshape and probabilities of each grasp, and a picture; "
+        "with `all` it has `things`, the grasps of each, and `order`, the picture being of the thing `shown`.",
     ),
 }

@@ -9,10 +9,13 @@ from graspbox.tools.mcp.arguments import ObjectArguments
 from graspbox.tools.mcp.settings import MAX_BYTES, ToolSettings
 from graspbox.tools.remote.catalog import Catalog
 
-__all__ = ["DEPTH_SUFFIXES", "Workspace"]
+__all__ = ["CAMERA_SUFFIXES", "CAPTURE_SUFFIXES", "MARK_SUFFIXES", "Workspace"]
 
-#: Supported suffixes of depth images.
-DEPTH_SUFFIXES = frozenset({".npy", ".png"})
+#: Suffixes of depth images, clouds and recordings; a recording may also be a folder.
+CAPTURE_SUFFIXES = frozenset({".npy", ".npz", ".png", ".tiff", ".tif", ".exr", ".ply", ".pcd", ".bag", ".db3", ".mcap"})
+#: Suffixes of intrinsics, and of masks and labels.
+CAMERA_SUFFIXES = frozenset({".json", ".yaml", ".yml", ".npy", ".txt"})
+MARK_SUFFIXES = frozenset({".npy", ".png"})
 #: Names that an error lists, and entries of the folder that are read to find them.
 _LISTED, _READ = 20, 1000
 
@@ -36,13 +39,7 @@ class Workspace:
         FileError
             If there is no such regular file, or it is too large.
         """
-        folder = self.settings.folder
-        try:
-            path = (folder / name).resolve()
-        except (OSError, RuntimeError, ValueError):  # a loop of links, a name that is too long, a NUL
-            raise ConfigError(f"{name[:100]!r} is no path of a {kind}") from None
-        if not path.is_relative_to(folder):
-            raise ConfigError(f"{name[:100]!r} leads out of the folder of this server; name a {kind} in it")
+        path = self._inside(name, kind)
         if path.suffix.lower() not in suffixes:
             choices = ", ".join(sorted(suffixes))
             raise ConfigError(f"{name[:100]!r} is no {kind}; the file's name must end in {choices}")
@@ -54,8 +51,38 @@ class Workspace:
             if isinstance(error, FileError):
                 raise
             raise ConfigError(f"{name[:100]!r} is no path of a {kind}") from None
-        if size > MAX_BYTES:
-            raise FileError(27, f"it has {size} bytes; this server reads at most {MAX_BYTES}", name[:100])
+        _check_bytes(size, name)
+        return path
+
+    def capture(self, name: str) -> Path:
+        """Find a depth image, a cloud or a recording; the files of a recording's folder are checked too.
+
+        Raises as `file`.
+        """
+        path = self._inside(name, "depth image")
+        if not path.is_dir():
+            return self.file(name, CAPTURE_SUFFIXES, "depth image")
+        size = 0
+        try:
+            for count, entry in enumerate(path.iterdir()):
+                if count == _READ:
+                    raise ConfigError(f"{name[:100]!r} has more than {_READ} files; name the folder of one recording")
+                held = self._inside(f"{name}/{entry.name}", "recording")
+                size += held.stat().st_size if held.is_file() else 0
+        except OSError:
+            raise ConfigError(f"{name[:100]!r} is no path of a recording") from None
+        _check_bytes(size, name)
+        return path
+
+    def _inside(self, name: str, kind: str) -> Path:
+        """Resolve a path relative to the folder; refuse one that leads out of it."""
+        folder = self.settings.folder
+        try:
+            path = (folder / name).resolve()
+        except (OSError, RuntimeError, ValueError):  # a loop of links, a name that is too long, a NUL
+            raise ConfigError(f"{name[:100]!r} is no path of a {kind}") from None
+        if not path.is_relative_to(folder):
+            raise ConfigError(f"{name[:100]!r} leads out of the folder of this server; name a {kind} in it")
         return path
 
     def _listed(self, suffixes: frozenset[str]) -> str:
@@ -87,3 +114,8 @@ class Workspace:
     def hand(self, name: str | None) -> str:
         """Return the name of an offered hand, by default the first; refuse others."""
         return self._catalog.hand(name or self._catalog.hands[0])
+
+
+def _check_bytes(size: int, name: str) -> None:
+    if size > MAX_BYTES:
+        raise FileError(27, f"it has {size} bytes; this server reads at most {MAX_BYTES}", name[:100])

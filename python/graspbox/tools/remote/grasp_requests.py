@@ -6,13 +6,18 @@
 | ``intrinsics`` | (3, 3) or (k, 3, 3) | pixels |
 | ``camera_pose`` | (4, 4) or (k, 4, 4), optional | ``table_from_camera``: z up, the table at z = 0, metres; by default the table is found in the image |
 | ``region`` | 4 integers, optional | left, top, right, bottom: pixels within which the object is searched |
+| ``mask`` | (H, W) or (k, H, W), optional | pixels of the object to grasp: bool, or integers that are not 0 there |
+| ``labels`` | (H, W) or (k, H, W), optional | numbers of the things, at most 100, 0 for none; instead of ``mask`` |
+| ``label`` | integer, optional | the thing of ``labels`` to grasp; by default the only one |
+| ``all`` | bool, optional | grasps of every thing: those of ``labels``, or all that rise above the table |
+| ``keep_off`` | (n, 3), optional | points of obstacles, at most 8 mm apart, table's frame, metres; needs ``camera_pose`` |
 | ``hand_error`` | 2 numbers, optional | error of the hand's pose, one standard deviation: millimetres, degrees |
 | ``depth_scale`` | number, optional | metres per unit of ``depth`` |
 | ``count`` | integer, optional | most grasps, 1 to 100; 5 by default |
 | ``seed`` | integer, optional | seed of the refinement |
 
 The camera looks along z, with x to the right and y down. A request of k images has k answers, in ``images``; a request
-of one has the entries of `answer_of`. In JSON an array is a list, or ``{"data": base64, "dtype": "<u2", "shape": [H, W]}``.
+of one has the entries of `answer_of`, or with ``all`` those of `scene_answer_of`. In JSON an array is a list, or ``{"data": base64, "dtype": "<u2", "shape": [H, W]}``.
 """  # noqa: E501 (a table)
 
 import base64
@@ -25,22 +30,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox._common.arguments import about, natural, shown
+from graspbox._common.arguments import about, floats, natural, shown
 from graspbox._common.rotations import quaternion_from_rotation
+from graspbox.captures.capture import listed
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand
-from graspbox.perception.depth_images import check_intrinsics, check_pose, metric_depth
+from graspbox.perception.depth_images import check_intrinsics, check_points, check_pose, metric_depth
 from graspbox.perception.perturbations import PoseNoise
-from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps
+from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
 
-__all__ = ["ENTRIES", "answer_of", "decide", "from_json", "to_json"]
+__all__ = ["ENTRIES", "answer_of", "decide", "from_json", "scene_answer_of", "to_json"]
 
 #: Entries of a request.
-ENTRIES = ("depth", "intrinsics", "camera_pose", "region", "hand_error", "depth_scale", "count", "seed")
+ENTRIES = ("depth", "intrinsics", "camera_pose", "region", "mask", "labels", "label", "all", "keep_off", "hand_error",
+           "depth_scale", "count", "seed")  # fmt: skip
 #: Most images of a request, and most pixels of one: those of a camera of 4096 x 3072.
 MAX_IMAGES, MAX_PIXELS = 16, 4096 * 3072
-#: Most grasps for an image.
-MAX_GRASPS = 100
+#: Most grasps for a thing, and most things in labels.
+MAX_GRASPS, MAX_THINGS = 100, 100
 #: Largest scale of depth, metres per unit; longest name of an entry that an error repeats.
 _LARGEST_SCALE, _MAX_NAME = 1e6, 100
 
@@ -59,13 +66,19 @@ def _array(request: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDA
     return array
 
 
+def _as_sent(request: Mapping[str, Any], name: str) -> NDArray[np.generic]:
+    """Return an entry as an array of the type that it has."""
+    try:
+        array: NDArray[np.generic] = np.asarray(request[name])
+    except (OverflowError, ValueError):
+        raise ConfigError(f"{name} has rows of different lengths; give an image (H, W)") from None
+    return array
+
+
 def _image(request: Mapping[str, Any]) -> NDArray[np.generic]:
     if "depth" not in request or "intrinsics" not in request:
         raise ConfigError("a request for grasps needs the entries 'depth' and 'intrinsics'")
-    try:
-        depth: NDArray[np.generic] = np.asarray(request["depth"])
-    except (OverflowError, ValueError):
-        raise ConfigError("depth has rows of different lengths; give an image (H, W)") from None
+    depth = _as_sent(request, "depth")
     if depth.dtype.kind not in "fiu" or depth.ndim not in (2, 3):
         raise ConfigError(f"depth is {depth.dtype} of shape {depth.shape}; give numbers (H, W), or (k, H, W)")
     if not depth.size:
@@ -88,6 +101,14 @@ def _separate(request: Mapping[str, Any], depth: NDArray[np.generic]) -> list[di
             matrices = _matrices(request.get(name), name, size, len(depth))
         for part, own in zip(parts, matrices, strict=False):
             part[name] = own
+    for name in ("mask", "labels"):
+        if request.get(name) is not None:
+            with about(name):
+                marked = _as_sent(request, name)
+                if marked.shape != depth.shape:
+                    raise ConfigError(f"{name} has shape {marked.shape}; give {depth.shape}, one for each image")
+            for part, own in zip(parts, marked, strict=True):
+                part[name] = own
     return parts
 
 
@@ -103,7 +124,7 @@ def _matrices(values: Any, name: str, size: int, images: int) -> Any:
 
 
 def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Find the grasps of a request: `answer_of` the image; for several, a list of them in ``images``.
+    """Find the grasps of a request: `answer_of` or `scene_answer_of` the image; for several, a list in ``images``.
 
     Raises
     ------
@@ -117,8 +138,7 @@ def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
                 raise ConfigError(f"a request for grasps has no entry {shown(name)}; choose from {choices}")
     with about("intrinsics" if "depth" in request and "intrinsics" not in request else "depth"):
         depth = _image(request)
-    hand = grasper.hand
-    answers = [answer_of(_grasps_of(grasper, one), hand) for one in _separate(request, depth)]
+    answers = [_answer(grasper, one) for one in _separate(request, depth)]
     return answers[0] if depth.ndim == 2 else {"images": answers}
 
 
@@ -142,29 +162,97 @@ def _region(request: Mapping[str, Any]) -> tuple[int, int, int, int] | None:
     return left, top, right, bottom
 
 
-def _grasps_of(grasper: ImageGrasper, request: Mapping[str, Any]) -> ImageGrasps:
+def _numbers(request: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return an entry with a number for each pixel: ``mask`` has one besides 0, ``labels`` several."""
+    pixels = _as_sent(request, name)
+    if pixels.shape != shape or pixels.dtype.kind not in "biu":
+        raise ConfigError(f"{name} is {pixels.dtype} of shape {pixels.shape}; give bool or integers of shape {shape}")
+    found = np.unique(pixels)
+    low, high = int(found[0]), int(found[-1])
+    if low < 0 or high >= 2**63:
+        raise ConfigError(f"{name} holds {low if low < 0 else high}; give numbers from 0 below 2^63")
+    things = found[found != 0].tolist()
+    if not things:
+        raise ConfigError(f"{name} is 0 everywhere; mark the pixels to grasp")
+    if name == "mask" and len(things) > 1:
+        raise ConfigError(f"mask holds the numbers {listed(things)}; give one, or the numbers of several as labels")
+    if len(things) > MAX_THINGS:
+        raise ConfigError(f"labels has {len(things)} things; give at most {MAX_THINGS}")
+    return pixels.astype(np.int64)
+
+
+def _marked(request: Mapping[str, Any], shape: tuple[int, ...]) -> tuple[bool, NDArray[np.int64] | None]:
+    """Return whether all things are asked for, and what marks them; pixels of a single one are 1."""
+    mask, labels, label, every = (request.get(name) for name in ("mask", "labels", "label", "all"))
+    with about("all"):
+        if not isinstance(every, bool | np.bool_ | None):
+            raise ConfigError(f"all is {shown(every)}; give True or False")
+        if every and (mask is not None or label is not None):
+            raise ConfigError("all asks for every thing, mask and label for one; leave either out")
+    with about("label"):
+        if label is not None and labels is None:
+            raise ConfigError(f"label is {shown(label)}, the number of a thing in labels; give labels too")
+        number = None if label is None else natural(label, "label", bits=63)
+    with about("mask"):
+        if mask is not None and labels is not None:
+            raise ConfigError("mask and labels both mark pixels; give one of them")
+        if mask is not None:
+            return False, np.asarray(_numbers(request, "mask", shape) != 0, dtype=np.int64)
+    if labels is None:
+        return bool(every), None
+    with about("labels"):
+        numbers = _numbers(request, "labels", shape)
+    if every:
+        return True, numbers
+    with about("label"):
+        things = np.unique(numbers[numbers != 0]).tolist()
+        if number is None and len(things) > 1:
+            raise ConfigError(f"label is missing; give one of the things of labels, {listed(things)}, or all")
+        if number is not None and number not in things:
+            raise ConfigError(f"label is {number}; the things of labels are {listed(things)}")
+    return False, np.asarray(numbers == (things[0] if number is None else number), dtype=np.int64)
+
+
+def _options(request: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of the search that do not depend on the image."""
+    options: dict[str, Any] = {}
+    with about("region"):
+        options["region"] = _region(request)
+    if request.get("keep_off") is not None:
+        with about("keep_off"):
+            if request.get("camera_pose") is None:
+                raise ConfigError("keep_off is in the table's frame, which camera_pose fixes; give it too")
+            options["keep_off"] = check_points(floats(request["keep_off"], "keep_off"))
+    if request.get("hand_error") is not None:
+        with about("hand_error"):
+            options["hand_error"] = PoseNoise.in_millimetres(*_array(request, "hand_error", (2,)).tolist())
+    with about("count"):
+        options["count"] = natural(request.get("count", 5), "count")
+        if not 1 <= options["count"] <= MAX_GRASPS:
+            raise ConfigError(f"count is {options['count']}; give 1 to {MAX_GRASPS}")
+    with about("seed"):
+        options["seed"] = natural(request.get("seed", 0), "seed", bits=63)
+    return options
+
+
+def _answer(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
+    """Answer the request of one image."""
     with about("depth_scale"):
         scale = _scale(request)
     with about("depth"):
         depth = metric_depth(request["depth"], scale)
     with about("intrinsics"):
         lens = check_intrinsics(_array(request, "intrinsics", (3, 3)), (depth.shape[0], depth.shape[1]))
-    pose = error = None
+    pose = None
     if request.get("camera_pose") is not None:
         with about("camera_pose"):
             pose = check_pose(_array(request, "camera_pose", (4, 4)), "camera_pose")
-    with about("region"):
-        region = _region(request)
-    if request.get("hand_error") is not None:
-        with about("hand_error"):
-            error = PoseNoise.in_millimetres(*_array(request, "hand_error", (2,)).tolist())
-    with about("count"):
-        count = natural(request.get("count", 5), "count")
-        if not 1 <= count <= MAX_GRASPS:
-            raise ConfigError(f"count is {count}; give 1 to {MAX_GRASPS}")
-    with about("seed"):
-        seed = natural(request.get("seed", 0), "seed", bits=63)
-    return grasper.find(depth, lens, pose, count=count, region=region, hand_error=error, seed=seed)
+    every, marked = _marked(request, depth.shape)
+    options = _options(request)
+    if every:
+        return scene_answer_of(grasper.find_all(depth, lens, pose, labels=marked, **options), grasper.hand)
+    mask = None if marked is None else marked != 0
+    return answer_of(grasper.find(depth, lens, pose, mask=mask, **options), grasper.hand)
 
 
 def answer_of(grasps: ImageGrasps, hand: Hand) -> dict[str, Any]:
@@ -200,6 +288,26 @@ def answer_of(grasps: ImageGrasps, hand: Hand) -> dict[str, Any]:
         "table_from_camera": grasps.table_from_camera,
         "actions": np.ascontiguousarray(best),
     }
+
+
+def scene_answer_of(scene: SceneGrasps, hand: Hand) -> dict[str, Any]:
+    """Answer with the grasps of every thing in an image.
+
+    Returns
+    -------
+    dict
+        ``things``, by number: ``thing``, ``pixels`` (of ``labels``), and the entries of `answer_of` or ``refused``, why
+        it has no grasp; ``order``, ``thing`` and ``rank`` (from 1) of all grasps, the best first; ``labels`` (h, w)
+        int64, the thing of each pixel of the networks' image, 0 for none.
+    """
+    told = scene.to_json()
+    things = [
+        row
+        if "refused" in row
+        else {"thing": row["thing"], "pixels": row["pixels"], **answer_of(scene.grasps[row["thing"]], hand)}
+        for row in told["things"]
+    ]
+    return {"things": things, "order": told["order"], "labels": scene.labels}
 
 
 def from_json(body: bytes) -> dict[str, Any]:

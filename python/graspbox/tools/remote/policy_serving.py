@@ -137,7 +137,7 @@ class PolicyServer(RunningServer):
             text = f"the decision failed, please report it: {type(error).__name__}: {self._sanitized(error)}"
             job.refuse("InternalError", "", text)
 
-    def _sanitized(self, error: BaseException) -> str:
+    def _sanitized(self, error: BaseException | str) -> str:
         """Replace the policy's folder by its name, since clients should not learn local paths."""
         text = str(error)
         for folder in self._folders:
@@ -150,7 +150,12 @@ class PolicyServer(RunningServer):
         if "intrinsics" in request or job.json:
             if self._grasper is None:
                 raise ConfigError("this policy finds no grasps in your own images; send observations")
-            return grasp_requests.decide(self._grasper, request)
+            answer = grasp_requests.decide(self._grasper, request)
+            for one in answer.get("images", [answer]):
+                for thing in one.get("things", ()):
+                    if "refused" in thing:
+                        thing["refused"] = self._sanitized(thing["refused"])
+            return answer
         if isinstance(self._actors, GraspboxError):
             raise ConfigError(f"this policy finds grasps in images, but does not act: {self._actors}")
         return self._actors.of(job.connection).act(request)

@@ -34,11 +34,17 @@ class ViewerOptions:
     policy : str, PathLike or None
         Policy of an environment or of a depth image: a name or a folder.
     intrinsics : sequence of 4 float, or None
-        fx, fy, cx, cy of a depth image, pixels.
+        fx, fy, cx, cy of a depth image, pixels; by default those of its file or of `camera_info`.
+    camera_info : path or None
+        File with the intrinsics of a depth image (`graspbox.captures.read_capture`).
     depth_scale : float or None
-        Metres per unit of a depth image; by default 1 for floats, 0.001 for integers.
+        Metres per unit of a depth image; by default as its file states, else 1 for floats, 0.001 for integers.
     camera_pose : path or None
         File of ``table_from_camera`` of a depth image; by default it is fitted to the table in the image.
+    mask : path or None
+        Numbers of the things in a depth image, 0 for none, ``.npy`` or ``.png``: each has its grasps.
+    topic, time : str and float, or None
+        Of a recording, as of `graspbox.captures.read_capture`.
     """
 
     hand: HandLike | None = None
@@ -50,8 +56,12 @@ class ViewerOptions:
     poses: int = 200
     policy: str | os.PathLike[str] | None = None
     intrinsics: tuple[float, float, float, float] | None = None
+    camera_info: str | Path | None = None
     depth_scale: float | None = None
     camera_pose: str | Path | None = None
+    mask: str | Path | None = None
+    topic: str | None = None
+    time: float | None = None
 
     def hand_or(self, other: HandLike = "reflex") -> HandLike:
         """Return the hand, or another one if none is named."""

@@ -4,25 +4,26 @@ The first recogniser that returns a value decides the kind; others return None.
 """
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox._common.files import read_bounded
+from graspbox.captures import Capture, read_capture
 from graspbox.envs import GOAL_IDS, IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.meshes import Mesh, as_mesh
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
-from graspbox.perception.depth_images import metric_depth, read_depth
+from graspbox.perception.depth_images import check_intrinsics, metric_depth, read_pose
 from graspbox.planning import Plan
 from graspbox.policies import Policy
-from graspbox.policies.grasp_image import ImageGrasps
+from graspbox.policies.grasp_image import ImageGrasps, SceneGrasps
 from graspbox.policies.published.folders import CONFIG, policy_of
 from graspbox.policies.published.registry import other_policy
 from graspbox.simulation import Scene
@@ -35,8 +36,12 @@ from graspbox.tools.viewer.pages.galleries import GalleryPage
 from graspbox.tools.viewer.pages.hands import HandPage
 from graspbox.tools.viewer.pages.objects import ObjectPage, PlannedObject
 
-#: Largest JSON document that is read to recognise it.
-_MAX_BYTES = 256 << 20
+#: Largest JSON document that is read to recognise it, and longest header of a PLY file, bytes.
+_MAX_BYTES, _LONGEST_HEADER = 256 << 20, 1 << 16
+#: Suffixes of depth images, clouds and recordings; PLY files may also be meshes.
+_CAPTURES = frozenset({".npy", ".npz", ".png", ".tiff", ".tif", ".exr", ".pcd", ".bag", ".db3", ".mcap"})
+#: Faces in the header of a PLY file.
+_FACES = re.compile(rb"^element\s+(face|tristrips)\s+0*[1-9]", re.MULTILINE)
 
 
 class PageKind(NamedTuple):
@@ -107,14 +112,50 @@ def _policy(source: Any, options: ViewerOptions) -> Policy | None:
     return found
 
 
-def _depth_image(source: Any, options: ViewerOptions) -> NDArray[np.float64] | ImageGrasps | None:
-    if isinstance(source, ImageGrasps):
+def _depth_image(source: Any, options: ViewerOptions) -> Capture | ImageGrasps | SceneGrasps | None:
+    if isinstance(source, Capture | ImageGrasps | SceneGrasps):
         return source
     if isinstance(source, np.ndarray):
-        return metric_depth(source, options.depth_scale)
-    if isinstance(source, str | Path) and Path(source).suffix.lower() in (".npy", ".png"):
-        return read_depth(source, options.depth_scale)
-    return None
+        return _of_array(source, options)
+    if not isinstance(source, str | Path) or not _is_capture(Path(source)):
+        return None
+    if options.intrinsics is not None and options.camera_info is not None:
+        raise ConfigError(
+            "intrinsics and camera_info (--intrinsics, --camera-info) both state the intrinsics; pass one"
+        )
+    return read_capture(
+        source,
+        intrinsics=options.camera_info if options.intrinsics is None else _matrix(options.intrinsics),
+        depth_scale=options.depth_scale,
+        camera_pose=options.camera_pose,
+        labels=options.mask,
+        topic=options.topic,
+        time=options.time,
+    )
+
+
+def _of_array(depth: np.ndarray[Any, Any], options: ViewerOptions) -> Capture:
+    """Make a capture of a depth image (H, W) in memory."""
+    if options.intrinsics is None or options.mask is not None:
+        raise ConfigError(
+            "an array needs intrinsics, (fx, fy, cx, cy) in pixels, and no mask; pass a Capture for labels"
+        )
+    metres = metric_depth(depth, options.depth_scale)
+    lens = check_intrinsics(_matrix(options.intrinsics), (metres.shape[0], metres.shape[1]))
+    return Capture(metres, lens, None, None if options.camera_pose is None else read_pose(options.camera_pose))
+
+
+def _matrix(intrinsics: tuple[float, float, float, float]) -> list[list[float]]:
+    fx, fy, cx, cy = intrinsics
+    return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
+
+
+def _is_capture(path: Path) -> bool:
+    """Tell a depth image, a cloud or a recording from a mesh and other folders."""
+    if path.suffix.lower() == ".ply" and path.is_file():
+        with path.open("rb") as file:
+            return _FACES.search(file.read(_LONGEST_HEADER).partition(b"end_header")[0]) is None
+    return path.suffix.lower() in _CAPTURES or (path / "metadata.yaml").is_file()
 
 
 def _plan(source: Any, options: ViewerOptions) -> PlannedObject | None:
@@ -137,7 +178,7 @@ def _is_json(source: Any) -> bool:
 PAGES: tuple[PageKind, ...] = (
     PageKind(f"environment: {', '.join(IDS)}", _environment, EnvironmentPage),
     PageKind("hand: a name, or hand.urdf,hand.toml", _hand, HandPage),
-    PageKind("depth image: .npy or 16-bit .png", _depth_image, DepthImagePage),
+    PageKind("depth image, point cloud or recording, as of graspbox grasp-image", _depth_image, DepthImagePage),
     PageKind("plan: .json of graspbox plan --out", _plan, ObjectPage),
     PageKind("policy: the folder of one, or of a run", _policy, EnvironmentPage),
     PageKind("object, mesh file, scene or arrangement", _object, ObjectPage),
