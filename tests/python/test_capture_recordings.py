@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graspbox import errors
-from graspbox.captures import read_capture
+from graspbox.captures import average, read_capture
 from graspbox.captures.messages import cloud_of, depth_of
 
 pytest.importorskip("rosbags", reason="recordings need the extra 'recordings'")
@@ -374,3 +374,33 @@ def test_a_broken_recording_is_an_error(form: str, tmp_path: Path) -> None:
             assert read_capture(broken).depth.shape == (48, 64)
         except (errors.ConfigError, errors.FileError):
             continue
+
+
+def test_images_of_a_recording_are_averaged(tmp_path: Path) -> None:
+    ros, names = Messages(ROS2), ("/camera/depth/image_rect_raw", "/camera/depth/camera_info")
+    noise = np.random.default_rng(0).integers(-8, 9, (20, 48, 64))
+    images = [ros.image((millimetres() + (noise[i] if i else 500)).astype(np.uint16), "16UC1") for i in range(20)]
+    path = write(tmp_path / "bag", {names[0]: images, names[1]: [ros.info()]})
+    one, several = read_capture(path, frame=1), read_capture(path, time=1.0, frames=19)
+    measured = scene() > 0
+    errors_of = [np.abs(seen.depth - scene())[measured].mean() for seen in (one, several)]
+    assert errors_of[1] < 0.4 * errors_of[0]
+    np.testing.assert_array_equal(several.depth, read_capture(path, frame=1, frames=19).depth)
+    for wrong, message in (({"frames": 0}, "frames is 0; pass 1 to 120"), ({"frames": 99}, "has 20 images from there")):
+        with pytest.raises(errors.ConfigError, match=message):
+            read_capture(path, **wrong)
+    np.save(tmp_path / "depth.npy", scene())
+    with pytest.raises(errors.ConfigError, match="is no recording; frames are averaged of one"):
+        read_capture(tmp_path / "depth.npy", intrinsics=LENS, frames=2)
+    # A pixel that half of the images measured is measured.
+    holes = [read_capture(path, frame=number) for number in (1, 2, 3)]
+    for seen in holes[:2]:
+        seen.depth[20, 20] = 0.0
+    assert average(holes).depth[20, 20] == 0.0
+    holes[0].depth[20, 20] = 0.6
+    assert 0.5 < average(holes).depth[20, 20] < 0.7
+    with pytest.raises(errors.ConfigError, match="there are 0 images to average"):
+        average([])
+    np.save(tmp_path / "other.npy", scene()[:40])
+    with pytest.raises(errors.ConfigError, match="pass images of one camera"):
+        average([*holes, read_capture(tmp_path / "other.npy", intrinsics=LENS)])

@@ -148,8 +148,8 @@ def test_a_fine_image_has_the_same_table(seen: Views, monkeypatch: pytest.Monkey
     coarse = fit_table(measured, seen.intrinsics)
     finer = seen.intrinsics * np.array([[6.0], [6.0], [1.0]])
     fine = fit_table(np.kron(measured, np.ones((6, 6))), finer)
-    assert counts[0] == np.count_nonzero(measured)
-    assert counts[1] < 1_000_000
+    assert counts[0] == np.count_nonzero(measured[::2, ::2])
+    assert counts[1] < 40_000
     np.testing.assert_allclose(fine, coarse, atol=1e-3)
 
 

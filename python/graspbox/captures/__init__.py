@@ -1,4 +1,4 @@
-"""Depth data of real cameras: images, clouds and recordings, all read into one `Capture`.
+"""Depth data of real cameras: images, clouds, recordings and live cameras, all read into one `Capture`.
 
 Units, sizes and frames are checked here, once; `Capture.warnings` says what was assumed.
 
@@ -11,7 +11,9 @@ Units, sizes and frames are checked here, once; `Capture.warnings` says what was
 (0.6, (3072, 3), ())
 """
 
+from graspbox.captures.averaging import average
 from graspbox.captures.capture import Capture
+from graspbox.captures.live import Frame, LiveSource, open_camera
 from graspbox.captures.reading import read_capture
 
-__all__ = ["Capture", "read_capture"]
+__all__ = ["Capture", "Frame", "LiveSource", "average", "open_camera", "read_capture"]

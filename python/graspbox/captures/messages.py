@@ -8,21 +8,26 @@ ISS 2017.
 import io
 import struct
 import warnings
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._common.imports import imported
+from graspbox.captures.cameras import camera_of
+from graspbox.captures.capture import Camera, Found
 from graspbox.captures.clouds import MOST_POINTS
 from graspbox.captures.images import MOST_PIXELS
 from graspbox.errors import ConfigError
 
-__all__ = ["cloud_of", "depth_of", "encoding_of", "is_depth"]
+__all__ = ["camera_of_info", "cloud_of", "depth_of", "encoding_of", "found_of", "info_topic", "is_depth"]
 
 _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 #: Bytes before the data of a compressed depth image: a format and two float32.
 _CONFIG = 12
+#: Suffixes of topics that name the transport, not the image.
+_TRANSPORTS = ("compresseddepth", "compressed", "image_transport")
 
 
 def encoding_of(message: Any) -> str:
@@ -170,3 +175,70 @@ def cloud_of(message: Any, name: str) -> NDArray[np.float64]:
     points = np.ascontiguousarray(padded[:, : columns * step]).view(kind)
     cloud = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=-1)
     return cloud if rows > 1 else cloud[0]
+
+
+def found_of(message: Any, topic: str, name: str) -> Found:
+    """Return the depth image of an Image or CompressedImage, or the points of a PointCloud2, without the camera.
+
+    Raises
+    ------
+    ConfigError
+        As `depth_of` and `cloud_of`, which call the message `name`.
+    """
+    if not hasattr(message, "point_step"):
+        return Found(name, image=depth_of(message, name))
+    found = Found(name, points=cloud_of(message, name))
+    found.warnings.append(f"the points of {topic} are taken as in the frame of a camera (x right, y down, z forward); "
+                          f"their frame is {str(message.header.frame_id)!r}")  # fmt: skip
+    return found
+
+
+def _base(topic: str) -> PurePosixPath:
+    """Return a topic without its transport."""
+    path = PurePosixPath(topic)
+    return path.parent if path.name.lower() in _TRANSPORTS else path
+
+
+def info_topic(topic: str) -> str:
+    """Return the topic of the CameraInfo beside an image topic."""
+    return str(_base(topic).parent / "camera_info")
+
+
+def camera_of_info(info: Any, own: str, topic: str, frame_id: str | None, of: str = "") -> Camera:
+    """Return the camera of an image topic by its CameraInfo, of ROS 1 (K) or ROS 2 (k).
+
+    Parameters
+    ----------
+    info : message
+        The CameraInfo.
+    own, topic : str
+        Topics of the CameraInfo and of the image, whose name tells raw from rectified and aligned images.
+    frame_id : str, optional
+        Frame of the image, which must be that of the CameraInfo; None if the frames are placeholders.
+    of : str
+        Ends the name of the camera in errors.
+
+    Raises
+    ------
+    ConfigError
+        If the frames differ, or as `graspbox.captures.cameras.camera_of`.
+    """
+    if frame_id is not None and str(info.header.frame_id) != frame_id:
+        raise ConfigError(
+            f"{topic} has the frame {frame_id!r} and {own} the frame {str(info.header.frame_id)!r}, so that they "
+            "belong to different cameras; pass the intrinsics of the depth image"
+        )
+    use = "aligned" if "aligned_depth" in topic else "rectified" if "rect" in _base(topic).name.lower() else "raw"
+    return camera_of(_entries(info), f"{own}{of}", use)
+
+
+def _entries(info: Any) -> dict[str, Any]:
+    """Return the entries of a CameraInfo of ROS 1 (K) or ROS 2 (k)."""
+
+    def value(name: str) -> Any:
+        return getattr(info, name.lower()) if hasattr(info, name.lower()) else getattr(info, name.upper())
+
+    entries = {name: [float(one) for one in value(name)] for name in "kdp"}
+    roi = {name: int(getattr(info.roi, name)) for name in ("x_offset", "y_offset", "width", "height")}
+    sizes = {name: int(getattr(info, name)) for name in ("width", "height", "binning_x", "binning_y")}
+    return {**entries, **sizes, "roi": roi, "model": str(info.distortion_model)}

@@ -1,12 +1,14 @@
 """One way in for depth data: the kind of a source by content, then the same checks of units, sizes and frames."""
 
 import os
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
+from graspbox.captures.averaging import MOST_IMAGES, average
 from graspbox.captures.cameras import read_camera
 from graspbox.captures.capture import Camera, Capture, Found, listed
 from graspbox.captures.clouds import MOST_POINTS, organised, rendered, turned
@@ -14,7 +16,7 @@ from graspbox.captures.distortion import undistorted
 from graspbox.captures.images import read_array_file, read_exr, read_picture
 from graspbox.captures.pcd import read_pcd
 from graspbox.captures.ply import read_ply
-from graspbox.captures.recordings import is_recording, read_recording
+from graspbox.captures.recordings import is_recording, read_recording, recorded_images
 from graspbox.errors import ConfigError, FileError
 from graspbox.perception.depth_images import (
     check_intrinsics,
@@ -22,12 +24,11 @@ from graspbox.perception.depth_images import (
     kind_of,
     metric_depth,
     read_labels,
-    read_mask,
     read_pose,
     refusal,
 )
 
-__all__ = ["read_capture"]
+__all__ = ["PathLike", "capture_of", "check_limits", "given_camera", "read_capture", "read_found"]
 
 PathLike = str | os.PathLike[str]
 
@@ -48,6 +49,7 @@ def read_capture(
     topic: str | None = None,
     time: float | None = None,
     frame: int | None = None,
+    frames: int = 1,
     limits: tuple[float, float] | None = None,
     region: tuple[int, int, int, int] | None = None,
 ) -> Capture:
@@ -77,6 +79,8 @@ def read_capture(
     topic, time, frame : str, float, int, optional
         Of a recording: the topic, by default the only one with depth; seconds since its first message, or the number
         of the message.
+    frames : int
+        How many images of a recording, from there on, are averaged (`graspbox.captures.average`): the scene is still.
     limits : (float, float), optional
         Nearest and farthest depth, metres; others count as not measured.
     region : (int, int, int, int), optional
@@ -92,9 +96,61 @@ def read_capture(
         If the kind needs a package that is not installed.
     """
     path = Path(source)
-    found = _found(path, topic, time, frame, depth_scale)
+    given = given_camera(intrinsics, path)
+    several = frames != 1
+    founds = _founds(path, topic, time, frame, frames, depth_scale) if several else None
+    return average(
+        [
+            capture_of(
+                found,
+                given,
+                depth_scale=depth_scale,
+                camera_pose=camera_pose,
+                mask=mask,
+                labels=labels,
+                limits=limits,
+                region=region,
+            )
+            for found in founds or [read_found(path, topic, time, frame, depth_scale)]
+        ]
+    )
+
+
+def _founds(
+    path: Path, topic: str | None, time: float | None, frame: int | None, frames: int, scale: float | None
+) -> list[Found]:
+    """Read some images of a recording; arguments and errors as of `read_capture`."""
+    if not 1 <= frames <= MOST_IMAGES:
+        raise ConfigError(f"frames is {frames}; pass 1 to {MOST_IMAGES}")
+    if not is_recording(path, "" if path.is_dir() else kind_of(path)):
+        raise ConfigError(f"{path} is no recording; frames are averaged of one, or pass several files")
+    if time is not None and frame is not None:
+        raise ConfigError("time and frame both choose a message; pass one of them")
+    found: list[Found] = []
+    begun = None
+    with closing(recorded_images(path, topic, scale)) as images:
+        for number, (stamp, decode) in enumerate(images):
+            begun = stamp if begun is None else begun
+            if number >= (frame or 0) and stamp - begun >= (time or 0.0):
+                found.append(decode())
+            if len(found) == frames:
+                return found
+    raise ConfigError(f"{path} has {len(found)} images from there on, not {frames}; pass fewer frames")
+
+
+def capture_of(
+    found: Found,
+    given: Camera | None = None,
+    *,
+    depth_scale: float | None = None,
+    camera_pose: ArrayLike | PathLike | None = None,
+    mask: NDArray[np.bool_] | PathLike | None = None,
+    labels: NDArray[np.integer] | PathLike | None = None,
+    limits: tuple[float, float] | None = None,
+    region: tuple[int, int, int, int] | None = None,
+) -> Capture:
+    """Check what a reader found, and convert it; arguments and errors as of `read_capture`, with the camera `given`."""
     scale = found.scale if depth_scale is None else depth_scale
-    given = _given(intrinsics, path)
     if scale is None and given is not None:
         scale = given.depth_scale
     if found.points is not None:
@@ -115,8 +171,14 @@ def read_capture(
 
 
 @np.errstate(invalid="ignore", over="ignore")  # broken files hold signalling NaN and huge numbers
-def _found(path: Path, topic: str | None, time: float | None, frame: int | None, depth_scale: float | None) -> Found:
-    """Read a source by its kind."""
+def read_found(
+    path: Path,
+    topic: str | None = None,
+    time: float | None = None,
+    frame: int | None = None,
+    depth_scale: float | None = None,
+) -> Found:
+    """Read a source by its kind; arguments and errors as of `read_capture`."""
     if not path.is_file() and not path.is_dir():
         raise FileError(2, "there is no such depth image", str(path))
     kind = "" if path.is_dir() else kind_of(path)
@@ -140,8 +202,8 @@ def _found(path: Path, topic: str | None, time: float | None, frame: int | None,
     raise refusal(path, kind)
 
 
-def _given(intrinsics: ArrayLike | PathLike | None, path: Path) -> Camera | None:
-    """Return the camera of an argument."""
+def given_camera(intrinsics: ArrayLike | PathLike | None, path: Path) -> Camera | None:
+    """Return the camera of an argument, for the image `path`; errors as of `read_capture`."""
     if intrinsics is None:
         return None
     if isinstance(intrinsics, str | os.PathLike):
@@ -241,8 +303,6 @@ def _labels(
         return None
     name = str(marked) if isinstance(marked, str | os.PathLike) else "mask" if labels is None else "labels"
     if isinstance(marked, str | os.PathLike):
-        if labels is None:
-            read_mask(marked)  # one that marks nothing is refused
         values: NDArray[np.generic] = read_labels(marked)
     else:
         values = np.asarray(marked)
@@ -279,6 +339,14 @@ def _straightened(
     return straight, None if labels is None else np.asarray(moved[1], dtype=np.int64)
 
 
+def check_limits(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return the nearest and the farthest depth, metres; raises ConfigError if they are none."""
+    near, far = floats(limits, "limits").tolist() if np.size(limits) == 2 else (1.0, 0.0)
+    if not 0.0 <= near < far:
+        raise ConfigError(f"limits are {limits}; pass the nearest and the farthest depth, metres")
+    return near, far
+
+
 def _bounded(
     depth: NDArray[np.float64],
     limits: tuple[float, float] | None,
@@ -288,9 +356,7 @@ def _bounded(
     """Set depths outside of the limits and the region to 0."""
     kept = np.ones(depth.shape, dtype=np.bool_)
     if limits is not None:
-        near, far = floats(limits, "limits").tolist() if np.size(limits) == 2 else (1.0, 0.0)
-        if not 0.0 <= near < far:
-            raise ConfigError(f"limits are {limits}; pass the nearest and the farthest depth, metres")
+        near, far = check_limits(limits)
         kept &= (depth >= near) & (depth <= far)
     if region is not None:
         left, top, right, bottom = region

@@ -4,19 +4,19 @@ The package rosbags opens the files; `graspbox.captures.messages` decodes the me
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from functools import cached_property, partial
 from itertools import islice
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 from graspbox._common.imports import imported
-from graspbox.captures.cameras import camera_of
 from graspbox.captures.capture import Camera, Found, listed
-from graspbox.captures.messages import cloud_of, depth_of, encoding_of, is_depth
+from graspbox.captures.messages import camera_of_info, encoding_of, found_of, info_topic, is_depth
 from graspbox.errors import ConfigError, FileError, GraspboxError
 
-__all__ = ["is_recording", "read_recording"]
+__all__ = ["is_recording", "read_recording", "recorded_images"]
 
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _CLOUDS, _INFOS = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
@@ -24,8 +24,6 @@ _CLOUDS, _INFOS = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
 _SDK = re.compile(r"(/device_\d+/sensor_\d+)/([^/]+)/image/data$")
 #: The SDK's option with metres per unit, and the unit that most of its cameras have.
 _UNITS, _USUAL_UNIT = r"/option/Depth[ _]Units/value$", 0.001
-#: Suffixes of topics that name the transport, not the image.
-_TRANSPORTS = ("compresseddepth", "compressed", "image_transport")
 #: Older versions of the SDK write the unit after each image, bytes.
 _EXCESS = 4
 
@@ -61,22 +59,29 @@ def read_recording(
         Without rosbags (extra ``recordings``).
     """
     with _opened(path) as bag:
-        name = _topic(bag, topic)
-        connection = bag.of(name)
-        message = bag.message(connection, time, frame)
-        label = f"{name} of {path}"
-        if connection.msgtype == _CLOUDS:
-            frame_id = str(message.header.frame_id)
-            found = Found(label, points=cloud_of(message, label))
-            found.warnings.append(f"the points of {name} are taken as in the frame of a camera (x right, y down, z "
-                                  f"forward); their frame is {frame_id!r}")  # fmt: skip
-            return found
-        found = Found(label, image=depth_of(message, label))
-        found.camera = _camera(bag, name, message)
-        found.scale = scale
-        if scale is None and found.image is not None and found.image.dtype.kind == "u" and (sdk := _SDK.match(name)):
-            found.scale = _unit(bag, sdk[1], found.warnings)
-        return found
+        source = _DepthTopic(bag, topic, scale)
+        return source.found(bag.message(source.connection, time, frame))
+
+
+def recorded_images(
+    path: Path, topic: str | None = None, scale: float | None = None
+) -> Generator[tuple[float, Callable[[], Found]], None, None]:
+    """Iterate over all depth images or clouds of a topic; one at a time is in memory.
+
+    Parameters and errors as of `read_recording`.
+
+    Yields
+    ------
+    (float, callable)
+        Time of the message in the recording, seconds; and a function that decodes it, valid until the next one. It
+        raises ConfigError for a broken message, after which the iteration may go on.
+    """
+    with _opened(path) as bag:
+        source = _DepthTopic(bag, topic, scale)
+        # Nothing else may be read while messages are iterated.
+        source.prepare()
+        for stamp, data in bag.every(source.connection):
+            yield stamp / 1e9, partial(source.decoded, data)
 
 
 class _Recording:
@@ -97,7 +102,11 @@ class _Recording:
     def first(self, topic: str) -> Any:
         """Return the first message of a topic, None if there is none."""
         every = self._reader.messages(connections=[self.of(topic)])
-        return next((self._decoded(connection, data) for connection, _, data in every), None)
+        return next((self.decoded(connection, data) for connection, _, data in every), None)
+
+    def every(self, connection: Any) -> Iterator[tuple[int, Any]]:
+        """Iterate over the messages of a connection: nanoseconds, and the data."""
+        return ((stamp, data) for _, stamp, data in self._reader.messages(connections=[connection]))
 
     def message(self, connection: Any, time: float | None, frame: int | None) -> Any:
         """Return the message of a connection at a time or of a number."""
@@ -116,9 +125,10 @@ class _Recording:
             raise ConfigError(
                 f"{self.path} has no message {asked} of {connection.topic}; it has {connection.msgcount} of them"
             )
-        return self._decoded(connection, found[2])
+        return self.decoded(connection, found[2])
 
-    def _decoded(self, connection: Any, data: Any) -> Any:
+    def decoded(self, connection: Any, data: Any) -> Any:
+        """Decode the data of a message."""
         try:
             return self._reader.deserialize(data, connection.msgtype)
         except Exception:
@@ -135,11 +145,18 @@ def _opened(path: Path) -> Iterator[_Recording]:
     stores = imported("rosbags.typesys", need, "recordings")
     if not path.exists():
         raise FileError(2, "there is no such recording", str(path))
-    try:
+    with _explained(path):
         # Files of ROS 2 before 2023 have no definitions of messages.
         default = stores.get_typestore(stores.Stores.ROS2_FOXY)
         with rosbags.AnyReader([path], default_typestore=default) as reader:
             yield _Recording(reader, path)
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Turn whatever rosbags raises for broken files into a ConfigError."""
+    try:
+        yield
     except GraspboxError:
         raise
     except Exception as error:  # the package raises many kinds, assertions included
@@ -147,6 +164,65 @@ def _opened(path: Path) -> Iterator[_Recording]:
         raise ConfigError(
             f"{path} cannot be read as a recording ({why}); try `ros2 bag reindex` or `rosbag reindex`, or record again"
         ) from None
+
+
+class _DepthTopic:
+    """A topic of depth images or clouds of an opened recording; its cameras and its unit are read once."""
+
+    def __init__(self, bag: _Recording, topic: str | None, scale: float | None) -> None:
+        self._bag, self._scale = bag, scale
+        self.name = _topic(bag, topic)
+        self.connection = bag.of(self.name)
+        self._sdk = _SDK.match(self.name)
+
+    def prepare(self) -> None:
+        """Read what `found` needs of other topics."""
+        if self.connection.msgtype != _CLOUDS:
+            _ = self._infos, self._unit
+
+    def decoded(self, data: Any) -> Found:
+        """Decode the data of a message."""
+        with _explained(self._bag.path):
+            return self.found(self._bag.decoded(self.connection, data))
+
+    def found(self, message: Any) -> Found:
+        """Return the depth image, with its camera and unit, or the cloud of a message."""
+        found = found_of(message, self.name, f"{self.name} of {self._bag.path}")
+        if found.image is None:
+            return found
+        found.camera = self._camera(message)
+        found.scale = self._scale
+        if self._scale is None and found.image.dtype.kind == "u" and self._sdk:
+            found.scale = self._unit or _USUAL_UNIT
+            if self._unit is None:
+                found.warnings.append(f"the recording does not state the unit of its depth, taken as {_USUAL_UNIT:g} m")
+        return found
+
+    @cached_property
+    def _infos(self) -> dict[str, Any]:
+        """The first CameraInfo of each topic."""
+        return {one: info for one in self._bag.topics(_INFOS) if (info := self._bag.first(one)) is not None}
+
+    @cached_property
+    def _unit(self) -> float | None:
+        return _unit(self._bag, self._sdk[1]) if self._sdk else None
+
+    def _camera(self, message: Any) -> Camera | None:
+        """Return the camera of an image by its CameraInfo; None if the recording has none for it."""
+        sdk, frame_id, path = self._sdk, str(message.header.frame_id), self._bag.path
+        own = f"{sdk[1]}/{sdk[2]}/info/camera_info" if sdk else info_topic(self.name)
+        if own not in self._infos:
+            same = [one for one, info in self._infos.items() if not sdk and frame_id == info.header.frame_id != ""]
+            if len(same) > 1:
+                raise ConfigError(
+                    f"{path} has no {own} and several CameraInfo of the frame {frame_id!r} ({listed(same)}); pass the "
+                    "intrinsics of the depth image"
+                )
+            if not same:
+                return None
+            own = same[0]
+        # The SDK's frames are placeholders.
+        return camera_of_info(self._infos[own], own, self.name, None if sdk else frame_id, f" of {path}")
 
 
 def _topic(bag: _Recording, topic: str | None) -> str:
@@ -172,52 +248,7 @@ def _holds_depth(bag: _Recording, topic: str) -> bool:
     return message is not None and is_depth(encoding_of(message), topic)
 
 
-def _base(topic: str) -> PurePosixPath:
-    """Return a topic without its transport."""
-    path = PurePosixPath(topic)
-    return path.parent if path.name.lower() in _TRANSPORTS else path
-
-
-def _camera(bag: _Recording, topic: str, message: Any) -> Camera | None:
-    """Return the camera of an image topic by its CameraInfo; None if the recording has none for it."""
-    sdk = _SDK.match(topic)
-    path, frame_id = _base(topic), str(message.header.frame_id)
-    own = f"{sdk[1]}/{sdk[2]}/info/camera_info" if sdk else str(path.parent / "camera_info")
-    infos = {one: info for one in bag.topics(_INFOS) if (info := bag.first(one)) is not None}
-    if own not in infos:
-        same = [one for one, info in infos.items() if not sdk and frame_id and info.header.frame_id == frame_id]
-        if len(same) > 1:
-            raise ConfigError(
-                f"{bag.path} has no {own} and several CameraInfo of the frame {frame_id!r} ({listed(same)}); pass the "
-                "intrinsics of the depth image"
-            )
-        if not same:
-            return None
-        own = same[0]
-    info = infos[own]
-    # The SDK's frames are placeholders.
-    if not sdk and str(info.header.frame_id) != frame_id:
-        raise ConfigError(
-            f"{topic} has the frame {frame_id!r} and {own} the frame {str(info.header.frame_id)!r}, so that they "
-            "belong to different cameras; pass the intrinsics of the depth image"
-        )
-    use = "aligned" if "aligned_depth" in topic else "rectified" if "rect" in path.name.lower() else "raw"
-    return camera_of(_entries(info), f"{own} of {bag.path}", use)
-
-
-def _entries(info: Any) -> dict[str, Any]:
-    """Return the entries of a CameraInfo of ROS 1 (K) or ROS 2 (k)."""
-
-    def value(name: str) -> Any:
-        return getattr(info, name.lower()) if hasattr(info, name.lower()) else getattr(info, name.upper())
-
-    entries = {name: [float(one) for one in value(name)] for name in "kdp"}
-    roi = {name: int(getattr(info.roi, name)) for name in ("x_offset", "y_offset", "width", "height")}
-    sizes = {name: int(getattr(info, name)) for name in ("width", "height", "binning_x", "binning_y")}
-    return {**entries, **sizes, "roi": roi, "model": str(info.distortion_model)}
-
-
-def _unit(bag: _Recording, sensor: str, notes: list[str]) -> float:
+def _unit(bag: _Recording, sensor: str) -> float | None:
     """Return metres per unit of a sensor, as RealSense's SDK records it: a number, or text in newer versions."""
     for connection in bag.connections:
         if re.match(re.escape(sensor) + _UNITS, connection.topic):
@@ -228,5 +259,4 @@ def _unit(bag: _Recording, sensor: str, notes: list[str]) -> float:
                 continue
             if 0.0 < unit < 1.0:
                 return float(f"{unit:.6g}")  # a float32
-    notes.append(f"the recording does not state the unit of its depth, taken as {_USUAL_UNIT:g} m")
-    return _USUAL_UNIT
+    return None

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from graspbox.captures import Capture, read_capture
+from graspbox.captures import Capture, average, read_capture
 from graspbox.cli.common import (
     Json,
     Rehearse,
@@ -27,11 +27,11 @@ from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
 
 SourceArgument = Annotated[
-    Path,
+    list[Path],
     typer.Argument(
-        metavar="SOURCE",
+        metavar="SOURCE...",
         help="Depth image (.npy, .npz, 16-bit .png, .tiff, .exr), point cloud in the camera's frame (.ply, .pcd, "
-        ".npy), or ROS recording (.bag, .db3, .mcap, a folder).",
+        ".npy), or ROS recording (.bag, .db3, .mcap, a folder); several files are images of one still view, averaged.",
     ),
 ]
 PolicyOption = Annotated[
@@ -55,6 +55,9 @@ TopicOption = Annotated[
 ]
 TimeOption = Annotated[
     float | None, typer.Option(help="Seconds from the beginning of the topic of a recording; by default 0.")
+]
+FramesOption = Annotated[
+    int, typer.Option(min=1, help="Images of a recording that are averaged, from --time on, of a still scene.")
 ]
 LimitsOption = Annotated[
     tuple[float, float] | None,
@@ -107,6 +110,7 @@ HandErrorOption = Annotated[
 HandOption = Annotated[
     str | None, typer.Option(help="The hand, for a policy that grasps with any: a name, or URDF,TOML.")
 ]
+CountOption = Annotated[int, typer.Option(min=1, max=100, help="Most grasps.")]
 DepthScaleOption = Annotated[
     float | None,
     typer.Option(
@@ -115,7 +119,7 @@ DepthScaleOption = Annotated[
 ]
 
 
-def _pose(file: Path | None, height: float | None, tilt: float | None) -> NDArray[np.float64] | None:
+def given_pose(file: Path | None, height: float | None, tilt: float | None) -> NDArray[np.float64] | None:
     """Return the camera's pose of the options; None if the table is to be found in the image."""
     if file is not None and (height is not None or tilt is not None):
         raise ConfigError("--camera-pose and --camera-height both place the camera; pass one of them")
@@ -128,8 +132,37 @@ def _pose(file: Path | None, height: float | None, tilt: float | None) -> NDArra
     return None
 
 
+def given_intrinsics(
+    intrinsics: tuple[float, float, float, float] | None, camera_info: Path | None
+) -> NDArray[np.float64] | Path | None:
+    """Return the intrinsics of the options, a matrix or a file; None if the source states them."""
+    if intrinsics is not None and camera_info is not None:
+        raise ConfigError("--intrinsics and --camera-info both state the intrinsics; pass one of them")
+    if intrinsics is None:
+        return camera_info
+    fx, fy, cx, cy = intrinsics
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def find_options(
+    count: int,
+    region: tuple[int, int, int, int] | None,
+    keep_off: Path | None,
+    hand_error: tuple[float, float] | None,
+    seed: int,
+) -> dict[str, Any]:
+    """Return the options of the command line as those of `ImageGrasper.find` and `ImageGrasper.find_all`."""
+    return {
+        "count": count,
+        "region": region,
+        "keep_off": None if keep_off is None else read_points(keep_off),
+        "hand_error": None if hand_error is None else PoseNoise.in_millimetres(*hand_error),
+        "seed": seed,
+    }
+
+
 def _capture(
-    source: Path,
+    sources: list[Path],
     intrinsics: tuple[float, float, float, float] | None,
     camera_info: Path | None,
     depth_scale: float | None,
@@ -137,28 +170,17 @@ def _capture(
     label: int | None,
     topic: str | None,
     time: float | None,
+    frames: int,
     limits: tuple[float, float] | None,
     everything: bool,
 ) -> Capture:
-    """Read the source with the options that describe it."""
-    if intrinsics is not None and camera_info is not None:
-        raise ConfigError("--intrinsics and --camera-info both state the intrinsics; pass one of them")
+    """Read the sources with the options that describe them."""
     if label is not None and mask is None:
         raise ConfigError("--label chooses an object of --mask; pass both")
-    lens: NDArray[np.float64] | Path | None = camera_info
-    if intrinsics is not None:
-        fx, fy, cx, cy = intrinsics
-        lens = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return read_capture(
-        source,
-        intrinsics=lens,
-        depth_scale=depth_scale,
-        mask=None if everything or label is not None else mask,
-        labels=mask if everything or label is not None else None,
-        topic=topic,
-        time=time,
-        limits=limits,
-    )
+    marks = {"labels" if everything or label is not None else "mask": mask}
+    settings: dict[str, Any] = {"depth_scale": depth_scale, "topic": topic, "time": time, "limits": limits, **marks}
+    lens = given_intrinsics(intrinsics, camera_info)
+    return average([read_capture(source, intrinsics=lens, frames=frames, **settings) for source in sources])
 
 
 def _write(grasps: ImageGrasps, out: Path | None, picture: Path | None, recorder: CommandRecorder | None) -> None:
@@ -193,6 +215,7 @@ def grasp_image_command(
     depth_scale: DepthScaleOption = None,
     topic: TopicOption = None,
     time: TimeOption = None,
+    frames: FramesOption = 1,
     limits: LimitsOption = None,
     camera_pose: CameraPoseOption = None,
     camera_height: CameraHeightOption = None,
@@ -204,7 +227,7 @@ def grasp_image_command(
     keep_off: KeepOffOption = None,
     hand_error: HandErrorOption = None,
     rehearse: Rehearse = None,
-    count: Annotated[int, typer.Option(min=1, max=100, help="Most grasps.")] = 5,
+    count: CountOption = 5,
     hand: HandOption = None,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Write the grasps into this JSON file.")] = None,
@@ -219,18 +242,13 @@ def grasp_image_command(
     """
     if everything and (picture or rerun or rehearse is not None or label is not None):
         raise ConfigError("--all writes no --picture and no --rerun, and takes no --rehearse and no --label")
-    seen = _capture(source, intrinsics, camera_info, depth_scale, mask, label, topic, time, limits, everything)
+    described = (intrinsics, camera_info, depth_scale, mask, label, topic, time, frames, limits, everything)
+    seen = _capture(source, *described)
     check_files(out, picture)
     recorder = rerun_recorder(rerun)
     grasper = ImageGrasper(policy, hand=None if hand is None else find_hand(hand))
-    place = (seen.depth, seen.intrinsics, _pose(camera_pose, camera_height, tilt))
-    options: dict[str, Any] = {
-        "count": count,
-        "region": region,
-        "keep_off": None if keep_off is None else read_points(keep_off),
-        "hand_error": None if hand_error is None else PoseNoise.in_millimetres(*hand_error),
-        "seed": seed,
-    }
+    place = (seen.depth, seen.intrinsics, given_pose(camera_pose, camera_height, tilt))
+    options = find_options(count, region, keep_off, hand_error, seed)
     if everything:
         _report_all(grasper.find_all(*place, labels=seen.labels, **options), seen, out, as_json)
         return

@@ -1,6 +1,7 @@
 """The options ``--rerun`` and ``--rerun-episodes``, whose recorder is an entry point of ``graspbox.recorders``."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated, Protocol
 
@@ -45,6 +46,12 @@ class CommandRecorder(Protocol):
 
     def write_image_grasps(self, found: ImageGrasps) -> None:
         """Write the grasps of a depth image."""
+
+    def stream_image_grasps(self) -> AbstractContextManager[Callable[[ImageGrasps, float], None]]:
+        """Open the file for the grasps of several depth images, each with its time, seconds.
+
+        The file is written when the block ends without an error.
+        """
 
 
 def rerun_recorder(file: Path | None) -> CommandRecorder | None:

@@ -113,6 +113,8 @@ class JudgedCapture:
         Number of seen points in the open hand.
     success : float, optional
         Stated probability of success.
+    free : bool, optional
+        Whether the answer states that the open hand touches nothing.
     tilt, off : float, optional
         Angle between the table and the plane of the capture, degrees, and their distance at the things, metres; None
         without a plane, or if the camera's pose was given.
@@ -127,6 +129,7 @@ class JudgedCapture:
     distance: float | None = None
     inside: int | None = None
     success: float | None = None
+    free: bool | None = None
     tilt: float | None = None
     off: float | None = None
     warnings: tuple[str, ...] = ()
@@ -204,6 +207,7 @@ def _judged(
         distance=float(np.linalg.norm(seen - point, axis=1).min()),
         inside=int((inside > DEEP).sum()),
         success=float(found.success[0]),
+        free=bool(found.free[0]),
     )
 
 
@@ -258,8 +262,9 @@ def depth_inside(
 def summary(rows: list[JudgedCapture]) -> dict[str, Any]:
     """Count the results of a camera, or of all: ``of``, ``answered``, ``on``, ``near``, ``in_collision``, ``warned``.
 
-    ``planes`` counts those whose table can be judged, ``right_planes`` the right ones of these. ``sure_and_wrong`` counts grasps that are not near and state more than 0.7, ``success_of_near`` is the mean
-    stated probability of the others.
+    ``untold`` counts collisions of which the answer says that the hand is free, ``planes`` those whose table can be
+    judged, ``right_planes`` the right ones of these. ``sure_and_wrong`` counts grasps that are not near and state more
+    than 0.7, ``success_of_near`` is the mean stated probability of the others.
     """
     answered = [row for row in rows if row.distance is not None]
     near = [row for row in answered if (row.distance or 0.0) < NEAR]
@@ -271,6 +276,7 @@ def summary(rows: list[JudgedCapture]) -> dict[str, Any]:
         "on": sum((row.distance or 0.0) < ON for row in answered),
         "near": len(near),
         "in_collision": sum(bool(row.inside) for row in answered),
+        "untold": sum(bool(row.inside and row.free) for row in answered),
         "warned": sum(bool(row.warnings) for row in answered),
         "planes": len(planes),
         "right_planes": sum(tilt < TILT and off < OFF for tilt, off in planes),

@@ -107,7 +107,7 @@ _MOST_POINTS = 1_000_000
 #: Pixels of an image from which a table is fitted, about: those of a quarter of a million give the same plane.
 _FITTED = 40_000
 #: Planes that are tried, pixels that vote for them, and the least share of the votes that a table has.
-_PLANES, _VOTERS, _TABLE_SHARE = 600, 2000, 0.1
+_PLANES, _VOTERS, _TABLE_SHARE = 600, 4000, 0.1
 #: Pixels vote the more the nearer they are to the middle: a Gaussian of this share of the image's size. A vote below a
 #: plane counts half against it: a thing's own face has a table below.
 _AROUND_MIDDLE, _BELOW = 0.3, 0.5

@@ -38,6 +38,8 @@ _NEAR, _ALIKE = 0.01, 0.26
 _OF_SURFACE = (0.04, 0.06)
 #: An earlier grasp stays the first while its score is less than this below the best one.
 _STAY = 0.15
+#: Warning of a thing that no free grasp reaches.
+_BLOCKED = "the open hand meets something at every grasp of the thing (free is false); take what is in the way first"
 #: Heights over the grasp at which a lift is checked, metres.
 _LIFTS = (0.03, 0.06, 0.1)
 
@@ -351,7 +353,7 @@ class ImageGrasper:
             secure=judged.secure,
             free=free,
             lift_free=self._lifts(ranked, obstacles),
-            warnings=looked.warnings,
+            warnings=looked.warnings if free.any() or not len(free) else (*looked.warnings, _BLOCKED),
         )
 
     def _lifts(self, ranked: Ranked, obstacles: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -383,11 +385,13 @@ class SceneGrasps:
     refused: dict[int, str]
 
     def best(self) -> list[tuple[int, int]]:
-        """Return thing and rank of all grasps, from the greatest stated success to the least."""
+        """Return thing and rank of all grasps: free ones first, from the greatest stated success to the least."""
         pairs = [
-            (float(one.success[rank]), label, rank) for label, one in self.grasps.items() for rank in range(len(one))
+            (not one.free[rank], -float(one.success[rank]), label, rank)
+            for label, one in self.grasps.items()
+            for rank in range(len(one))
         ]
-        return [(label, rank) for _, label, rank in sorted(pairs, key=lambda pair: (-pair[0], *pair[1:]))]
+        return [(label, rank) for *_, label, rank in sorted(pairs)]
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, as ``graspbox grasp-image --all`` writes them."""

@@ -1,6 +1,7 @@
 """What ``--rerun FILE.rrd`` of the commands writes: an entry point of the group ``graspbox.recorders``."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -53,6 +54,13 @@ class RerunRecorder:
     def write_image_grasps(self, found: ImageGrasps) -> None:
         """Write the grasps of a depth image."""
         rerun.log(found, self._file)
+        console.print(f"wrote {self._file}")
+
+    @contextmanager
+    def stream_image_grasps(self) -> Iterator[Callable[[ImageGrasps, float], None]]:
+        """Open the file for the grasps of several depth images, each with its time, seconds."""
+        with rerun.recording(self._file) as recorder:
+            yield recorder.image_grasps
         console.print(f"wrote {self._file}")
 
 

@@ -114,7 +114,7 @@ class RecordingWriter:
         self._rr, self._stream, self._root = sdk(), stream, root.strip("/")
         self._start, self._episode = 0.0, 0
         self._hand: Hand | None = None
-        self._others, self._walls = 0, False
+        self._others, self._walls, self._hands = 0, False, 0
         self._log("world", self._rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         table = self._rr.Boxes3D(
             centers=[[0, 0, -0.006]], half_sizes=[[0.3, 0.3, 0.006]], colors=[rgb(colors.TABLE)], fill_mode="solid"
@@ -233,9 +233,9 @@ class RecordingWriter:
             millimetres = np.clip(np.rint(1000.0 * image.reshape(height, width)), 0, 65535).astype(np.uint16)
             self._log(f"{name}/image", rr.DepthImage(millimetres, meter=1000.0))
 
-    def image_grasps(self, grasps: ImageGrasps) -> None:
-        """Log a depth image with its detected grasps: hands, completed shape, probabilities."""
-        self._at(0.0)
+    def image_grasps(self, grasps: ImageGrasps, time: float = 0.0) -> None:
+        """Log a depth image with its detected grasps: hands, completed shape, probabilities; `time` in seconds."""
+        self._at(time)
         self._camera("world/camera", grasps.depth[..., None], grasps.intrinsics, grasps.table_from_camera)
         self._log("world/camera/object", self._rr.SegmentationImage(grasps.object.astype(np.uint8)))
         size = grasps.policy.crop.side / grasps.occupancy.shape[0]
@@ -252,6 +252,9 @@ class RecordingWriter:
             mesh = _mesh(self._rr, *boxes(shapes, half_extents), _HAND)
             placed = self._rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
             self._log(f"world/grasps/{rank + 1}", mesh, placed)
+        for rank in range(len(grasps), self._hands):  # those of the image before
+            self._log(f"world/grasps/{rank + 1}", self._rr.Clear(recursive=True))
+        self._hands = min(len(grasps), _HANDS)
         self._log("log", self._rr.TextLog(f"{len(grasps)} grasps by {grasps.policy.name}"))
         self._episode += 1
 
