@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from graspbox import errors
 from graspbox.captures import Capture, read_capture
+from graspbox.captures.files import read_image, read_labels
 from graspbox.evaluation.captures import Capture as JudgedCapture
-from graspbox.perception.depth_images import read_depth, read_labels, read_mask
+from graspbox.perception.depth_images import metric_depth
 
 LENS = np.array([[60.0, 0.0, 32.2], [0.0, 61.0, 23.9], [0.0, 0.0, 1.0]])
 
@@ -121,7 +122,7 @@ def test_pictures_are_read_as_they_are(tmp_path: Path) -> None:
         content[16:20] = struct.pack(">I", 64)
         content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
         (tmp_path / "colours.png").write_bytes(content)
-        for read in (lambda path: read_capture(path, intrinsics=LENS), read_depth, read_mask):
+        for read in (lambda path: read_capture(path, intrinsics=LENS), read_labels):
             with pytest.raises(errors.ConfigError, match="16 bits per value in several channels; save the channel"):
                 read(tmp_path / "colours.png")
     image.fromarray(np.full((48, 64), 9, dtype=np.uint8)).save(tmp_path / "grey.png")
@@ -150,7 +151,7 @@ def test_tiff_of_one_page_is_read(order: Literal["<", ">"], tmp_path: Path) -> N
         with pytest.raises(errors.ConfigError, match=message):
             read_capture(path, intrinsics=LENS)
         with pytest.raises(errors.ConfigError, match=r"is a TIFF file; read it with graspbox\.captures\.read_capture"):
-            read_depth(path)
+            read_image(path, "mask")
 
 
 def test_exr_channels_of_depth_are_found(tmp_path: Path) -> None:
@@ -205,16 +206,15 @@ def test_files_of_other_kinds_are_named(tmp_path: Path) -> None:
         ("empty", b"", r"numpy\.save"),
     ):
         (tmp_path / name).write_bytes(content)
-        for read in (read_depth, lambda path: read_capture(path, intrinsics=LENS)):
+        for read in (read_labels, lambda path: read_capture(path, intrinsics=LENS)):
             with pytest.raises(errors.ConfigError, match=message) as raised:
                 read(tmp_path / name)
             assert "pickle" not in str(raised.value)
     np.savez(tmp_path / "one.npz", depth=scene())
     with pytest.raises(errors.ConfigError, match=r"an archive of arrays \(\.npz\); read it with"):
-        read_depth(tmp_path / "one.npz")
-    np.save(tmp_path / "points.npy", np.full((50, 3), -0.3))
+        read_labels(tmp_path / "one.npz")
     with pytest.raises(errors.ConfigError, match=r"has shape \(50, 3\), points rather than an image"):
-        read_depth(tmp_path / "points.npy")
+        metric_depth(np.full((50, 3), -0.3))
     with pytest.raises(errors.FileError, match="there is no such depth image"):
         read_capture(tmp_path / "missing.npy", intrinsics=LENS)
     with pytest.raises(errors.ConfigError, match=r"is a folder without metadata\.yaml"):

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 import tiny_policy
 from graspbox import errors, object_sets
+from graspbox.captures import read_capture
+from graspbox.captures.files import read_points, read_pose
 from graspbox.meshes.views import ViewPlan, Views, views
 from graspbox.perception import add_depth_noise, depth_images
 from graspbox.perception.depth_images import (
@@ -19,10 +21,14 @@ from graspbox.perception.depth_images import (
     check_intrinsics,
     fit_table,
     points_of,
-    read_depth,
-    read_pose,
     thinned,
 )
+
+
+def read_depth(path: Path, scale: float | None = None) -> NDArray[np.float64]:
+    """Read an image of any size."""
+    lens = np.array([[600.0, 0.0, 2.0], [0.0, 600.0, 2.0], [0.0, 0.0, 1.0]])
+    return read_capture(path, intrinsics=lens, depth_scale=scale).depth
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +62,7 @@ def test_units_are_recognized(tmp_path: Path, depth: NDArray[np.float64]) -> Non
         (depth * 1e9, None, "pass the depth scale, in metres per unit of the image; here it is 1"),
         (depth * 0, None, "no pixel with a depth"),
         (-depth, None, "distances along the optical axis"),
-        (depth[:, :, None].repeat(3, axis=2), None, r"one depth image \(H, W\)"),
+        (depth[:, :, None].repeat(4, axis=2), None, r"one depth image \(H, W\)"),
         (depth, -1.0, "the depth scale is -1"),
     ]
     for number, (values, scale, message) in enumerate(cases):
@@ -290,7 +296,7 @@ def test_grasps_keep_off_what_stands_there(seen: Views, depth: NDArray[np.float6
     assert len(found) >= 5
     assert touching(found) == 0
     np.save(tmp_path / "wall.npy", wall)
-    np.testing.assert_array_equal(depth_images.read_points(tmp_path / "wall.npy"), wall)
+    np.testing.assert_array_equal(read_points(tmp_path / "wall.npy"), wall)
     for wrong, message in (
         (wall[:, :2], r"shape \(\d+, 2\); pass points \(k, 3\)"),
         (wall * 1000, "has a coordinate of 196; pass metres"),
@@ -302,7 +308,7 @@ def test_grasps_keep_off_what_stands_there(seen: Views, depth: NDArray[np.float6
     with pytest.raises(errors.ConfigError, match="pass table_from_camera"):
         grasper.find(depth, seen.intrinsics, keep_off=wall)
     with pytest.raises(errors.FileError, match="there is no such file of points"):
-        depth_images.read_points(tmp_path / "none.npy")
+        read_points(tmp_path / "none.npy")
 
 
 @pytest.mark.parametrize(("height", "tilt"), [(0.035, 0.0), (-0.035, 0.0), (0.0, 3.0), (0.0, -3.0), (0.02, 1.0)])

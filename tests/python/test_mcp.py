@@ -22,8 +22,8 @@ import tiny_policy
 from command_line import invoke
 from graspbox import errors, object_sets
 from graspbox.captures import read_capture
+from graspbox.captures.files import read_labels
 from graspbox.meshes.views import ViewPlan, views
-from graspbox.perception.depth_images import read_labels
 from graspbox.tools.mcp import ToolServer, ToolSettings, serving
 from test_cli_files import write_box
 

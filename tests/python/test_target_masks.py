@@ -13,9 +13,9 @@ from PIL import Image
 
 import graspbox
 from command_line import invoke
+from graspbox.captures import read_capture
 from graspbox.errors import ConfigError, FileError
 from graspbox.perception.configs import CropConfig
-from graspbox.perception.depth_images import read_mask
 from graspbox.perception.depth_views import DepthView
 from graspbox.perception.reachability import belonging
 from graspbox.policies import Task, load
@@ -174,14 +174,17 @@ def test_the_command_reads_masks(image: Any, tmp_path: Path) -> None:
 def test_masks_are_read_from_files(tmp_path: Path) -> None:
     mask = np.zeros((6, 8), dtype=np.bool_)
     mask[2:4, 3:6] = True
+    np.save(tmp_path / "depth.npy", np.full((6, 8), 0.6))
     np.save(tmp_path / "mask.npy", mask)
     Image.fromarray(mask).save(tmp_path / "mask.png")
+    lens = [[10.0, 0, 4], [0, 10.0, 3], [0, 0, 1]]
     for name in ("mask.npy", "mask.png"):
-        assert (read_mask(tmp_path / name) == mask).all()
+        seen = read_capture(tmp_path / "depth.npy", intrinsics=lens, mask=tmp_path / name)
+        np.testing.assert_array_equal(seen.mask(), mask)
     Image.fromarray(np.zeros((6, 8, 3), dtype=np.uint8)).save(tmp_path / "rgb.png")
     np.save(tmp_path / "empty.npy", np.zeros((6, 8), dtype=np.uint8))
-    for name in ("rgb.png", "empty.npy"):
-        with pytest.raises(ConfigError, match="pass one mask"):
-            read_mask(tmp_path / name)
-    with pytest.raises(FileError, match="no such mask"):
-        read_mask(tmp_path / "missing.png")
+    for name, message in (("rgb.png", "pass one label per pixel"), ("empty.npy", "marks no single thing")):
+        with pytest.raises(ConfigError, match=message):
+            read_capture(tmp_path / "depth.npy", intrinsics=lens, mask=tmp_path / name)
+    with pytest.raises(FileError, match="no such image of labels"):
+        read_capture(tmp_path / "depth.npy", intrinsics=lens, mask=tmp_path / "missing.png")

@@ -17,8 +17,8 @@ from graspbox._common.files import read_bounded
 from graspbox._common.imports import imported
 from graspbox.captures.capture import Camera
 from graspbox.captures.distortion import standard_model
+from graspbox.captures.files import kind_of, read_image
 from graspbox.errors import ConfigError, FileError
-from graspbox.perception.depth_images import kind_of, read_image
 
 __all__ = ["camera_of", "read_camera"]
 

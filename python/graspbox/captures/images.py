@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from graspbox._common.imports import imported
 from graspbox.captures.capture import Camera, Found
+from graspbox.captures.files import read_image
 from graspbox.errors import ConfigError
-from graspbox.perception.depth_images import read_image
 
 __all__ = ["MOST_PIXELS", "read_array_file", "read_exr", "read_picture"]
 

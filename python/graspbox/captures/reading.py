@@ -13,20 +13,13 @@ from graspbox.captures.cameras import read_camera
 from graspbox.captures.capture import Camera, Capture, Found, listed
 from graspbox.captures.clouds import MOST_POINTS, organised, rendered, turned
 from graspbox.captures.distortion import undistorted
+from graspbox.captures.files import kind_of, read_labels, read_pose, refusal
 from graspbox.captures.images import read_array_file, read_exr, read_picture
 from graspbox.captures.pcd import read_pcd
 from graspbox.captures.ply import read_ply
 from graspbox.captures.recordings import is_recording, read_recording, recorded_images
 from graspbox.errors import ConfigError, FileError
-from graspbox.perception.depth_images import (
-    check_intrinsics,
-    check_pose,
-    kind_of,
-    metric_depth,
-    read_labels,
-    read_pose,
-    refusal,
-)
+from graspbox.perception.depth_images import check_intrinsics, check_pose, metric_depth
 
 __all__ = ["PathLike", "capture_of", "check_limits", "given_camera", "read_capture", "read_found"]
 

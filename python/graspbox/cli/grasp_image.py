@@ -9,6 +9,7 @@ import typer
 from numpy.typing import NDArray
 
 from graspbox.captures import Capture, average, read_capture
+from graspbox.captures.files import read_points, read_pose
 from graspbox.cli.common import (
     Json,
     Rehearse,
@@ -22,7 +23,7 @@ from graspbox.cli.common import (
 )
 from graspbox.cli.recorders import CommandRecorder, Rerun, rerun_recorder
 from graspbox.errors import ConfigError
-from graspbox.perception.depth_images import camera_over_table, read_points, read_pose
+from graspbox.perception.depth_images import camera_over_table
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
 
@@ -80,6 +81,14 @@ CameraPoseOption = Annotated[
 CameraHeightOption = Annotated[float | None, typer.Option(help="Height of the camera over the table, metres.")]
 TiltOption = Annotated[
     float | None, typer.Option(help="Degrees by which it is tilted down: 0 horizontal, 90 straight down.")
+]
+GravityOption = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(
+        metavar="X Y Z",
+        help="Direction of gravity in the camera's frame (x right, y down, z forward), as an accelerometer gives it, "
+        "instead of its pose: only level planes are tables, and with --mask none need be seen.",
+    ),
 ]
 RegionOption = Annotated[
     tuple[int, int, int, int] | None,
@@ -145,6 +154,7 @@ def given_intrinsics(
 
 
 def find_options(
+    gravity: tuple[float, float, float] | None,
     count: int,
     region: tuple[int, int, int, int] | None,
     keep_off: Path | None,
@@ -153,6 +163,7 @@ def find_options(
 ) -> dict[str, Any]:
     """Return the options of the command line as those of `ImageGrasper.find` and `ImageGrasper.find_all`."""
     return {
+        "gravity": gravity,
         "count": count,
         "region": region,
         "keep_off": None if keep_off is None else read_points(keep_off),
@@ -220,6 +231,7 @@ def grasp_image_command(
     camera_pose: CameraPoseOption = None,
     camera_height: CameraHeightOption = None,
     tilt: TiltOption = None,
+    gravity: GravityOption = None,
     region: RegionOption = None,
     mask: MaskOption = None,
     label: LabelOption = None,
@@ -248,7 +260,7 @@ def grasp_image_command(
     recorder = rerun_recorder(rerun)
     grasper = ImageGrasper(policy, hand=None if hand is None else find_hand(hand))
     place = (seen.depth, seen.intrinsics, given_pose(camera_pose, camera_height, tilt))
-    options = find_options(count, region, keep_off, hand_error, seed)
+    options = find_options(gravity, count, region, keep_off, hand_error, seed)
     if everything:
         _report_all(grasper.find_all(*place, labels=seen.labels, **options), seen, out, as_json)
         return

@@ -126,6 +126,7 @@ def survey(
     *,
     within: NDArray[np.bool_] | None = None,
     pose_given: bool = False,
+    assumed: str | None = None,
 ) -> Survey:
     """Level the camera of a real depth image, and find all its things.
 
@@ -139,15 +140,17 @@ def survey(
         Pixels among which things are searched; by default all.
     pose_given : bool
         Whether the camera's pose is known, and not found in the image: then the table need not be seen.
+    assumed : str, optional
+        The warning of a table that is not seen.
 
     Raises
     ------
     ConfigError
         If the camera's pose does not fit the image, or for arrays of another shape or type.
     """
-    view = view.leveled()
+    view = view if assumed else view.leveled()
     depth, lens, pose = _arrays(view)
-    unseen = check_table(np.asarray(depth, np.float64), lens, pose) if pose_given else None
+    unseen = check_table(np.asarray(depth, np.float64), lens, pose) if pose_given else assumed
     warnings = [*_warnings_of_lens(lens, depth.shape), *([] if unseen is None else [unseen])]
     found = things(view, config, within, bare=unseen is not None)
     if pose_given and not found.labels.any() and np.count_nonzero(depth) < _CUT_OUT * depth.size:

@@ -1,84 +1,28 @@
-"""Depth images from files: reading, a check of their units, and the camera's pose from the visible table."""
-
-import io
-import json
-import os
-import re
-import struct
-import warnings
-from pathlib import Path
+"""Depth images: units, intrinsics and poses that are checked, their points, and the table that they show."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
-from graspbox._common.files import read_bounded
-from graspbox._common.imports import imported
-from graspbox.errors import ConfigError, FileError
+from graspbox.errors import ConfigError
 
 __all__ = [
     "MAX_COORDINATE",
+    "MOST_PIXELS",
+    "camera_over_plane",
     "camera_over_table",
+    "check_gravity",
     "check_intrinsics",
     "check_points",
     "check_pose",
+    "check_size",
     "check_table",
     "fit_table",
-    "kind_of",
     "metric_depth",
     "points_of",
-    "read_depth",
-    "read_image",
-    "read_labels",
-    "read_mask",
-    "read_points",
-    "read_pose",
-    "refusal",
+    "table_under",
     "thinned",
 ]
-
-#: First bytes of the kinds of files that cameras and programs write.
-_MAGIC = (
-    (b"\x93NUMPY", "npy"),
-    (b"PK\x03\x04", "npz"),
-    (b"\x89PNG\r\n\x1a\n", "png"),
-    (b"II*\0", "tiff"),
-    (b"MM\0*", "tiff"),
-    (b"II+\0", "tiff"),
-    (b"MM\0+", "tiff"),
-    (b"v/1\x01", "exr"),
-    (b"ply", "ply"),
-    (b"#ROSBAG", "bag"),
-    (b"SQLite format 3\0", "db3"),
-    (b"\x89MCAP0\r\n", "mcap"),
-    (b"\xff\xd8\xff", "jpg"),
-    (b"\x1aE\xdf\xa3", "mkv"),
-    (b"NI10", "oni"),
-    (b"\x89HDF\r\n\x1a\n", "h5"),
-)
-#: First lines of PCD files, comments before them included.
-_PCD = re.compile(rb"\s*(#[^\n]*\n\s*)*(VERSION|FIELDS|COLUMNS)\s")
-#: Kinds that `graspbox.captures.read_capture` reads, besides those of this module.
-_CAPTURES = {
-    "npz": "an archive of arrays (.npz)",
-    "tiff": "a TIFF file",
-    "exr": "an OpenEXR file",
-    "ply": "a PLY file",
-    "pcd": "a PCD file",
-    "bag": "a ROS recording",
-    "db3": "a ROS recording",
-    "mcap": "a recording (MCAP)",
-}
-#: Kinds that are not read, with the conversion to one that is.
-_REFUSED = {
-    "jpg": "a JPEG picture, with 8 changed bits per value; pass the camera's own 16-bit image",
-    "mkv": "a Matroska video, as of Azure Kinect; extract an image: ffmpeg -i FILE.mkv -map 0:1 -vframes 1 depth.png",
-    "oni": "a recording of OpenNI; export a frame as 16-bit PNG, with NiViewer or OpenNI's Python package",
-    "h5": "an HDF5 file; save one image of it with numpy.save",
-    "sens": "a recording of ScanNet; export its depth images with SensReader",
-    "zdf": "a file of Zivid; save the point cloud as PCD or PLY with Zivid Studio",
-    "praw": "a file of Photoneo; save the point cloud as PLY, whose unit is the millimetre",
-}
 
 #: Metres per unit of images of integers, as most cameras write them.
 _INTEGERS = 0.001
@@ -94,8 +38,8 @@ _UNITS = {
 _NEAREST, _FARTHEST = 0.15, 3.0
 #: Distance of the tables that policies learn from, metres.
 _USUAL = 0.6
-#: Most pixels of an image: 8192 x 8192. Largest file of a camera's pose, bytes.
-_MOST_PIXELS, _LARGEST_POSE = 1 << 26, 1 << 20
+#: Most pixels of an image: 8192 x 8192.
+MOST_PIXELS = 1 << 26
 #: Coordinates of a camera are at most this, metres: beyond, millimetres are lost, and a fit may not end.
 MAX_COORDINATE = 1e4
 #: Most points of obstacles: a box of 0.5 m filled at every 8 mm has half as many.
@@ -119,81 +63,15 @@ _MOST_SUNK, _HIGHEST = 0.05, 0.3
 _LEVEL, _ANOTHER_TABLE = 0.03, 0.25
 #: A pixel is the table's within this distance and this share of its depth, metres.
 _ON_TABLE, _ON_TABLE_GROWTH = 0.004, 0.004
-#: Least angle between the table and the optical axis, radians.
-_LEAST_TILT = 0.17
+#: Least angle between the table and the optical axis, radians, and cosine of the greatest one of up to a normal.
+_LEAST_TILT, _LEVEL_COSINE = 0.17, 0.985
+#: Distance of an assumed table under a thing, metres.
+_UNDER = 0.02
+#: Arrays of fewer numbers are shown in errors.
+_FEW = 10
+_POSE_ADVICE = "pass the camera's pose, or with a mask the direction of gravity"
 #: Focal length of the images that policies learn from, pixels.
 _FOCAL = 230.0
-
-
-def read_depth(
-    path: str | os.PathLike[str], scale: float | None = None, *, max_pixels: int = _MOST_PIXELS
-) -> NDArray[np.float64]:
-    """Read a depth image (H, W) or (H, W, 1) in metres from a ``.npy`` file or a 16-bit ``.png``.
-
-    Parameters
-    ----------
-    path : str or PathLike
-        The file.
-    scale : float, optional
-        Metres per unit; by default 1 for floats and 0.001 for integers.
-    max_pixels : int
-        Larger images are refused before their pixels are read.
-
-    Returns
-    -------
-    (H, W) float64
-        Metres along the optical axis; 0 where nothing was measured (0, NaN or infinity in the file).
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    ConfigError
-        If it holds no depth image, a negative depth, or depths whose unit must be another.
-    MissingExtraError
-        For a ``.png`` without Pillow (extra ``cli``).
-    """
-    mode, values = read_image(Path(path), "depth image", max_pixels)
-    if not mode.startswith("I"):
-        raise ConfigError(
-            f"{path} is a picture of the kind {mode!r} with 8 bits per value, which a depth image for people is; "
-            "pass the camera's own 16-bit image, of one channel"
-        )
-    return metric_depth(values, scale, str(path))
-
-
-def read_mask(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS) -> NDArray[np.bool_]:
-    """Read the pixels (H, W) of an object, where a ``.npy`` file, or a ``.png`` of one channel, is not 0.
-
-    Arguments and errors as `read_depth`; ConfigError if it holds no mask.
-    """
-    values = read_image(Path(path), "mask", max_pixels)[1]
-    if values.ndim != 2 or values.dtype.kind not in "biu" or not values.any():
-        raise ConfigError(
-            f"{path} holds {values.dtype} of shape {values.shape}; pass one mask (H, W), not 0 where the object is"
-        )
-    return np.asarray(values != 0)
-
-
-def read_labels(path: str | os.PathLike[str], *, max_pixels: int = _MOST_PIXELS) -> NDArray[np.int64]:
-    """Read the numbers (H, W) of things, 0 for none, from a ``.npy`` file or a ``.png`` of one channel.
-
-    Arguments and errors as `read_depth`; ConfigError if it holds no labels.
-    """
-    values = read_image(Path(path), "image of labels", max_pixels)[1]
-    if values.ndim != 2 or values.dtype.kind not in "biu":
-        raise ConfigError(f"{path} holds {values.dtype} of shape {values.shape}; pass one label per pixel (H, W)")
-    return values.astype(np.int64)
-
-
-def read_points(path: str | os.PathLike[str]) -> NDArray[np.float64]:
-    """Read the points (k, 3) of obstacles, metres, from a ``.npy`` file; raises FileError, and as `check_points`."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileError(2, "there is no such file of points", str(path))
-    if kind_of(path) != "npy":
-        raise ConfigError(f"{path} is not an array written by numpy.save; pass points (k, 3) as .npy")
-    return check_points(_read_npy(path), str(path))
 
 
 def check_points(points: ArrayLike, name: str = "keep_off") -> NDArray[np.float64]:
@@ -214,7 +92,15 @@ def check_points(points: ArrayLike, name: str = "keep_off") -> NDArray[np.float6
 def metric_depth(
     values: NDArray[np.generic], scale: float | None = None, name: str = "the depth"
 ) -> NDArray[np.float64]:
-    """Convert a depth image to metres; errors name it `name`. Otherwise as `read_depth`, whose file holds `values`."""
+    """Convert a depth image (H, W) or (H, W, 1) to metres, 0 where nothing was measured (0, NaN or infinity).
+
+    `scale` is in metres per unit, by default 1 for floats and 0.001 for integers; errors call the image `name`.
+
+    Raises
+    ------
+    ConfigError
+        If it is no depth image, or has a negative depth, or depths whose unit must be another.
+    """
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[..., 0]
     if values.ndim == 2 and values.shape[1] == 3 < len(values) and values.dtype.kind == "f":
@@ -226,7 +112,7 @@ def metric_depth(
         raise ConfigError(
             f"{name} holds {values.dtype} of shape {values.shape}; pass one depth image (H, W) of numbers"
         )
-    _check_size(values.size, name)
+    check_size(values.size, name)
     if scale is not None and not 0.0 < scale < float("inf"):
         raise ConfigError(f"the depth scale is {scale}; pass metres per unit of the image, such as 0.001")
     metres = scale if scale is not None else (1.0 if values.dtype.kind == "f" else _INTEGERS)
@@ -237,82 +123,8 @@ def metric_depth(
     return depth
 
 
-def kind_of(path: Path) -> str:
-    """Return the kind of a file by its first bytes, else its suffix: ``npy``, ``png``, ``pcd``, ...; "" if empty."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(1024)
-    except OSError as error:
-        raise FileError(error.errno or 5, error.strerror or "it cannot be read", str(path)) from None
-    found = next((kind for magic, kind in _MAGIC if start.startswith(magic)), "")
-    return found or ("pcd" if start.startswith(b"# .PCD") or _PCD.match(start) else path.suffix.lower()[1:])
-
-
-def refusal(path: Path, kind: str) -> ConfigError:
-    """Return the error of a file whose kind is not read, with what to do."""
-    if kind in _REFUSED:
-        return ConfigError(f"{path} is {_REFUSED[kind]}")
-    if kind in _CAPTURES:
-        return ConfigError(
-            f"{path} is {_CAPTURES[kind]}; read it with graspbox.captures.read_capture, as graspbox grasp-image does, "
-            "or save its image with numpy.save"
-        )
-    return ConfigError(f"{path} is not an array written by numpy.save, nor an image of a known kind; pass .npy or .png")
-
-
-def _read_npy(path: Path) -> NDArray[np.generic]:
-    try:
-        # Mapped: a header that promises a huge array costs nothing.
-        array: NDArray[np.generic] = np.load(path, mmap_mode="r", allow_pickle=False)
-    except Exception as error:  # a header is a literal of Python, whose parser raises many kinds
-        why = str(error)
-        if "Python objects" in why:
-            why = "it holds Python objects, such as a dict; save the image alone"
-        elif "pickle" in why:  # numpy takes all other contents for this
-            why = "it begins otherwise"
-        raise ConfigError(f"{path} is not an array written by numpy.save: {why}") from None
-    return array
-
-
-def read_image(path: Path, what: str, max_pixels: int = _MOST_PIXELS) -> tuple[str, NDArray[np.generic]]:
-    """Read the mode of Pillow (``I`` for a ``.npy`` file) and the values of an image, called `what` in errors.
-
-    A last axis of one channel is removed; palettes stay indices. Errors as `read_depth`.
-    """
-    if not path.is_file():
-        raise FileError(2, f"there is no such {what}", str(path))
-    kind = kind_of(path)
-    if kind not in ("png", "npy"):
-        raise refusal(path, kind)
-    mode, values = _read_png(path, max_pixels) if kind == "png" else ("I", _read_npy(path))
-    _check_size(values.size, str(path), max_pixels)
-    return mode, values[..., 0] if values.ndim == 3 and values.shape[2] == 1 else values
-
-
-def _read_png(path: Path, max_pixels: int) -> tuple[str, NDArray[np.generic]]:
-    pillow = imported("PIL.Image", "PNG files need Pillow, from the extra 'cli'", "cli")
-    with path.open("rb") as file:
-        header = file.read(26)
-    # Bits per value and kind of colour, of which 0 is grey: Pillow would keep the upper 8 bits of colours.
-    if header[24:25] == b"\x10" and header[25:26] != b"\0":
-        raise ConfigError(
-            f"{path} has 16 bits per value in several channels; save the channel that holds the depth alone, such as "
-            "numpy.save('depth.npy', cv2.imread(FILE, cv2.IMREAD_UNCHANGED)[..., 0])"
-        )
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pillow.DecompressionBombWarning)
-            with pillow.open(path, formats=("PNG",)) as image:
-                _check_size(image.width * image.height, str(path), max_pixels)
-                mode, values = image.mode, np.asarray(image)
-    except (pillow.DecompressionBombError, pillow.DecompressionBombWarning):
-        _check_size(_MOST_PIXELS + 1, str(path), max_pixels)
-    except (OSError, SyntaxError, ValueError, EOFError, MemoryError, struct.error) as error:
-        raise ConfigError(f"{path} is no PNG: {error}") from None
-    return mode, values
-
-
-def _check_size(pixels: int, name: str, most: int = _MOST_PIXELS) -> None:
+def check_size(pixels: int, name: str, most: int = MOST_PIXELS) -> None:
+    """Raise ConfigError for an image of too many pixels."""
     if pixels > most:
         raise ConfigError(f"{name} has more than {most} pixels; pass a smaller image, with its own intrinsics")
 
@@ -364,31 +176,6 @@ def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[n
                 "image of another size"
             )
     return matrix
-
-
-def read_pose(path: str | os.PathLike[str]) -> NDArray[np.float64]:
-    """Read the pose ``table_from_camera`` (4, 4) of a camera from ``.npy``, ``.json`` or text of 16 numbers.
-
-    Raises FileError if the file cannot be read, and otherwise as `check_pose`.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise FileError(2, "there is no such camera pose", str(path))
-    content = read_bounded(path, _LARGEST_POSE)
-    try:
-        if path.suffix.lower() == ".npy":
-            values = np.asarray(np.load(io.BytesIO(content), allow_pickle=False), dtype=np.float64)
-        elif path.suffix.lower() == ".json":
-            values = np.array(json.loads(content), dtype=np.float64)
-        else:
-            values = np.loadtxt(io.StringIO(content.decode()), delimiter="," if b"," in content else None)
-    except (ValueError, TypeError, OverflowError, EOFError, RecursionError, MemoryError) as error:
-        raise ConfigError(
-            f"{path} cannot be read as numbers ({error}); pass the 16 of table_from_camera, row by row"
-        ) from None
-    if values.size != 16:
-        raise ConfigError(f"{path} holds {values.size} numbers; pass the 16 of table_from_camera, row by row")
-    return check_pose(values.reshape(4, 4), str(path))
 
 
 def check_pose(table_from_camera: ArrayLike, name: str = "table_from_camera") -> NDArray[np.float64]:
@@ -455,12 +242,16 @@ def camera_over_table(height: float, tilt: float, roll: float = 0.0) -> NDArray[
 
 
 def fit_table(
-    depth: NDArray[np.float64], intrinsics: NDArray[np.float64], focus: NDArray[np.bool_] | None = None
+    depth: NDArray[np.float64],
+    intrinsics: NDArray[np.float64],
+    focus: NDArray[np.bool_] | None = None,
+    gravity: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Find the table in a depth image (H, W), metres, and return ``table_from_camera`` (4, 4).
 
     It is the plane that has most of the pixels, of which those near the middle of `focus` (H, W), by default of the
-    image, are counted more. Its frame is that of `camera_over_table`; `intrinsics` are in pixels.
+    image, are counted more. Its frame is that of `camera_over_table`; `intrinsics` are in pixels. With the direction of
+    `gravity` (3,), camera's frame, only level planes count, within 10 degrees.
 
     Raises
     ------
@@ -470,8 +261,8 @@ def fit_table(
     every = int(np.ceil(np.sqrt(depth.size / _FITTED)))
     points, weights = points_of(depth, intrinsics, every), _nearness(depth, every, focus)
     if len(points) < 3:
-        raise ConfigError("the depth image shows no table; pass the camera's pose")
-    normal, offset = _most_voted(points, weights)
+        raise ConfigError(f"the depth image shows no table; {_POSE_ADVICE}")
+    normal, offset = _most_voted(points, weights, None if gravity is None else -gravity)
     for _ in range(5):
         on = np.abs(points @ normal - offset) < _ON_TABLE + _ON_TABLE_GROWTH * points[:, 2]
         own, share = points[on], weights[on] / weights[on].sum()
@@ -481,9 +272,47 @@ def fit_table(
         offset = float(normal @ middle)
     pose = camera_over_plane(normal, offset)
     if pose is None:
-        tilt = np.degrees(np.arcsin(min(abs(float(normal[2])), 1.0)))
-        raise ConfigError(f"the largest plane is seen at {tilt:.0f} degrees, as a wall is; pass the camera's pose")
+        raise ConfigError(f"the largest plane is seen at {_degrees(normal)} degrees, as a wall is; {_POSE_ADVICE}")
     return pose
+
+
+def table_under(
+    depth: NDArray[np.float64], intrinsics: NDArray[np.float64], focus: NDArray[np.bool_], gravity: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Assume a level table 2 cm under the lowest pixel of `focus` (H, W), where none is seen; as `fit_table`.
+
+    Raises
+    ------
+    ConfigError
+        If these pixels have no depth, or the camera does not look down.
+    """
+    points = points_of(np.where(focus, depth, 0.0), intrinsics)
+    if not len(points):
+        raise ConfigError("the mask has no pixels with a depth; pass the mask of a thing that the image shows")
+    pose = camera_over_plane(-gravity, float((points @ -gravity).min()) - _UNDER)
+    if pose is None or gravity[2] <= 0.0:
+        raise ConfigError(
+            f"with the gravity {gravity.round(3).tolist()} the camera does not look down; pass its direction in the "
+            "camera's frame: x right, y down, z forward"
+        )
+    return pose
+
+
+def check_gravity(gravity: ArrayLike) -> NDArray[np.float64]:
+    """Return a direction (3,) as a unit vector; raises ConfigError if it is none."""
+    values = floats(gravity, "gravity")
+    length = float(np.linalg.norm(values)) if values.shape == (3,) else 0.0
+    if not 1e-6 < length < 1e6:
+        raise ConfigError(
+            f"gravity is {values.tolist() if values.size < _FEW else values.shape}; pass its direction in the camera's "
+            "frame (x right, y down, z forward), three numbers such as 0 0.7 0.7"
+        )
+    return np.asarray(values / length)
+
+
+def _degrees(normal: NDArray[np.float64]) -> str:
+    """Return the angle at which a plane is seen."""
+    return f"{np.degrees(np.arcsin(min(abs(float(normal[2])), 1.0))):.0f}"
 
 
 def camera_over_plane(normal: NDArray[np.float64], offset: float) -> NDArray[np.float64] | None:
@@ -508,8 +337,13 @@ def _nearness(depth: NDArray[np.float64], every: int, focus: NDArray[np.bool_] |
     return np.asarray(np.exp(-0.5 * (((places - middle) / (_AROUND_MIDDLE * shape)) ** 2).sum(axis=1)))
 
 
-def _most_voted(points: NDArray[np.float64], weights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Return unit normal (3,) and offset of the plane through three points with most of the weighted votes."""
+def _most_voted(
+    points: NDArray[np.float64], weights: NDArray[np.float64], up: NDArray[np.float64] | None
+) -> tuple[NDArray[np.float64], float]:
+    """Return unit normal (3,) and offset of the plane through three points with most of the weighted votes.
+
+    Walls, and with the direction `up` (3,) all planes that are not level, take part only if nothing else is found.
+    """
     rng = np.random.default_rng(0)
     # Sampling without replacement, by weights (Efraimidis and Spirakis, 2006).
     keys = rng.random(len(points)) ** (1.0 / np.maximum(weights, 1e-6))
@@ -526,11 +360,15 @@ def _most_voted(points: NDArray[np.float64], weights: NDArray[np.float64]) -> tu
     heights = voters @ normals.T - offsets
     on = (np.abs(heights) < near[:, None]).mean(axis=0) * (lengths[:, 0] > 1e-9)
     below = (heights < -2.5 * near[:, None]).mean(axis=0)
-    best = int(np.argmax(on - _BELOW * below))
-    if on[best] < _TABLE_SHARE:
-        raise ConfigError(
-            f"the largest plane has {on[best]:.0%} of the pixels; no table was found, so pass the camera's pose"
-        )
+    level = -normals[:, 2] > np.sin(_LEAST_TILT) if up is None else normals @ up > _LEVEL_COSINE
+    best = int(np.argmax(np.where(level, on - _BELOW * below, -np.inf)))
+    if not level.any() or on[best] < _TABLE_SHARE:
+        largest = int(np.argmax(on - _BELOW * below))
+        told = f"has {on[best]:.0%} of the pixels"
+        if on[largest] >= _TABLE_SHARE:
+            seen = f"is seen at {_degrees(normals[largest])} degrees, as a wall is"
+            told = seen if up is None else "is not level"
+        raise ConfigError(f"no table was found: the largest plane {told}; {_POSE_ADVICE}")
     return normals[best], float(offsets[best])
 
 

@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.perception.captured import Survey, look, survey
-from graspbox.perception.configs import EVERYTHING
+from graspbox.perception.configs import EVERYTHING, CropConfig
 from graspbox.perception.depth_images import (
+    check_gravity,
     check_intrinsics,
     check_points,
     check_pose,
     fit_table,
+    table_under,
     thinned,
 )
 from graspbox.perception.depth_views import DepthView
@@ -57,6 +59,10 @@ class ImageOptions(TypedDict, total=False):
     mask : (H, W) bool array
         Pixels of one of several objects: grasps are of this one, and keep off the others. For policies that learned
         among several objects.
+    gravity : (3,) array
+        Direction of gravity in the camera's frame, of any length, as an accelerometer gives it: then only level planes
+        are tables, and without one a table 2 cm under the mask's lowest pixel is assumed, with a warning. Instead of
+        `table_from_camera`.
     keep_off : (k, 3) array
         Points of known obstacles, such as the walls of a bin (`graspbox.simulation.layouts.bin_points`), close
         together, in the table's frame, metres; needs `table_from_camera`. Grasps keep off them if any can.
@@ -77,6 +83,7 @@ class ImageOptions(TypedDict, total=False):
     count: int
     region: tuple[int, int, int, int] | None
     mask: NDArray[np.bool_] | None
+    gravity: ArrayLike | None
     keep_off: ArrayLike | None
     hand_error: PoseNoise | None
     rehearsed: int | None
@@ -212,6 +219,7 @@ class ImageGrasper:
         count: int = 5,
         region: tuple[int, int, int, int] | None = None,
         mask: NDArray[np.bool_] | None = None,
+        gravity: ArrayLike | None = None,
         keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
         rehearsed: int | None = None,
@@ -239,8 +247,8 @@ class ImageGrasper:
         """
         marked = None if mask is None else _checked(mask, np.shape(depth))
         inside = None if region is None else _within(region, np.shape(depth))
-        scene = _Scene.of(depth, intrinsics, table_from_camera, inside if marked is None else marked)
-        seen = survey(scene.view, self._finder.crop, within=scene.thin(inside), pose_given=scene.pose_given)
+        scene = _Scene.of(depth, intrinsics, table_from_camera, gravity, marked, inside)
+        seen = scene.survey(self._finder.crop, inside)
         earlier = self._known(scene, seen, () if previous is None else (previous,))
         chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, earlier)
         return self._grasps(scene, seen, scene.thin(marked), chosen)
@@ -253,6 +261,7 @@ class ImageGrasper:
         *,
         labels: NDArray[np.integer] | None = None,
         region: tuple[int, int, int, int] | None = None,
+        gravity: ArrayLike | None = None,
         count: int = 5,
         keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
@@ -273,8 +282,8 @@ class ImageGrasper:
             labels = np.asarray(labels)
             if labels.shape != np.shape(depth) or labels.dtype.kind not in "iu":
                 raise ConfigError(f"labels are {labels.dtype} of shape {labels.shape}; pass integers {np.shape(depth)}")
-        scene = _Scene.of(depth, intrinsics, table_from_camera, inside if labels is None else labels > 0)
-        seen = survey(scene.view, self._finder.crop, within=scene.thin(inside), pose_given=scene.pose_given)
+        scene = _Scene.of(depth, intrinsics, table_from_camera, gravity, None if labels is None else labels > 0, inside)
+        seen = scene.survey(self._finder.crop, inside)
         if labels is not None:
             found = scene.thinned(labels if inside is None else np.where(inside, labels, 0)).astype(np.int64)
         else:
@@ -436,11 +445,15 @@ class _Chosen:
 
 
 class _Scene(NamedTuple):
-    """The image of the networks, the step by which it was thinned, and whether the camera's pose is known."""
+    """The image of the networks, the step by which it was thinned, whether the camera's pose is known, and a warning.
+
+    The warning is that of a table that is assumed, not seen.
+    """
 
     view: DepthView
     step: int
     pose_given: bool
+    assumed: str | None
 
     @classmethod
     def of(
@@ -448,16 +461,34 @@ class _Scene(NamedTuple):
         depth: ArrayLike,
         intrinsics: ArrayLike,
         table_from_camera: ArrayLike | None,
-        focus: NDArray[np.bool_] | None,
+        gravity: ArrayLike | None,
+        marked: NDArray[np.bool_] | None,
+        inside: NDArray[np.bool_] | None,
     ) -> Self:
         """Check an image, and find its table if the pose is not given."""
         image = np.asarray(depth, dtype=np.float64)
         if image.ndim != 2:
             raise ConfigError(f"depth has shape {image.shape}; pass one image (H, W)")
+        if gravity is not None and table_from_camera is not None:
+            raise ConfigError("gravity and table_from_camera both say where up is; pass one of them")
         lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
-        pose = fit_table(image, lens, focus) if table_from_camera is None else check_pose(table_from_camera)
+        down = None if gravity is None else check_gravity(gravity)
+        focus, assumed = inside if marked is None else marked, None
+        # What is to be grasped carries nothing: its faces are no table.
+        around = image if marked is None else np.where(marked, 0.0, image)
+        try:
+            pose = fit_table(around, lens, focus, down) if table_from_camera is None else check_pose(table_from_camera)
+        except ConfigError as error:
+            if down is None or marked is None or table_from_camera is not None:
+                raise
+            pose = table_under(image, lens, marked, down)
+            assumed = f"a table is assumed 20 mm under the lowest pixel of the mask ({error})"
         small, lens, step = thinned(image, lens)
-        return cls(DepthView(small, lens, pose), step, table_from_camera is not None)
+        return cls(DepthView(small, lens, pose), step, table_from_camera is not None, assumed)
+
+    def survey(self, crop: CropConfig, inside: NDArray[np.bool_] | None) -> Survey:
+        """Find the things in the image, or in a part of it."""
+        return survey(self.view, crop, within=self.thin(inside), pose_given=self.pose_given, assumed=self.assumed)
 
     def thinned(self, full: NDArray[Any]) -> NDArray[Any]:
         """Take the pixels of the networks' image."""

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from graspbox.captures.files import kind_of
 from graspbox.captures.live.folder import FolderSource
 from graspbox.captures.live.frames import Frame, LiveSource, Settings
 from graspbox.captures.live.realsense import RealSenseSource
@@ -13,7 +14,6 @@ from graspbox.captures.live.ros2 import Ros2Source
 from graspbox.captures.reading import PathLike, check_limits
 from graspbox.captures.recordings import is_recording
 from graspbox.errors import ConfigError, FileError
-from graspbox.perception.depth_images import kind_of
 
 __all__ = ["Frame", "LiveSource", "open_camera"]
 

@@ -18,6 +18,7 @@ from graspbox.cli.grasp_image import (
     CameraPoseOption,
     CountOption,
     DepthScaleOption,
+    GravityOption,
     HandErrorOption,
     HandOption,
     IntrinsicsOption,
@@ -78,9 +79,9 @@ def _grasping(
         grasper = ImageGrasper(policy, hand=None if hand is None else find_hand(hand))
         return LocalGrasping(grasper, place, everything, label, find_options(**given))
     keep_off = given.pop("keep_off")
-    if everything or any(one is not None for one in (hand, label, keep_off)):
+    if everything or any(one is not None for one in (hand, label, keep_off, given.pop("gravity"))):
         raise ConfigError(
-            "a policy on a server takes no --hand, --all, --label and --keep-off; name one of this machine"
+            "a policy on a server takes no --hand, --all, --label, --gravity and --keep-off; name one of this machine"
         )
     return ServedGrasping(policy, {**given, "camera_pose": place})
 
@@ -107,6 +108,7 @@ def camera_command(
     camera_pose: CameraPoseOption = None,
     camera_height: CameraHeightOption = None,
     tilt: TiltOption = None,
+    gravity: GravityOption = None,
     region: RegionOption = None,
     label: LabelOption = None,
     everything: EverythingOption = False,
@@ -138,7 +140,8 @@ def camera_command(
     check_files(out)
     recorder = rerun_recorder(rerun)
     settings: dict[str, Any] = {"depth_scale": depth_scale, "limits": limits, "topic": topic, "seconds": seconds}
-    given = {"count": count, "region": region, "keep_off": keep_off, "hand_error": hand_error, "seed": seed}
+    given: dict[str, Any] = {"gravity": gravity, "count": count, "region": region}
+    given |= {"keep_off": keep_off, "hand_error": hand_error, "seed": seed}
     lens = given_intrinsics(intrinsics, camera_info)
     with ExitStack() as stack:
         images = stack.enter_context(open_camera(source, intrinsics=lens, new_only=new_only, **settings))

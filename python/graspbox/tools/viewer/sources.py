@@ -14,13 +14,14 @@ import numpy as np
 from graspbox import object_sets
 from graspbox._common.files import read_bounded
 from graspbox.captures import Capture, read_capture
+from graspbox.captures.files import read_pose
 from graspbox.envs import GOAL_IDS, IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.meshes import Mesh, as_mesh
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
-from graspbox.perception.depth_images import check_intrinsics, metric_depth, read_pose
+from graspbox.perception.depth_images import check_intrinsics, metric_depth
 from graspbox.planning import Plan
 from graspbox.policies import Policy
 from graspbox.policies.grasp_image import ImageGrasps, SceneGrasps
