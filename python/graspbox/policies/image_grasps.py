@@ -1,0 +1,134 @@
+"""Results of `graspbox.policies.grasp_image`: ranked grasps of the thing in an image, or of all its things."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox.hands import Hand
+from graspbox.policies.published.configs import DepthPolicyConfig
+
+__all__ = ["ImageGrasps", "SceneGrasps"]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageGrasps:
+    """Grasps of the object in an image, the best first; there may be none.
+
+    Attributes
+    ----------
+    policy : DepthPolicyConfig
+        The policy.
+    hand : Hand
+        The hand.
+    depth, intrinsics : (h, w) and (3, 3) float64
+        The input image of the networks, metres, and its intrinsics, pixels.
+    table_from_camera : (4, 4) float64
+        Pose of the camera, metres, corrected; the table is the plane z = 0.
+    object : (h, w) bool
+        Pixels of the object.
+    table_from_crop : (4, 4) float64
+        Pose of the occupancy's frame.
+    occupancy : (N, N, N) uint8
+        The completed object, 0 to 255 for 0 to 1.
+    table_from_hand : (k, 4, 4) float64
+        Hand poses, metres.
+    preshape : (k,) float64
+        See `graspbox.Hand.preshape_limits`.
+    choice, success, secure : (k,) float64
+        Score by which the grasps are ranked, and probabilities that they succeed and that they hold without a shift.
+    free : (k,) bool
+        Whether the open hand touches nothing that is seen, predicted or given as an obstacle, on a straight approach
+        of 0.1 m along its z axis and at the pose.
+    lift_free : (k,) bool
+        Whether it touches no obstacle either as it is lifted by 0.1 m.
+    warnings : tuple of str
+        What was assumed of the image, and what may be wrong with it, as sentences.
+    """
+
+    policy: DepthPolicyConfig
+    hand: Hand
+    depth: NDArray[np.float64]
+    intrinsics: NDArray[np.float64]
+    table_from_camera: NDArray[np.float64]
+    object: NDArray[np.bool_]
+    table_from_crop: NDArray[np.float64]
+    occupancy: NDArray[np.uint8]
+    table_from_hand: NDArray[np.float64]
+    preshape: NDArray[np.float64]
+    choice: NDArray[np.float64]
+    success: NDArray[np.float64]
+    secure: NDArray[np.float64]
+    free: NDArray[np.bool_]
+    lift_free: NDArray[np.bool_]
+    warnings: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Count the grasps."""
+        return len(self.preshape)
+
+    @property
+    def camera_from_hand(self) -> NDArray[np.float64]:
+        """Hand poses in the camera's frame (k, 4, 4), metres."""
+        return np.asarray(np.linalg.inv(self.table_from_camera) @ self.table_from_hand)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, as ``graspbox grasp-image`` writes them."""
+        in_camera = self.camera_from_hand
+        return {
+            "policy": self.policy.name,
+            "hand": self.hand.name,
+            "table_from_camera": self.table_from_camera.tolist(),
+            "warnings": list(self.warnings),
+            "grasps": [
+                {
+                    "rank": rank + 1,
+                    "success": float(self.success[rank]),
+                    "secure": float(self.secure[rank]),
+                    "choice": float(self.choice[rank]),
+                    "preshape": float(self.preshape[rank]),
+                    "free": bool(self.free[rank]),
+                    "lift_free": bool(self.lift_free[rank]),
+                    "camera_from_hand": in_camera[rank].tolist(),
+                    "table_from_hand": self.table_from_hand[rank].tolist(),
+                }
+                for rank in range(len(self))
+            ],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SceneGrasps:
+    """Grasps of all things in an image.
+
+    Attributes
+    ----------
+    labels : (h, w) int64
+        Number of the thing that a pixel of the networks' image shows, 0 for none.
+    grasps : dict of int to ImageGrasps
+        The grasps of each thing.
+    refused : dict of int to str
+        Why a thing has none.
+    """
+
+    labels: NDArray[np.int64]
+    grasps: dict[int, ImageGrasps]
+    refused: dict[int, str]
+
+    def best(self) -> list[tuple[int, int]]:
+        """Return thing and rank of all grasps: free ones first, from the greatest stated success to the least."""
+        pairs = [
+            (not one.free[rank], -float(one.success[rank]), label, rank)
+            for label, one in self.grasps.items()
+            for rank in range(len(one))
+        ]
+        return [(label, rank) for *_, label, rank in sorted(pairs)]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, as ``graspbox grasp-image --all`` writes them."""
+        sizes = {label: int((self.labels == label).sum()) for label in (*self.grasps, *self.refused)}
+        things = [{"thing": label, "pixels": sizes[label], **one.to_json()} for label, one in self.grasps.items()]
+        refused = [{"thing": label, "pixels": sizes[label], "refused": why} for label, why in self.refused.items()]
+        order = [{"thing": label, "rank": rank + 1} for label, rank in self.best()]
+        return {"things": sorted([*things, *refused], key=lambda row: int(row["thing"])), "order": order}
