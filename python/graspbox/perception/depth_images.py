@@ -356,10 +356,10 @@ def _most_voted(
     # The camera is above every plane.
     facing = np.where(offsets > 0, -1.0, 1.0)
     normals, offsets = normals * facing[:, None], offsets * facing
-    near = _ON_TABLE + _ON_TABLE_GROWTH * voters[:, 2]
-    heights = voters @ normals.T - offsets
-    on = (np.abs(heights) < near[:, None]).mean(axis=0) * (lengths[:, 0] > 1e-9)
-    below = (heights < -2.5 * near[:, None]).mean(axis=0)
+    near = (_ON_TABLE + _ON_TABLE_GROWTH * voters[:, 2]).astype(np.float32)
+    heights = (normals @ voters.T - offsets[:, None]).astype(np.float32)
+    below = np.count_nonzero(heights < -2.5 * near, axis=1) / len(voters)
+    on = np.count_nonzero(np.abs(heights) < near, axis=1) / len(voters) * (lengths[:, 0] > 1e-9)
     level = -normals[:, 2] > np.sin(_LEAST_TILT) if up is None else normals @ up > _LEVEL_COSINE
     best = int(np.argmax(np.where(level, on - _BELOW * below, -np.inf)))
     if not level.any() or on[best] < _TABLE_SHARE:

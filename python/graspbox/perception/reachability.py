@@ -37,10 +37,13 @@ class Reachability:
     obstacles: NDArray[np.float64]
 
     def propose(self) -> Proposals:
-        """Propose grasps: see `HandGrid.propose`. Among obstacles, more points of the object are approached."""
-        config = self.config
-        if len(self.obstacles):
-            config = replace(config, seeds=min(_MORE * config.seeds, _MOST_SEEDS))
+        """Propose grasps: see `HandGrid.propose`. If obstacles leave few, more points of the object are approached."""
+        found, config = self._proposed(self.config), self.config
+        if len(self.obstacles) and len(found) < config.most:
+            found = self._proposed(replace(config, seeds=min(_MORE * config.seeds, _MOST_SEEDS)))
+        return found
+
+    def _proposed(self, config: ProposalConfig) -> Proposals:
         if self.target is None:
             return self.grid.propose(self.occupancy, config, obstacles=self.obstacles)
         return self.grid.propose(self.target, config, whole=self.occupancy, obstacles=self.obstacles)
