@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graspbox import errors
-from graspbox.captures import average, read_capture
+from graspbox.captures import average, open_camera, read_capture
 from graspbox.captures.messages import cloud_of, depth_of
 
 pytest.importorskip("rosbags", reason="recordings need the extra 'recordings'")
@@ -374,6 +374,47 @@ def test_a_broken_recording_is_an_error(form: str, tmp_path: Path) -> None:
             assert read_capture(broken).depth.shape == (48, 64)
         except (errors.ConfigError, errors.FileError):
             continue
+
+
+def fastwrite(path: Path, topics: dict[str, list[Any]]) -> Path:
+    """Write an MCAP file without chunks and index, as the storage preset "fastwrite" of ROS 2 does."""
+
+    def text(value: str) -> bytes:
+        return struct.pack("<I", len(value)) + value.encode()
+
+    def record(opcode: int, content: bytes) -> bytes:
+        return struct.pack("<BQ", opcode, len(content)) + content
+
+    parts = [record(1, text("ros2") + text("test"))]
+    messages = []
+    for number, (topic, own) in enumerate(topics.items(), 1):
+        kind = own[0].__msgtype__
+        definition = ROS2.generate_msgdef(kind, ros_version=2)[0].encode()
+        schema = struct.pack("<H", number) + text(kind) + text("ros2msg")
+        parts.append(record(3, schema + struct.pack("<I", len(definition)) + definition))
+        parts.append(record(4, struct.pack("<HH", number, number) + text(topic) + text("cdr") + struct.pack("<I", 0)))
+        messages += [(second, number, bytes(ROS2.serialize_cdr(message, kind))) for second, message in enumerate(own)]
+    for second, number, data in sorted(messages, key=lambda one: one[:2]):
+        times = (second * 10**9, second * 10**9)
+        parts.append(record(5, struct.pack("<HIQQ", number, second, *times) + data))
+    parts += [record(15, bytes(4)), record(2, bytes(20))]
+    path.write_bytes(b"\x89MCAP0\r\n" + b"".join(parts) + b"\x89MCAP0\r\n")
+    return path
+
+
+def test_recordings_without_chunks_are_complete(tmp_path: Path) -> None:
+    """A loop of rosbags over such a file ends as soon as another topic is read."""
+    ros, names = Messages(ROS2), ("/camera/depth/image_rect_raw", "/camera/depth/camera_info")
+    images = [ros.image(millimetres(number), "16UC1") for number in range(5)]
+    path = fastwrite(tmp_path / "fast.mcap", {names[0]: images, names[1]: [ros.info() for _ in images]})
+    with open_camera(path) as source:
+        seen = [frame.capture for frame in source]
+    assert len(seen) == 5
+    for number, capture in enumerate(seen):
+        np.testing.assert_allclose(capture.depth, scene(number), atol=1e-9)
+        np.testing.assert_array_equal(read_capture(path, frame=number).depth, capture.depth)
+        np.testing.assert_array_equal(read_capture(path, time=float(number)).depth, capture.depth)
+    assert read_capture(path, frames=5).depth.shape == (48, 64)
 
 
 def test_images_of_a_recording_are_averaged(tmp_path: Path) -> None:
