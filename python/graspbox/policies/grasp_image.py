@@ -208,7 +208,7 @@ class ImageGrasper:
 
         def of(label: int) -> ImageGrasps | str:
             try:
-                return self._grasps(scene, seen, found == label, chosen)
+                return self._grasps(scene, seen, found == label, chosen, named=labels is not None)
             except ConfigError as error:
                 return str(error)
 
@@ -235,13 +235,20 @@ class ImageGrasper:
         return _Known(moved @ np.array(poses), np.array([one.preshape[0] for one in kept]))
 
     def _grasps(
-        self, scene: "_Scene", surveyed: Survey, mask: NDArray[np.bool_] | None, chosen: "_Chosen"
+        self,
+        scene: "_Scene",
+        surveyed: Survey,
+        mask: NDArray[np.bool_] | None,
+        chosen: "_Chosen",
+        *,
+        named: bool = True,
     ) -> ImageGrasps:
         """Find the grasps of one thing."""
         looked = look(
             surveyed,
             self._finder.crop,
             mask=mask,
+            named=named,
             # A crop in which everything is one object shows a policy the neighbours of its target.
             together=self._finder.crop.gap >= EVERYTHING,
             num_threads=self._finder.num_threads,
@@ -272,8 +279,8 @@ class ImageGrasper:
             table_from_hand=frame @ ranked.poses,
             preshape=ranked.preshapes,
             choice=ranked.scores,
-            success=judged.success,
-            secure=judged.secure,
+            success=looked.trust * judged.success,
+            secure=looked.trust * judged.secure,
             free=free,
             lift_free=self._lifts(ranked, obstacles),
             warnings=looked.warnings if free.any() or not len(free) else (*looked.warnings, _BLOCKED),
