@@ -42,8 +42,8 @@ _SPACING = 0.006
 #: What a thing loses, compared with the logarithm of its number of pixels: at the image's border, for each half image
 #: size from the middle, and if it exceeds the crop.
 _CUT, _AWAY, _LARGE = 2.0, 1.0, 1.0
-#: Share of chosen things, cut by the border, whose best grasp is near a thing that people marked: 11 of 16 captures, and
-#: 76 of 76 of those that it does not cut.
+#: Share of chosen things, cut by the border, whose best grasp is near a marked thing: 11 of 16 captures, but
+#: 76 of 76 where it does not cut.
 _TRUST_CUT = 0.7
 #: Greatest distance of the principal point from the image's middle, as a share of the image's size.
 _OFF_CENTRE = 0.06
