@@ -5,7 +5,7 @@ walls, the robot, specks of noise and neighbours:
 
 | what | how |
 |---|---|
-| noise | a pixel is above the table from a height that grows with the square of the distance; groups below 2 % of the largest are specks |
+| noise | a pixel is above the table from a height that grows with the square of the distance, as the noise below the table does; groups below 2 % of the largest are specks |
 | the thing to grasp | the mask, or the group that is large, whole, near the middle of the image and no larger than the crop |
 | the crop | lies around the thing to grasp |
 | obstacles | all other points that are seen above the table, also beyond the crop |
@@ -28,9 +28,12 @@ from graspbox.perception.depth_views import DepthView, Seen
 
 __all__ = ["Look", "Survey", "Things", "crop_of_a_thing", "look", "survey", "things"]
 
-#: A pixel is above the table from a height that grows with the square of its distance, 1/m; a group with less than
-#: this share of the pixels of the largest is noise. On bare tables 1 to 12 % of the pixels are more than 4 mm too high.
-_NOISE_GROWTH, _LEAST_SHARE = 0.012, 0.02
+#: Noise of a table: the greatest height that it may have, divided by the square of the depth, 1/m; how far below the
+#: table it reaches, metres; pixels there that are too few to tell; the share of them that is taken, and the factor
+#: from there to all noise.
+_MOST_NOISE, _DEEPEST, _FEWEST, _NEARLY_ALL, _SAFE = 0.012, 0.03, 200, 0.95, 1.5
+#: A group with less than this share of the pixels of the largest is noise.
+_LEAST_SHARE = 0.02
 #: Most things of an image, the largest ones.
 _MOST_THINGS = 100
 #: Widest gap between pixels of one thing in plan view, metres.
@@ -114,7 +117,8 @@ def things(
     """
     depth, lens, pose = _arrays(view)
     heights = _core.pixel_heights(depth, lens, pose)
-    noise = config.min_height + _NOISE_GROWTH * depth**2
+    growth = _MOST_NOISE if bare else _noise(heights, depth)
+    noise = np.maximum(config.min_height, growth * depth**2)
     above = np.nan_to_num(heights, nan=-1.0) > (-noise if bare else noise)
     labels = _core.pixel_groups(depth, lens, pose, above, _GAP)
     largest = int((labels == 1).sum())
@@ -123,6 +127,17 @@ def things(
     sizes = np.bincount(labels.ravel(), minlength=2)[1:]
     kept = min(int(np.count_nonzero(sizes >= max(config.min_pixels, _LEAST_SHARE * largest))), _MOST_THINGS)
     return Things(np.where(labels > kept, 0, labels).astype(np.uint32), heights)
+
+
+def _noise(heights: NDArray[np.float32], depth: NDArray[np.float32]) -> float:
+    """Return the noise of a table by its pixels (H, W) that seem to be below it, where only noise is.
+
+    Heights up to this number times the square of the depth may be noise, 1/m.
+    """
+    below = (heights < 0.0) & (heights > -_DEEPEST)
+    if np.count_nonzero(below) < _FEWEST:
+        return _MOST_NOISE
+    return float(min(_SAFE * np.quantile(-heights[below] / depth[below] ** 2, _NEARLY_ALL), _MOST_NOISE))
 
 
 def survey(
@@ -217,7 +232,9 @@ def look(
     frame = made.world_from_crop[0]
     target = view.voxels(own, frame, config)
     warnings = (*scene.warnings, *_warnings_of_thing(own, target, view, config))
-    seen = Seen(made, target if together else None, view)
+    # Where it is alone, nothing need be told apart.
+    others = view.voxels(labels & ~own, frame, config)
+    seen = Seen(made, target, view, others) if others.any() else Seen(made, None, view)
     trust = 1.0 if (mask is not None and named) or not _is_cut(own) else _TRUST_CUT
     return Look(seen, own, _spaced(_points(own, view)), _obstacles(scene, own, frame, config), warnings, trust)
 

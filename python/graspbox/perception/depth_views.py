@@ -56,8 +56,11 @@ class DepthView:
         crops = crop(image, lens, pose[None], config=config, num_threads=num_threads)
         if not crops.found[0]:
             return Seen(crops, None, view)
-        voxels = None if target is None else view.voxels(target, crops.world_from_crop[0], config)
-        return Seen(crops, voxels, view)
+        if target is None:
+            return Seen(crops, None, view)
+        frame = crops.world_from_crop[0]
+        own, others = (view.voxels(pixels, frame, config) for pixels in (target, crops.object[0] & ~target))
+        return Seen(crops, own, view, others)
 
     def metres(self) -> NDArray[np.float64]:
         """Return the depth (H, W), metres."""
@@ -82,8 +85,13 @@ class DepthView:
 
 
 class Seen(NamedTuple):
-    """The crop of one depth image, the voxels of the object to grasp among several, and the levelled image."""
+    """The crop of one depth image, and the levelled image.
+
+    To grasp one of several objects, `target` and `others` (N, N, N) bool are the voxels in which its pixels, and those
+    of the others, see something.
+    """
 
     crops: Crops
     target: NDArray[np.bool_] | None = None
     view: DepthView | None = None
+    others: NDArray[np.bool_] | None = None

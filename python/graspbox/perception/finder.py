@@ -324,7 +324,10 @@ class GraspFinder(Finder):
         if seen.target is not None and config.rehearsal is not None:
             raise ConfigError("a rehearsal takes all that is seen for one object; rehearse none, or pass no target")
         occupancy = np.asarray(volume[0])
-        target = None if seen.target is None else belonging(occupancy, volume[1], seen.target)
+        target = None
+        if seen.target is not None:
+            assert seen.others is not None
+            target = belonging(occupancy, seen.others, seen.target)
         # A grasp that touches a wall may still succeed: the hand stops only where a wall resists.
         obstacles = [np.zeros((0, 3))]
         if query.keep_off is not None and len(query.keep_off):

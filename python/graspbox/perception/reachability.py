@@ -70,14 +70,14 @@ class Reachability:
         return self.grid.meets(occupancy, poses, preshapes, points=self.config.points, obstacles=self.obstacles)
 
 
-def belonging(occupancy: NDArray[np.uint8], surface: NDArray[np.uint8], target: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Keep the occupied voxels (N, N, N) that are reached from the target's visible ones before other visible ones.
+def belonging(occupancy: NDArray[np.uint8], others: NDArray[np.bool_], target: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Keep the occupied voxels (N, N, N) that are reached from the target's visible ones before those of others.
 
     From all visible voxels, ownership spreads through occupied ones, step by step to their neighbours.
     """
     occupied = np.pad((occupancy >= OCCUPIED) | target, 1)
     own = np.pad(target, 1)
-    other = np.pad((surface > 0) & ~target, 1) & occupied
+    other = np.pad(others & ~target, 1) & occupied
     while True:
         free = occupied & ~own & ~other
         more = _spread(own) & free, _spread(other) & free
@@ -86,7 +86,7 @@ def belonging(occupancy: NDArray[np.uint8], surface: NDArray[np.uint8], target: 
         own |= more[0]
         other |= more[1] & ~more[0]
     inside = own[1:-1, 1:-1, 1:-1]
-    return np.ascontiguousarray(np.where(inside, np.maximum(occupancy, np.uint8(255) * target), np.uint8(0)))
+    return np.ascontiguousarray(np.where(inside, occupancy, np.uint8(0)))
 
 
 def _spread(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -98,6 +98,9 @@ class DepthContext:
         """Load the trials of the data sets for training and for validation."""
         return GraspTrials.from_datasets(self.data, "train"), GraspTrials.from_datasets(self.data, "validation")
 
-    def sampler(self, objects: str | tuple[str, ...], split: object_sets.Split | None, seed: int) -> SceneSampler:
-        """Return a sampler of scenes with objects of a set."""
-        return SceneSampler(object_sets.load(objects, split=split), self.scenes, seed, self.layouts, self.physics)
+    def sampler(
+        self, objects: str | tuple[str, ...], split: object_sets.Split | None, seed: int, *, rendered: bool = False
+    ) -> SceneSampler:
+        """Return a sampler of scenes with objects of a set; none is seen as by a real camera if all are `rendered`."""
+        scenes = replace(self.scenes, real=0.0) if rendered else self.scenes
+        return SceneSampler(object_sets.load(objects, split=split), scenes, seed, self.layouts, self.physics)
