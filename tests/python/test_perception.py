@@ -1,5 +1,6 @@
 """Perception without networks: noise, crops and voxels by closed forms, invariances, the same bits on any threads."""
 
+from dataclasses import replace
 from math import erf
 from typing import Any
 
@@ -107,7 +108,36 @@ def test_noise_of_an_image_depends_on_its_own_seed() -> None:
     assert (both[0] != both[1]).any()
 
 
-@pytest.mark.parametrize(("field", "value"), [("dropout", 1.5), ("quantum", 0.0), ("edge_step", -1.0)])
+def test_neighbours_share_a_part_of_the_noise() -> None:
+    """Its standard deviation grows with the square of the depth, and it is gone at a multiple of its extent."""
+    for depth in (0.6, 1.2):
+        image, intrinsics = plane(depth, 160)
+        shared = replace(DepthNoise.none(), correlated_growth=0.004, correlation=6.0 / float(intrinsics[0, 0]))
+        found = add_depth_noise(np.repeat(image, 40, axis=0), intrinsics, 3, shared) / 1000.0 - depth
+        np.testing.assert_allclose(found.std(), 0.004 * depth**2, rtol=0.1)
+        beside = (found[:, :, 1:] * found[:, :, :-1]).mean() / found.var()
+        apart = (found[:, :, 30:] * found[:, :, :-30]).mean() / found.var()
+        assert beside > 0.9
+        assert abs(apart) < 0.1
+
+
+def test_holes_are_patches_of_a_share_of_the_image() -> None:
+    image, intrinsics = plane(0.7, 160)
+    shared = replace(DepthNoise.none(), holes=0.2, correlation=8.0 / float(intrinsics[0, 0]))
+    lost = add_depth_noise(image, intrinsics, 1, shared)[0] == 0
+    np.testing.assert_allclose(lost.mean(), 0.2, atol=0.002)
+    # Most neighbours of a lost pixel are lost too.
+    assert lost[:, 1:][lost[:, :-1]].mean() > 0.8
+    # The noise of single pixels does not depend on it.
+    plain = add_depth_noise(image, intrinsics, 1)[0]
+    holed = add_depth_noise(image, intrinsics, 1, replace(DepthNoise(), holes=0.2))[0]
+    np.testing.assert_array_equal(holed[holed > 0], plain[holed > 0])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("dropout", 1.5), ("quantum", 0.0), ("edge_step", -1.0), ("holes", 1.1), ("correlation", 0.0)],
+)
 def test_noise_out_of_range_is_refused(field: str, value: float) -> None:
     image, intrinsics = plane(0.7, 16)
     with pytest.raises(errors.ConfigError, match=field):

@@ -1,5 +1,6 @@
 """Networks of perception: both overfit one batch, from trials of scenes; choices are cautious."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from graspbox.learn.models.trials import GraspTrials  # noqa: E402
 from graspbox.learn.recipes.collection import CollectConfig, collect, load_trials  # noqa: E402
 from graspbox.learn.training.metrics import auc  # noqa: E402
 from graspbox.learn.training.trainer import TrainConfig, load_weights  # noqa: E402
-from graspbox.perception.configs import FinderConfig  # noqa: E402
+from graspbox.perception.configs import EVERYTHING, FinderConfig  # noqa: E402
 from graspbox.perception.inputs.scorer import ScorerInputs  # noqa: E402
 from graspbox.perception.perturbations import PoseNoise  # noqa: E402
 from graspbox.policies.published.calibration import Calibration  # noqa: E402
@@ -286,6 +287,31 @@ def test_collection_continues_and_its_trials_train_a_scorer(tmp_path: Path, inpu
     torch.testing.assert_close(first["head.0.weight"], second["head.0.weight"], atol=1e-6, rtol=0)
     stopped = collect(tmp_path / "trials", scenes, range(9), inputs.grid, config, score=noted, stop=lambda: True)
     assert len(stopped.source) == 3
+
+
+def test_some_scenes_are_seen_as_by_real_cameras() -> None:
+    """Their cameras are farther away, their images have holes, and of several objects the crop lies around one."""
+    objects = object_sets.load("procedural:can:0-3")
+    real, same = (SceneSampler(objects, SceneConfig(real=1.0), 0).sample(1, 6, 2) for _ in range(2))
+    np.testing.assert_array_equal(real.crops.channels, same.crops.channels)
+    assert len(real) > 8
+    # What is seen is near the object.
+    for channels, solid in zip(real.crops.channels, real.occupancies(CropConfig()), strict=True):
+        near = solid >= 64
+        for _ in range(3):
+            for axis in range(3):
+                near = near | np.roll(near, 1, axis) | np.roll(near, -1, axis)
+        assert near[channels[0] >= 128].mean() > 0.8
+    rng = np.random.default_rng(0)
+    drawn = [SceneConfig().as_real(rng) for _ in range(50)]
+    assert max(one.distance[1] for one in drawn) > 1.3
+    assert min(one.distance[0] for one in drawn) < 0.5
+    assert all(one.noise.correlated_growth <= 0.004 and one.noise.holes <= 0.25 for one in drawn)
+    several = SceneConfig(real=1.0, crop=CropConfig(gap=EVERYTHING))
+    crops = SceneSampler(objects, several, 0, ("packed",)).sample(0, 4, 2).crops
+    rendered = SceneSampler(objects, replace(several, real=0.0), 0, ("packed",)).sample(0, 4, 2).crops
+    assert len({tuple(pose[:2, 3].round(3)) for pose in crops.world_from_crop}) == len(crops)
+    assert not np.array_equal(crops.channels[:2], rendered.channels[:2])
 
 
 def test_collected_grasps_keep_off_the_walls_of_a_bin(tmp_path: Path, inputs: ScorerInputs) -> None:

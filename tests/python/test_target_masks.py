@@ -45,7 +45,8 @@ def test_ownership_spreads_from_what_is_seen() -> None:
     surface[1:5, 1:6, 5] = surface[5:9, 1:6, 3] = 255
     target = surface > 0
     target[:5] = False
-    own = belonging(occupancy, surface, target)
+    others = (surface > 0) & ~target
+    own = belonging(occupancy, others, target)
     assert (own[5:9, 1:6, :4] >= 200).all()
     assert own[:5, :, 4:].max() == 0
     # Below the higher top both are as near, at the border between them.
@@ -53,7 +54,7 @@ def test_ownership_spreads_from_what_is_seen() -> None:
     assert own[9:].max() == 0
     # What hangs on neither stays out.
     occupancy[11, 7, 7] = 255
-    assert belonging(occupancy, surface, target)[11].max() == 0
+    assert belonging(occupancy, others, target)[11].max() == 0
 
 
 def test_pixels_fill_the_voxels_that_they_see() -> None:
