@@ -159,6 +159,7 @@ def test_every_algorithm_has_parameters_for_every_environment(algorithm: str, en
         (("sb3", "ppo", "--out", "x", "--evaluations", "0"), "--evaluations is 0; pass 1 or more"),
         (("sb3", "ppo", "--out", "x", "--episodes", "-1"), "--episodes is -1; pass 1 or more"),
         (("sb3", "ppo", "--out", "x", "--torch-threads", "0"), "--torch-threads is 0"),
+        (("depth", "--out", "x", "--real", "2"), "--real is 2.0; it is a share of the scenes"),
         (("sb3", "ppo", "--out", "x", "--minutes", "0"), "--minutes is 0.0; pass a positive number"),
         (("sb3", "ppo", "--out", "x", "--minutes", "nan"), "--minutes is nan"),
         (("sb3", "ppo", "--out", "x", "--target", "80"), "--target is 80.0; give a rate between 0 and 1"),
