@@ -37,12 +37,15 @@ __all__ = [
     "SearchResult",
     "grasps",
     "observed_only",
+    "sure",
 ]
 
 #: From channels (n, 3, N, N, N) of crops to occupancies (n, N, N, N), all uint8.
 Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 #: Candidates of a head that are checked, for each that may be added.
 LOOKED_AT = 4
+#: Occupancy, of 255, that noise does not make.
+_SURE = 170
 
 
 class Head(Protocol):
@@ -50,6 +53,11 @@ class Head(Protocol):
 
     def candidates(self, volume: NDArray[np.uint8], count: int = 1) -> Candidates:
         """Return the best grasps of one crop (2 or more, N, N, N) uint8."""
+
+
+def sure(occupancy: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Keep the voxels (N, N, N) of an occupancy that are occupied with a probability of two thirds or more."""
+    return np.where(occupancy >= _SURE, occupancy, np.uint8(0))
 
 
 def observed_only(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -344,7 +352,8 @@ class GraspFinder(Finder):
                 preshapes = np.concatenate([preshapes, shapes[free]])
             if query.known is not None:
                 again, shapes = np.linalg.inv(frame) @ query.known[0], query.known[1]
-                kept = reach.free(again, shapes)
+                # Noise must not end what was free: only what is surely occupied counts.
+                kept = replace(reach, occupancy=sure(occupancy)).free(again, shapes)
                 poses, preshapes = np.concatenate([poses, again[kept]]), np.concatenate([preshapes, shapes[kept]])
             if len(poses):
                 break

@@ -3,6 +3,7 @@
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, Self, TypedDict, Unpack
 
 import numpy as np
@@ -22,7 +23,7 @@ from graspbox.perception.depth_images import (
     thinned,
 )
 from graspbox.perception.depth_views import DepthView
-from graspbox.perception.finder import Query, grasps
+from graspbox.perception.finder import Query, grasps, sure
 from graspbox.perception.outputs import NONE_JUDGED
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.scoring import Ranked
@@ -267,6 +268,9 @@ class ImageGrasper:
         assert query.keep_off is not None
         obstacles = (query.keep_off - frame[:3, 3]) @ frame[:3, :3]
         free, _ = self._finder.grid.meets(ranked.volume[0], ranked.poses, ranked.preshapes, obstacles=obstacles)
+        if first is not None:  # as it was kept
+            meets = partial(self._finder.grid.meets, sure(ranked.volume[0]), obstacles=obstacles)
+            free[:1], _ = meets(ranked.poses[:1], ranked.preshapes[:1])
         return ImageGrasps(
             policy=self.config,
             hand=self.hand,
