@@ -207,6 +207,13 @@ def grasper() -> Any:
     return ImageGrasper(REPOSITORY / "policies" / "panda_clutter")
 
 
+def test_other_kinds_of_policies_are_refused() -> None:
+    from graspbox.policies.grasp_image import ImageGrasper
+
+    with pytest.raises(ConfigError, match="of the kind 'head', which acts in environments alone; in your own images"):
+        ImageGrasper(REPOSITORY / "policies" / "head")
+
+
 def test_all_things_of_a_scene_are_grasped(grasper: Any) -> None:
     capture = Capture.read(CAPTURES / "pcl_milk_clorox")
     found = grasper.find_all(capture.depth, capture.intrinsics, count=3)

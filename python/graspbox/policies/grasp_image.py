@@ -4,6 +4,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple, Self, TypedDict, Unpack
 
 import numpy as np
@@ -29,8 +30,9 @@ from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.scoring import Ranked
 from graspbox.policies.finders import load_finder
 from graspbox.policies.image_grasps import ImageGrasps, SceneGrasps
+from graspbox.policies.published.configs import DepthPolicyConfig
 from graspbox.policies.published.downloads import folder_of
-from graspbox.policies.published.folders import hand_of, read_depth_policy
+from graspbox.policies.published.folders import hand_of, load
 from graspbox.policies.published.runtimes import Backend
 
 __all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "SceneGrasps", "grasp_image"]
@@ -121,7 +123,7 @@ class ImageGrasper:
         num_threads: int | None = None,
     ) -> None:
         folder = folder_of(policy)
-        self.config = read_depth_policy(folder)
+        self.config = _read(folder)
         self.hand = load_hand(hand_of(folder, self.config) if hand is None else hand)
         self._finder = load_finder(folder, self.config, self.hand, backend=backend, num_threads=num_threads)
 
@@ -405,6 +407,17 @@ def grasp_image(
     `policy`, `hand` and `backend` are those of `ImageGrasper`, whose errors it raises too.
     """
     return ImageGrasper(policy, hand=hand, backend=backend).find(depth, intrinsics, table_from_camera, **options)
+
+
+def _read(folder: Path) -> DepthPolicyConfig:
+    """Read the configuration of a policy; raises ConfigError if it does not find grasps in images."""
+    published = load(folder)
+    if not isinstance(published, DepthPolicyConfig):
+        raise ConfigError(
+            f"the policy {published.name!r} is of the kind {published.kind!r}, which acts in environments alone; in "
+            "your own images choose one of the kind 'depth', such as depth or panda_clutter"
+        )
+    return published
 
 
 def _belongs(
