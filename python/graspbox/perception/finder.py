@@ -7,7 +7,7 @@
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, Self
 
@@ -44,8 +44,8 @@ __all__ = [
 Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 #: Candidates of a head that are checked, for each that may be added.
 LOOKED_AT = 4
-#: Occupancy, of 255, that noise does not make.
-_SURE = 170
+#: Occupancy, of 255, that noise does not make; surface, of 255, of voxels in whose middle a pixel sees something.
+_SURE, _SEEN = 170, 128
 
 
 class Head(Protocol):
@@ -331,31 +331,48 @@ class GraspFinder(Finder):
         config, frame = query.settings(self.config), seen.crops.world_from_crop[0]
         if seen.target is not None and config.rehearsal is not None:
             raise ConfigError("a rehearsal takes all that is seen for one object; rehearse none, or pass no target")
-        occupancy = np.asarray(volume[0])
-        target = None
-        if seen.target is not None:
-            assert seen.others is not None
-            target = belonging(occupancy, seen.others, seen.target)
         # A grasp that touches a wall may still succeed: the hand stops only where a wall resists.
         obstacles = [np.zeros((0, 3))]
         if query.keep_off is not None and len(query.keep_off):
             obstacles.insert(0, (query.keep_off - frame[:3, 3]) @ frame[:3, :3])
-        for points in obstacles:
+        tries = ((points, *shape) for points in obstacles for shape in _shapes(volume, seen))
+        for points, occupancy, target in tries:
             reach = Reachability(self.grid, config.proposals, occupancy, target, points)
-            own = reach.propose()
-            poses, preshapes = own.poses, own.preshape
-            if self.head is not None and config.predicted and (config.enough is None or len(own) < config.enough):
-                others = self.head.candidates(seen.crops.channels[0], LOOKED_AT * config.predicted)
-                shapes = self.grid.preshapes[others.preshape]
-                free = np.flatnonzero(reach.feasible(others.poses, shapes))[: config.predicted]
-                poses = np.concatenate([poses, others.poses[free]])
-                preshapes = np.concatenate([preshapes, shapes[free]])
+            poses, preshapes = self._candidates(reach, seen, config)
             if query.known is not None:
-                again, shapes = np.linalg.inv(frame) @ query.known[0], query.known[1]
+                again, known = np.linalg.inv(frame) @ query.known[0], query.known[1]
                 # Noise must not end what was free: only what is surely occupied counts.
-                kept = replace(reach, occupancy=sure(occupancy)).free(again, shapes)
-                poses, preshapes = np.concatenate([poses, again[kept]]), np.concatenate([preshapes, shapes[kept]])
+                kept = replace(reach, occupancy=sure(occupancy)).free(again, known)
+                poses, preshapes = np.concatenate([poses, again[kept]]), np.concatenate([preshapes, known[kept]])
             if len(poses):
                 break
         failed = [(grasp.world_from_hand, grasp.preshape) for grasp in query.failed]
         return Proposed(poses, preshapes, scoring=Scoring(self.score, volume, reach, config, failed, frame))
+
+    def _candidates(
+        self, reach: Reachability, seen: Seen, config: FinderConfig
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return feasible grasps of geometry, then of the head: poses (m, 4, 4) in the crop, and preshapes (m,)."""
+        own = reach.propose()
+        if self.head is None or not config.predicted or (config.enough is not None and len(own) >= config.enough):
+            return own.poses, own.preshape
+        others = self.head.candidates(seen.crops.channels[0], LOOKED_AT * config.predicted)
+        preshapes = self.grid.preshapes[others.preshape]
+        free = np.flatnonzero(reach.feasible(others.poses, preshapes))[: config.predicted]
+        return np.concatenate([own.poses, others.poses[free]]), np.concatenate([own.preshape, preshapes[free]])
+
+
+def _shapes(volume: NDArray[np.uint8], seen: Seen) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]:
+    """Yield what is occupied and, of it, the target, (N, N, N): as completed, then with all that is seen.
+
+    The completion of a thing that is seen badly may lack what is seen of it.
+    """
+    for least in (None, _SEEN):
+        occupancy = np.asarray(volume[0])
+        if least is not None:
+            occupancy = np.where(volume[1] >= least, np.uint8(255), occupancy)
+        target = None
+        if seen.target is not None:
+            assert seen.others is not None
+            target = belonging(occupancy, seen.others, seen.target)
+        yield occupancy, target
