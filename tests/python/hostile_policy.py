@@ -108,7 +108,8 @@ _VALUES: list[Any] = [
 
 def hostile_grasps(url: str, rng: random.Random, count: int) -> int:
     """Images that are none, arrays that lie about their shape, and absurd entries beside a right image."""
-    names = ("intrinsics", "camera_pose", "region", "hand_error", "depth_scale", "count", "seed")
+    names: tuple[str, ...] = ("intrinsics", "camera_pose", "region", "mask", "labels", "label", "all", "keep_off")
+    names += ("hand_error", "depth_scale", "count", "seed")
     for index in range(count):
         request = grasps(rng)
         if index % 2:

@@ -72,6 +72,14 @@ def test_noise_far_away_is_no_thing() -> None:
     assert labels[120, 160] == 1
 
 
+@pytest.mark.filterwarnings("error")
+def test_tiny_depths_are_no_division_by_zero() -> None:
+    view = scene((0.0, 0.0, 0.03, 0.08))
+    depth = np.array(view.depth)
+    depth[:40] = 1e-30
+    assert things(DepthView(depth, LENS, POSE), CROP).labels.max() >= 1
+
+
 def test_the_crop_lies_around_the_mask() -> None:
     view = scene((0.0, 0.0, 0.05, 0.08), (0.05, 0.3, 0.02, 0.05))
     labels = things(view, CROP).labels

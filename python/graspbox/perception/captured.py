@@ -137,7 +137,9 @@ def _noise(heights: NDArray[np.float32], depth: NDArray[np.float32]) -> float:
     below = (heights < 0.0) & (heights > -_DEEPEST)
     if np.count_nonzero(below) < _FEWEST:
         return _MOST_NOISE
-    return float(min(_SAFE * np.quantile(-heights[below] / depth[below] ** 2, _NEARLY_ALL), _MOST_NOISE))
+    # The square of a tiny depth would be 0 in single precision.
+    growths = -heights[below] / np.square(depth[below], dtype=np.float64)
+    return float(min(_SAFE * np.quantile(growths, _NEARLY_ALL), _MOST_NOISE))
 
 
 def survey(
