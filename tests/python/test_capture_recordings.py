@@ -2,6 +2,7 @@
 
 import io
 import struct
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -427,9 +428,9 @@ def test_images_of_a_recording_are_averaged(tmp_path: Path) -> None:
     errors_of = [np.abs(seen.depth - scene())[measured].mean() for seen in (one, several)]
     assert errors_of[1] < 0.4 * errors_of[0]
     np.testing.assert_array_equal(several.depth, read_capture(path, frame=1, frames=19).depth)
-    for wrong, message in (({"frames": 0}, "frames is 0; pass 1 to 120"), ({"frames": 99}, "has 20 images from there")):
+    for frames, message in ((0, "frames is 0; pass 1 to 120"), (99, "has 20 images from there")):
         with pytest.raises(errors.ConfigError, match=message):
-            read_capture(path, **wrong)
+            read_capture(path, frames=frames)
     np.save(tmp_path / "depth.npy", scene())
     with pytest.raises(errors.ConfigError, match="is no recording; frames are averaged of one"):
         read_capture(tmp_path / "depth.npy", intrinsics=LENS, frames=2)
@@ -442,6 +443,13 @@ def test_images_of_a_recording_are_averaged(tmp_path: Path) -> None:
     assert 0.5 < average(holes).depth[20, 20] < 0.7
     with pytest.raises(errors.ConfigError, match="there are 0 images to average"):
         average([])
+    moved = replace(holes[1], table_from_camera=np.eye(4))
+    with pytest.raises(errors.ConfigError, match="has another pose of the camera"):
+        average([holes[0], moved])
+    odd = np.arange(64) % 2 == 1
+    halves = [replace(one, depth=np.where(own, one.depth, 0.0)) for own, one in zip((odd, ~odd), holes, strict=False)]
+    with pytest.raises(errors.ConfigError, match="no pixel is measured in half of the images"):
+        average(halves)
     np.save(tmp_path / "other.npy", scene()[:40])
     with pytest.raises(errors.ConfigError, match="pass images of one camera"):
         average([*holes, read_capture(tmp_path / "other.npy", intrinsics=LENS)])

@@ -241,6 +241,20 @@ def test_all_things_of_a_scene_are_grasped(grasper: Any) -> None:
     np.testing.assert_array_equal(alone.table_from_hand, posed.grasps[2].table_from_hand)
     with pytest.raises(ConfigError, match="labels are float64"):
         grasper.find_all(capture.depth, capture.intrinsics, labels=capture.depth)
+    # Less than 0 is no thing; too large numbers, too many things and wrong options are errors of the whole call.
+    assert capture.labels is not None
+    void = np.where(capture.labels == 2, -1, capture.labels)
+    known = grasper.find_all(capture.depth, capture.intrinsics, labels=void, count=1).labels
+    assert set(known.ravel().tolist()) == {0, 1, 3}
+    wrongs: tuple[tuple[Any, dict[str, Any], str], ...] = (
+        (capture.labels.astype(np.uint64) << np.uint64(62), {}, "numbers below 2^62"),
+        (np.arange(capture.labels.size).reshape(capture.labels.shape), {}, "pass at most 100"),
+        (capture.labels, {"count": 0}, "count is 0"),
+        (capture.labels, {"keep_off": [[0.0, 0.0, 0.1]]}, "keep_off is in the table's frame"),
+    )
+    for labels, keywords, message in wrongs:
+        with pytest.raises(ConfigError, match=re.escape(message)):
+            grasper.find_all(capture.depth, capture.intrinsics, labels=labels, **keywords)
 
 
 def test_a_policy_grasps_in_captures(grasper: Any) -> None:
@@ -350,6 +364,13 @@ def test_the_best_grasp_of_a_still_scene_stays(grasper: Any) -> None:
         grasper.find(capture.depth, capture.intrinsics, mask=mask, previous=there).table_from_hand,
         fresh.table_from_hand,
     )
+    # An earlier grasp in the air takes nothing from a thing that is blocked.
+    pose = fit_table(capture.depth, capture.intrinsics)
+    around = np.random.default_rng(0).uniform(-0.3, 0.3, (4000, 3)) + (fresh.table_from_crop[:3, 3])
+    walled = {"mask": mask, "keep_off": around}
+    blocked = grasper.find(capture.depth, capture.intrinsics, pose, **walled)
+    again = grasper.find(capture.depth, capture.intrinsics, pose, previous=there, **walled)
+    assert len(blocked) == len(again)
     other = replace(there, hand=load_hand("reflex"))
     with pytest.raises(ConfigError, match="previous has grasps of reflex, not of panda_gripper"):
         grasper.find(capture.depth, capture.intrinsics, mask=mask, previous=other)

@@ -178,7 +178,7 @@ def test_masks_are_read_from_files(tmp_path: Path) -> None:
     np.save(tmp_path / "depth.npy", np.full((6, 8), 0.6))
     np.save(tmp_path / "mask.npy", mask)
     Image.fromarray(mask).save(tmp_path / "mask.png")
-    lens = [[10.0, 0, 4], [0, 10.0, 3], [0, 0, 1]]
+    lens = np.array([[10.0, 0, 4], [0, 10.0, 3], [0, 0, 1]])
     for name in ("mask.npy", "mask.png"):
         seen = read_capture(tmp_path / "depth.npy", intrinsics=lens, mask=tmp_path / name)
         np.testing.assert_array_equal(seen.mask(), mask)

@@ -68,7 +68,7 @@ def read_capture(
     mask : (H, W) bool array or path, optional
         Pixels of one thing, not 0; a file with several numbers is refused.
     labels : (H, W) int array or path, optional
-        Numbers of things, 0 for none, instead of a mask.
+        Numbers of things, 0 or less for none, instead of a mask.
     topic, time, frame : str, float, int, optional
         Of a recording: the topic, by default the only one with depth; seconds since its first message, or the number
         of the message.
@@ -301,7 +301,9 @@ def _labels(
         values = np.asarray(marked)
     if values.shape != shape or values.dtype.kind not in "biu":
         raise ConfigError(f"{name} is {values.dtype} of shape {values.shape}; pass {shape}, as the image")
-    numbers = values.astype(np.int64)
+    if values.size and int(values.max()) >= 1 << 62:
+        raise ConfigError(f"{name} holds the number {int(values.max())}; pass numbers below 2^62")
+    numbers = np.maximum(values.astype(np.int64), 0)
     if labels is None:
         known = np.unique(numbers)
         known = known[known != 0]

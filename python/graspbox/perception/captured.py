@@ -26,7 +26,7 @@ from graspbox.perception.crops import Crops, crop
 from graspbox.perception.depth_images import check_table, points_of
 from graspbox.perception.depth_views import DepthView, Seen
 
-__all__ = ["Look", "Survey", "Things", "crop_of_a_thing", "look", "survey", "things"]
+__all__ = ["MOST_THINGS", "Look", "Survey", "Things", "crop_of_a_thing", "look", "survey", "things"]
 
 #: Noise of a table: the greatest height that it may have, divided by the square of the depth, 1/m; how far below the
 #: table it reaches, metres; pixels there that are too few to tell; the share of them that is taken, and the factor
@@ -35,7 +35,7 @@ _MOST_NOISE, _DEEPEST, _FEWEST, _NEARLY_ALL, _SAFE = 0.012, 0.03, 200, 0.95, 1.5
 #: A group with less than this share of the pixels of the largest is noise.
 _LEAST_SHARE = 0.02
 #: Most things of an image, the largest ones.
-_MOST_THINGS = 100
+MOST_THINGS = 100
 #: Widest gap between pixels of one thing in plan view, metres.
 _GAP = 0.03
 #: Seen points from this height above the table are obstacles, and so far from the crop's middle, metres.
@@ -125,7 +125,7 @@ def things(
     if within is not None:
         labels = _core.pixel_groups(depth, lens, pose, above & within, _GAP)
     sizes = np.bincount(labels.ravel(), minlength=2)[1:]
-    kept = min(int(np.count_nonzero(sizes >= max(config.min_pixels, _LEAST_SHARE * largest))), _MOST_THINGS)
+    kept = min(int(np.count_nonzero(sizes >= max(config.min_pixels, _LEAST_SHARE * largest))), MOST_THINGS)
     return Things(np.where(labels > kept, 0, labels).astype(np.uint32), heights)
 
 

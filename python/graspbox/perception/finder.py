@@ -339,13 +339,13 @@ class GraspFinder(Finder):
         for points, occupancy, target in tries:
             reach = Reachability(self.grid, config.proposals, occupancy, target, points)
             poses, preshapes = self._candidates(reach, seen, config)
-            if query.known is not None:
-                again, known = np.linalg.inv(frame) @ query.known[0], query.known[1]
-                # Noise must not end what was free: only what is surely occupied counts.
-                kept = replace(reach, occupancy=sure(occupancy)).free(again, known)
-                poses, preshapes = np.concatenate([poses, again[kept]]), np.concatenate([preshapes, known[kept]])
             if len(poses):
                 break
+        if query.known is not None:
+            again, known = np.linalg.inv(frame) @ query.known[0], query.known[1]
+            # Noise must not end what was free: only what is surely occupied counts.
+            kept = replace(reach, occupancy=sure(volume[0]), obstacles=obstacles[0]).free(again, known)
+            poses, preshapes = np.concatenate([poses, again[kept]]), np.concatenate([preshapes, known[kept]])
         failed = [(grasp.world_from_hand, grasp.preshape) for grasp in query.failed]
         return Proposed(poses, preshapes, scoring=Scoring(self.score, volume, reach, config, failed, frame))
 

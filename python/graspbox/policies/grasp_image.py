@@ -2,7 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypedDict, Unpack
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
-from graspbox.perception.captured import Survey, look, survey
+from graspbox.perception.captured import MOST_THINGS, Survey, look, survey
 from graspbox.perception.configs import EVERYTHING, CropConfig
 from graspbox.perception.depth_images import (
     check_gravity,
@@ -166,8 +166,7 @@ class ImageGrasper:
         inside = None if region is None else _within(region, np.shape(depth))
         scene = _Scene.of(depth, intrinsics, table_from_camera, gravity, marked, inside)
         seen = scene.survey(self._finder.crop, inside)
-        earlier = self._known(scene, seen, () if previous is None else (previous,))
-        chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, earlier)
+        chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, self._known(scene, seen, previous))
         return self._grasps(scene, seen, scene.thin(marked), chosen)
 
     def find_all(
@@ -196,9 +195,7 @@ class ImageGrasper:
         """
         inside = None if region is None else _within(region, np.shape(depth))
         if labels is not None:
-            labels = np.asarray(labels)
-            if labels.shape != np.shape(depth) or labels.dtype.kind not in "iu":
-                raise ConfigError(f"labels are {labels.dtype} of shape {labels.shape}; pass integers {np.shape(depth)}")
+            labels = _numbers(labels, np.shape(depth))
         scene = _Scene.of(depth, intrinsics, table_from_camera, gravity, None if labels is None else labels > 0, inside)
         seen = scene.survey(self._finder.crop, inside)
         if labels is not None:
@@ -206,12 +203,14 @@ class ImageGrasper:
         else:
             found = seen.things.labels.astype(np.int64)
             found = found if previous is None else _renumbered(found, previous.labels)
-        earlier = self._known(scene, seen, () if previous is None else tuple(previous.grasps.values()))
-        chosen = _Chosen(count, keep_off, hand_error, None, seed, earlier)
+        chosen = _Chosen(count, keep_off, hand_error, None, seed, None)
+        chosen.query(scene, np.zeros((0, 3)))  # wrong options are no refusals of things
 
         def of(label: int) -> ImageGrasps | str:
+            earlier = None if previous is None else previous.grasps.get(label)
+            own = replace(chosen, known=self._known(scene, seen, earlier))
             try:
-                return self._grasps(scene, seen, found == label, chosen, named=labels is not None)
+                return self._grasps(scene, seen, found == label, own, named=labels is not None)
             except ConfigError as error:
                 return str(error)
 
@@ -224,18 +223,17 @@ class ImageGrasper:
             {label: one for label, one in each.items() if isinstance(one, str)},
         )
 
-    def _known(self, scene: "_Scene", surveyed: Survey, earlier: tuple[ImageGrasps, ...]) -> "_Known | None":
-        """Return the best earlier grasps, in the frame of the table."""
-        if any(one.hand.name != self.hand.name for one in earlier):
-            raise ConfigError(
-                f"previous has grasps of {earlier[0].hand.name}, not of {self.hand.name}; pass those of this hand"
-            )
-        kept = [one for one in earlier if len(one)]
-        if not kept:
+    def _known(self, scene: "_Scene", surveyed: Survey, earlier: ImageGrasps | None) -> "_Known | None":
+        """Return the best earlier grasp, in the frame of the table."""
+        if earlier is None or not len(earlier):
             return None
+        if earlier.hand.name != self.hand.name:
+            raise ConfigError(
+                f"previous has grasps of {earlier.hand.name}, not of {self.hand.name}; pass those of this hand"
+            )
         moved = np.eye(4) if scene.pose_given else np.asarray(surveyed.view.world_from_camera)
-        poses = [(one.table_from_hand if scene.pose_given else one.camera_from_hand)[0] for one in kept]
-        return _Known(moved @ np.array(poses), np.array([one.preshape[0] for one in kept]))
+        poses = earlier.table_from_hand if scene.pose_given else earlier.camera_from_hand
+        return _Known(moved @ poses[:1], earlier.preshape[:1])
 
     def _grasps(
         self,
@@ -303,7 +301,7 @@ class ImageGrasper:
 
 
 class _Known(NamedTuple):
-    """Earlier grasps: poses in the frame of the table (k, 4, 4), metres, and preshapes (k,)."""
+    """The best earlier grasp: its pose in the frame of the table (1, 4, 4), metres, and preshape (1,)."""
 
     poses: NDArray[np.float64]
     preshapes: NDArray[np.float64]
@@ -360,6 +358,9 @@ class _Scene(NamedTuple):
         image = np.asarray(depth, dtype=np.float64)
         if image.ndim != 2:
             raise ConfigError(f"depth has shape {image.shape}; pass one image (H, W)")
+        image = np.where(np.isfinite(image), image, 0.0)
+        if (image < 0).any():
+            raise ConfigError(f"depth holds {image.min():.3g} m; depths are distances along the optical axis")
         if gravity is not None and table_from_camera is not None:
             raise ConfigError("gravity and table_from_camera both say where up is; pass one of them")
         lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
@@ -407,6 +408,20 @@ def grasp_image(
     `policy`, `hand` and `backend` are those of `ImageGrasper`, whose errors it raises too.
     """
     return ImageGrasper(policy, hand=hand, backend=backend).find(depth, intrinsics, table_from_camera, **options)
+
+
+def _numbers(labels: NDArray[np.integer], shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Check the numbers of things (H, W); negative ones are none."""
+    array = np.asarray(labels)
+    if array.shape != shape or array.dtype.kind not in "iu":
+        raise ConfigError(f"labels are {array.dtype} of shape {array.shape}; pass integers {shape}")
+    things = np.unique(array[array > 0])
+    if len(things) and (len(things) > MOST_THINGS or things[-1] >= 1 << 62):
+        raise ConfigError(
+            f"labels have {len(things)} things, up to number {things[-1]}; pass at most {MOST_THINGS}, and numbers "
+            "below 2^62"
+        )
+    return np.where(array > 0, array, 0).astype(np.int64)
 
 
 def _read(folder: Path) -> DepthPolicyConfig:
@@ -468,7 +483,7 @@ def _renumbered(found: NDArray[np.int64], earlier: NDArray[np.int64]) -> NDArray
         return found
     given, taken = {0: 0}, {0}
     for label in np.unique(found[found > 0]).tolist():
-        numbers, counts = np.unique(earlier[found == label], return_counts=True)
+        numbers, counts = np.unique(np.maximum(earlier[found == label], 0), return_counts=True)
         covered = [
             (count, number)
             for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)

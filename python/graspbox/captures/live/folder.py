@@ -35,8 +35,8 @@ class _State(NamedTuple):
 class FolderSource(LiveSource):
     """The depth files of a folder that grows, in the order of their modification, then of their names.
 
-    A file is read once its size and time are the same in two looks, 0.1 s apart. One that cannot be read is tried again
-    when it changes. Hidden files and other suffixes are ignored. ``NAME_labels.png`` (or ``.npy``) beside ``NAME.png``
+    A file is read once its size and time are the same in two looks, 0.1 s apart. It is read again when
+    it changes. Hidden files and other suffixes are ignored. ``NAME_labels.png`` (or ``.npy``) beside ``NAME.png``
     holds its labels, ``NAME_mask.png`` a mask: write them before the image.
 
     Parameters
@@ -59,8 +59,8 @@ class FolderSource(LiveSource):
         super().__init__(str(folder), settings)
         self._folder = folder
         self._before: dict[str, _State] = {}
-        #: Files that were read (None), or could not be read in this state. Deleted ones are forgotten.
-        self._done: dict[str, _State | None] = dict.fromkeys(self._listed()) if new_only else {}
+        #: Files in the state in which they were read, or could not be read. Deleted ones are forgotten.
+        self._done: dict[str, _State] = self._listed() if new_only else {}
 
     def _images(self) -> Generator[Image, None, None]:
         while True:
@@ -78,9 +78,7 @@ class FolderSource(LiveSource):
         due = [
             (name, state)
             for name, state in now.items()
-            if state.size
-            and self._before.get(name) == state
-            and self._done.get(name, state._replace(size=-1)) not in (None, state)
+            if state.size and self._before.get(name) == state and self._done.get(name) != state
         ]
         self._before = now
         return sorted(due, key=lambda item: (item[1].modified, item[0]))
@@ -106,9 +104,7 @@ class FolderSource(LiveSource):
             given = None if file is None else read_camera(file, name)
         labels = _beside(path, _LABELS)
         mask = _beside(path, _MASK) if labels is None else None
-        capture = self._settings.capture(found, given, mask, labels)
-        self._done[name] = None
-        return capture
+        return self._settings.capture(found, given, mask, labels)
 
 
 def _is_depth(name: str) -> bool:

@@ -128,7 +128,7 @@ class LiveSource(ABC):
                 index, self.skipped = index + image.missed + 1, self.skipped + image.missed
                 try:
                     capture = image.read()
-                except (ConfigError, FileError) as error:
+                except (ConfigError, FileError, OSError) as error:  # such as a file that is gone
                     self.refusal, self.skipped = str(error), self.skipped + 1
                     _LOG.warning("an image of %s is skipped: %s", self.name, error)
                 else:

@@ -64,9 +64,13 @@ class Ros2Source(LiveSource):
         # A context of its own leaves Ctrl-C, and other nodes of this process, alone.
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
-        self._node = rclpy.create_node("graspbox_camera", context=self._context)
-        self._executor = executors.SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        try:
+            self._node = rclpy.create_node("graspbox_camera", context=self._context)
+            self._executor = executors.SingleThreadedExecutor(context=self._context)
+            self._executor.add_node(self._node)
+        except BaseException:
+            self._context.try_shutdown()
+            raise
         self._thread = threading.Thread(target=self._executor.spin, name="graspbox ros2", daemon=True)
         try:
             self._kind = self._found_kind()

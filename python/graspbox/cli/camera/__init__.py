@@ -79,11 +79,11 @@ def _grasping(
         grasper = ImageGrasper(policy, hand=None if hand is None else find_hand(hand))
         return LocalGrasping(grasper, place, everything, label, find_options(**given))
     keep_off = given.pop("keep_off")
-    if everything or any(one is not None for one in (hand, label, keep_off, given.pop("gravity"))):
+    if everything or any(one is not None for one in (hand, keep_off, given.pop("gravity"))):
         raise ConfigError(
-            "a policy on a server takes no --hand, --all, --label, --gravity and --keep-off; name one of this machine"
+            "a policy on a server takes no --hand, --all, --gravity and --keep-off; name one of this machine"
         )
-    return ServedGrasping(policy, {**given, "camera_pose": place})
+    return ServedGrasping(policy, {**given, "camera_pose": place}, label)
 
 
 def _end(summary: Summary, source: LiveSource, seconds: float | None) -> NoReturn:
@@ -134,6 +134,8 @@ def camera_command(
         raise ConfigError(
             "--rerun records grasps of one object by a policy of this machine; leave out --rerun or --all"
         )
+    if everything and label is not None:
+        raise ConfigError("--all asks for every object, --label for one; leave either out")
     place = given_pose(camera_pose, camera_height, tilt)
     if keep_off is not None and place is None:
         raise ConfigError("--keep-off is in the table's frame; pass --camera-pose, or --camera-height and --tilt")

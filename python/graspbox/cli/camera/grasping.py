@@ -107,6 +107,8 @@ class ServedGrasping:
         ``ws://HOST:PORT`` or ``wss://HOST:PORT``; the token is in the environment variable ``GRASPBOX_TOKEN``.
     request : dict
         Entries of each request besides the image.
+    label : int, optional
+        The object's number in the labels; by default the only one.
 
     Raises
     ------
@@ -119,7 +121,8 @@ class ServedGrasping:
     #: Entries of an answer that are numbers of each grasp.
     _NUMBERS = ("success", "secure", "choice", "preshape", "free", "lift_free", "camera_from_hand", "table_from_hand")
 
-    def __init__(self, url: str, request: dict[str, Any]) -> None:
+    def __init__(self, url: str, request: dict[str, Any], label: int | None = None) -> None:
+        self._label = label
         self._url, self._request = url, {name: value for name, value in request.items() if value is not None}
         self._client = _core.PolicyClient(url, token=client_token(None), ca=None)
         metadata = self._client.metadata
@@ -130,6 +133,8 @@ class ServedGrasping:
     def __call__(self, seen: Capture) -> Answer:
         """Return the grasps of a frame; a ConfigError refuses it."""
         image = {"depth": seen.depth.astype(np.float32), "intrinsics": seen.intrinsics}
+        if seen.labels is not None or self._label is not None:
+            image["mask"] = seen.mask(self._label)
         self._client.send({**image, **self._request})
         answer = self._client.receive()
         if isinstance(answer, str):

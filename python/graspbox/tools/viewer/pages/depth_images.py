@@ -64,7 +64,9 @@ class DepthImagePage(Page):
             return first.depth, first.intrinsics, first.table_from_camera
         focus = None if content.labels is None else content.labels > 0
         pose = content.table_from_camera
-        pose = fit_table(content.depth, content.intrinsics, focus) if pose is None else pose
+        if pose is None:
+            around = content.depth if focus is None else np.where(focus, 0.0, content.depth)
+            pose = fit_table(around, content.intrinsics, focus)
         small, lens, _ = thinned(content.depth, content.intrinsics)
         return small, lens, pose
 
@@ -102,7 +104,13 @@ class DepthImagePage(Page):
     def _find_all(self) -> None:
         self.everything.disabled = True
         self.canvas.say("the policy is running ...")
-        self.canvas.background(lambda: self.find(every=True))
+        self.canvas.background(self._every)
+
+    def _every(self) -> None:
+        try:
+            self.find(every=True)
+        finally:
+            self.everything.disabled = False
 
     def _show_grasps(self) -> None:
         scene = self.scene
