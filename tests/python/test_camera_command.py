@@ -129,6 +129,7 @@ def test_wrong_calls_are_refused(folder: Path, tmp_path: Path) -> None:
         (["--topic", "/depth"], "is no recording"),
         (["--all", "--rerun", tmp_path / "a.rrd"], "leave out --rerun or --all"),
         (["--seconds", "-1"], "seconds is -1"),
+        (["--all", "--label", "2"], "leave either out"),
         (["--out", tmp_path], "it is a folder"),
     ):
         assert message in str(invoke([*words, *added]).exception)
@@ -177,6 +178,24 @@ def test_a_served_policy_answers_as_here(folder: Path) -> None:
     # Depth is sent as float32.
     np.testing.assert_allclose(there["table_from_camera"], here["table_from_camera"], atol=1e-3)
     assert "left < right" in refused["refused"]
+
+
+def test_a_served_policy_grasps_what_the_labels_mark(tmp_path: Path) -> None:
+    from graspbox.tools.remote.policy_serving import PolicyServer
+    from graspbox.tools.remote.settings import PolicyServerSettings
+
+    for source, name in (("depth.png", "c.png"), ("labels.png", "c_labels.png"), ("capture.json", "camera.json")):
+        shutil.copy(CAPTURES / "pcl_milk_clorox" / source, tmp_path / name)
+    seen = read_capture(tmp_path / "c.png", intrinsics=tmp_path / "camera.json", labels=tmp_path / "c_labels.png")
+    words = ["camera", tmp_path, "--frames", "1", "--count", "1", "--json", "--policy"]
+    with PolicyServer(POLICY, PolicyServerSettings(port=0)) as server:
+        for label in (1, 2):
+            (there,) = lines(invoke([*words, server.url, "--label", label]).stdout)
+            place = np.array(there["grasps"][0]["camera_from_hand"])[:3, 3]
+            away = [np.linalg.norm(seen.points(seen.mask(one)) - place, axis=1).min() for one in (1, 2)]
+            assert np.argmin(away) == label - 1, away
+        (refused,) = lines(invoke([*words, server.url]).stdout)
+    assert "choose one of them" in refused["refused"]
 
 
 def test_frames_are_recorded_for_rerun(folder: Path, tmp_path: Path) -> None:

@@ -416,6 +416,9 @@ def test_recordings_without_chunks_are_complete(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_capture(path, frame=number).depth, capture.depth)
         np.testing.assert_array_equal(read_capture(path, time=float(number)).depth, capture.depth)
     assert read_capture(path, frames=5).depth.shape == (48, 64)
+    for wrong in ({"time": -1.0}, {"frame": -1}):
+        with pytest.raises(errors.ConfigError, match="does not exist; pass 0 or more"):
+            read_capture(path, frames=2, **wrong)
 
 
 def test_images_of_a_recording_are_averaged(tmp_path: Path) -> None:

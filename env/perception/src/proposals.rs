@@ -145,14 +145,10 @@ pub fn propose(
     candidates.extend(on_boxes(hand, &shape, config)?);
     let points = collision_points(&surface, config.points);
     let needed = (config.fingers as u32).min(hand.chains);
-    let enough = |met: GraspContact| met.free && met.chains.count_ones() >= needed;
-    // Obstacles are many: only candidates that meet the object are looked up among them.
-    let feasible = |candidate: &Candidate| {
-        let meets = |obstacles| hand.meets(&points, obstacles, &candidate.pose, candidate.preshape);
-        enough(meets(&[])) && (obstacles.is_empty() || enough(meets(obstacles)))
-    };
-    let kept: Vec<bool> = candidates.par_iter().map(feasible).collect();
-    let kept = candidates.into_iter().zip(kept).filter(|(_, kept)| *kept).map(|(candidate, _)| candidate);
+    let meets = |candidate: &Candidate| hand.meets(&points, obstacles, &candidate.pose, candidate.preshape);
+    let met: Vec<GraspContact> = candidates.par_iter().map(meets).collect();
+    let kept = candidates.into_iter().zip(met);
+    let kept = kept.filter(|(_, met)| met.free && met.chains.count_ones() >= needed).map(|(candidate, _)| candidate);
     Ok(most_different(hand, kept.collect(), config.most))
 }
 

@@ -16,8 +16,20 @@ from graspbox._common.imports import imported
 from graspbox.errors import ConfigError, FileError
 from graspbox.perception.depth_images import MOST_PIXELS, check_points, check_pose, check_size
 
-__all__ = ["kind_of", "read_image", "read_labels", "read_points", "read_pose", "refusal"]
+__all__ = [
+    "DEPTH_SUFFIXES",
+    "RECORDING_SUFFIXES",
+    "kind_of",
+    "read_image",
+    "read_labels",
+    "read_points",
+    "read_pose",
+    "refusal",
+]
 
+#: Suffixes of depth images and clouds, and of the files of recordings.
+DEPTH_SUFFIXES = frozenset({".npy", ".npz", ".png", ".tif", ".tiff", ".exr", ".ply", ".pcd"})
+RECORDING_SUFFIXES = frozenset({".bag", ".db3", ".mcap"})
 #: Largest file of a camera's pose, bytes.
 _LARGEST_POSE = 1 << 20
 #: First bytes of the kinds of files that cameras and programs write.

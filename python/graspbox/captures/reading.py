@@ -17,7 +17,7 @@ from graspbox.captures.files import kind_of, read_labels, read_pose, refusal
 from graspbox.captures.images import read_array_file, read_exr, read_picture
 from graspbox.captures.pcd import read_pcd
 from graspbox.captures.ply import read_ply
-from graspbox.captures.recordings import is_recording, read_recording, recorded_images
+from graspbox.captures.recordings import check_place, is_recording, read_recording, recorded_images
 from graspbox.errors import ConfigError, FileError
 from graspbox.perception.depth_images import check_intrinsics, check_pose, metric_depth
 
@@ -90,8 +90,10 @@ def read_capture(
     """
     path = Path(source)
     given = given_camera(intrinsics, path)
-    several = frames != 1
-    founds = _founds(path, topic, time, frame, frames, depth_scale) if several else None
+    if frames == 1:
+        founds = [read_found(path, topic, time, frame, depth_scale)]
+    else:
+        founds = _founds(path, topic, time, frame, frames, depth_scale)
     return average(
         [
             capture_of(
@@ -104,7 +106,7 @@ def read_capture(
                 limits=limits,
                 region=region,
             )
-            for found in founds or [read_found(path, topic, time, frame, depth_scale)]
+            for found in founds
         ]
     )
 
@@ -117,14 +119,14 @@ def _founds(
         raise ConfigError(f"frames is {frames}; pass 1 to {MOST_IMAGES}")
     if not is_recording(path, "" if path.is_dir() else kind_of(path)):
         raise ConfigError(f"{path} is no recording; frames are averaged of one, or pass several files")
-    if time is not None and frame is not None:
-        raise ConfigError("time and frame both choose a message; pass one of them")
+    check_place(time, frame)
     found: list[Found] = []
     begun = None
     with closing(recorded_images(path, topic, scale)) as images:
         for number, (stamp, decode) in enumerate(images):
             begun = stamp if begun is None else begun
-            if number >= (frame or 0) and stamp - begun >= (time or 0.0):
+            # Seconds since 1970 are exact to less than a microsecond.
+            if number >= (frame or 0) and stamp - begun > (time or 0.0) - 1e-6:
                 found.append(decode())
             if len(found) == frames:
                 return found

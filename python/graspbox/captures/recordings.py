@@ -16,7 +16,7 @@ from graspbox.captures.capture import Camera, Found, listed
 from graspbox.captures.messages import camera_of_info, encoding_of, found_of, info_topic, is_depth
 from graspbox.errors import ConfigError, FileError, GraspboxError
 
-__all__ = ["is_recording", "read_recording", "recorded_images"]
+__all__ = ["check_place", "is_recording", "read_recording", "recorded_images"]
 
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _CLOUDS, _INFOS = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
@@ -31,6 +31,14 @@ _EXCESS = 4
 def is_recording(path: Path, kind: str) -> bool:
     """Tell whether a path is a recording: a file of one, or a folder with ``metadata.yaml``."""
     return kind in ("bag", "db3", "mcap") or (path.is_dir() and (path / "metadata.yaml").is_file())
+
+
+def check_place(time: float | None, frame: int | None) -> None:
+    """Raise ConfigError if time, seconds, and number do not choose a message."""
+    if time is not None and frame is not None:
+        raise ConfigError("time and frame both choose a message; pass one of them")
+    if (frame or 0) < 0 or not 0 <= (time or 0.0) < 1e9:
+        raise ConfigError(f"the message at {time} s or of the number {frame} does not exist; pass 0 or more")
 
 
 def read_recording(
@@ -110,10 +118,7 @@ class _Recording:
 
     def message(self, connection: Any, time: float | None, frame: int | None) -> Any:
         """Return the message of a connection at a time or of a number."""
-        if time is not None and frame is not None:
-            raise ConfigError("time and frame both choose a message; pass one of them")
-        if (frame or 0) < 0 or not 0 <= (time or 0.0) < 1e9:
-            raise ConfigError(f"the message at {time} s or of the number {frame} does not exist; pass 0 or more")
+        check_place(time, frame)
         start = None
         if time is not None:
             begun = next((stamp for _, stamp, _ in self._reader.messages(connections=[connection])), 0)

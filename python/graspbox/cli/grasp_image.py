@@ -23,7 +23,7 @@ from graspbox.cli.common import (
 )
 from graspbox.cli.recorders import CommandRecorder, Rerun, rerun_recorder
 from graspbox.errors import ConfigError
-from graspbox.perception.depth_images import camera_over_table
+from graspbox.perception.depth_images import camera_over_table, intrinsics_of
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
 
@@ -147,10 +147,7 @@ def given_intrinsics(
     """Return the intrinsics of the options, a matrix or a file; None if the source states them."""
     if intrinsics is not None and camera_info is not None:
         raise ConfigError("--intrinsics and --camera-info both state the intrinsics; pass one of them")
-    if intrinsics is None:
-        return camera_info
-    fx, fy, cx, cy = intrinsics
-    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    return camera_info if intrinsics is None else intrinsics_of(*intrinsics)
 
 
 def find_options(

@@ -18,6 +18,7 @@ __all__ = [
     "check_size",
     "check_table",
     "fit_table",
+    "intrinsics_of",
     "metric_depth",
     "points_of",
     "table_under",
@@ -153,6 +154,11 @@ def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
         f"the middle depth of {name} would be {middle:.3g} m{perhaps}: look its unit up, and pass the depth scale, in "
         f"metres per unit of the image; here it is {metres:g}"
     )
+
+
+def intrinsics_of(fx: float, fy: float, cx: float, cy: float) -> NDArray[np.float64]:
+    """Return the matrix (3, 3) of focal lengths and a principal point, pixels."""
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
 def check_intrinsics(intrinsics: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
@@ -335,10 +336,11 @@ class GraspFinder(Finder):
         obstacles = [np.zeros((0, 3))]
         if query.keep_off is not None and len(query.keep_off):
             obstacles.insert(0, (query.keep_off - frame[:3, 3]) @ frame[:3, :3])
+        predicted = cache(lambda: self._predicted(seen, config))
         tries = ((points, *shape) for points in obstacles for shape in _shapes(volume, seen))
         for points, occupancy, target in tries:
             reach = Reachability(self.grid, config.proposals, occupancy, target, points)
-            poses, preshapes = self._candidates(reach, seen, config)
+            poses, preshapes = self._candidates(reach, predicted, config)
             if len(poses):
                 break
         if query.known is not None:
@@ -349,14 +351,19 @@ class GraspFinder(Finder):
         failed = [(grasp.world_from_hand, grasp.preshape) for grasp in query.failed]
         return Proposed(poses, preshapes, scoring=Scoring(self.score, volume, reach, config, failed, frame))
 
+    def _predicted(self, seen: Seen, config: FinderConfig) -> Candidates:
+        """Return the grasps of the head."""
+        assert self.head is not None
+        return self.head.candidates(seen.crops.channels[0], LOOKED_AT * config.predicted)
+
     def _candidates(
-        self, reach: Reachability, seen: Seen, config: FinderConfig
+        self, reach: Reachability, predicted: Callable[[], Candidates], config: FinderConfig
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return feasible grasps of geometry, then of the head: poses (m, 4, 4) in the crop, and preshapes (m,)."""
         own = reach.propose()
         if self.head is None or not config.predicted or (config.enough is not None and len(own) >= config.enough):
             return own.poses, own.preshape
-        others = self.head.candidates(seen.crops.channels[0], LOOKED_AT * config.predicted)
+        others = predicted()
         preshapes = self.grid.preshapes[others.preshape]
         free = np.flatnonzero(reach.feasible(others.poses, preshapes))[: config.predicted]
         return np.concatenate([own.poses, others.poses[free]]), np.concatenate([own.preshape, preshapes[free]])

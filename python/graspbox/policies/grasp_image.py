@@ -76,9 +76,9 @@ class ImageOptions(TypedDict, total=False):
         How many of the best grasps are first tried in simulation on the completed shape, for a single object
         (`graspbox.perception.configs.RehearsalConfig`); by default as in the policy's folder.
     previous : ImageGrasps
-        Grasps of an earlier image of the same scene, by the same hand: they are scored again, and the best of them
-        stays first while no other is clearly better. Earlier poses are taken in the table's frame if
-        `table_from_camera` is given, else in the camera's.
+        Grasps of an earlier image of the same scene, by the same hand: the first of them is scored again, and stays the
+        first while no other is clearly better. Its pose is taken in the table's frame if `table_from_camera` is given,
+        else in the camera's.
     seed : int
         Seed of the refinement, by default 0.
     """
@@ -189,7 +189,7 @@ class ImageGrasper:
         Parameters
         ----------
         labels : (H, W) array of integers, optional
-            Numbers of the things, 0 for none; by default groups of pixels above the table.
+            Numbers of the things, 0 or less for none, at most 100; by default groups of pixels above the table.
         previous : SceneGrasps, optional
             Those of an earlier image of the same scene. Things that are found keep their numbers.
         """
@@ -262,7 +262,7 @@ class ImageGrasper:
         near = _belongs(self.hand, frame @ ranked.poses, ranked.preshapes, looked.surface)
         erring = query.settings(self._finder.config).hand_error is not None
         ranked = ranked.kept(np.flatnonzero(near))
-        first = None if query.known is None else _stays(ranked, np.linalg.inv(frame) @ query.known[0])
+        first = None if query.known is None else _stays(ranked, np.linalg.inv(frame) @ query.known[0][0])
         ranked = _distinct(ranked, chosen.count, erring, first)
         judged = NONE_JUDGED if ranked.judged is None else ranked.judged
         assert query.keep_off is not None
@@ -469,11 +469,11 @@ def _checked(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool
 
 
 def _stays(ranked: Ranked, known: NDArray[np.float64]) -> int | None:
-    """Return the best of the earlier grasps ``crop_from_hand`` (k, 4, 4) if it is nearly as good as any other."""
-    again = [index for index, pose in enumerate(ranked.poses) if np.isclose(known, pose, atol=1e-9).all((1, 2)).any()]
-    if not again:
+    """Return the index of the earlier grasp ``crop_from_hand`` (4, 4) if it is nearly as good as any other."""
+    again = np.flatnonzero(np.isclose(ranked.poses, known, atol=1e-9).all((1, 2)))
+    if not len(again):
         return None
-    best = max(again, key=lambda index: float(ranked.scores[index]))
+    best = int(again[np.argmax(ranked.scores[again])])
     return best if ranked.scores[best] >= ranked.scores.max() - _STAY else None
 
 

@@ -35,7 +35,7 @@ def open_camera(
 
     | source | images |
     |---|---|
-    | a folder | every depth image and cloud in it, those that are there first; it ends with `seconds` alone |
+    | a folder | every depth image and cloud in it, again when it changes; it ends with `seconds` alone |
     | ``realsense``, ``realsense:SERIAL`` | the newest of the camera (package pyrealsense2) |
     | ``ros2:/topic`` | the newest of Image, CompressedImage or PointCloud2 (rclpy, of an installation of ROS 2) |
     | ``.bag``, ``.db3``, ``.mcap``, a folder of ROS 2 | all of a topic, as fast as they are read |

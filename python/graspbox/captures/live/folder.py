@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 from graspbox.captures.cameras import read_camera
 from graspbox.captures.capture import Capture
+from graspbox.captures.files import DEPTH_SUFFIXES
 from graspbox.captures.live.frames import Image, LiveSource, Settings
 from graspbox.captures.reading import read_found
 from graspbox.errors import FileError
 
 __all__ = ["FolderSource"]
 
-#: Suffixes of depth images and clouds.
-_SUFFIXES = (".npy", ".npz", ".png", ".tif", ".tiff", ".exr", ".ply", ".pcd")
 #: Ends of the names of images of labels and of masks, which are no depth, and the suffixes that are read beside depth.
 _LABELS, _MASK, _BESIDE = "labels", "mask", (".png", ".npy")
 #: Names of the camera's file, the first that exists.
@@ -110,7 +109,7 @@ class FolderSource(LiveSource):
 def _is_depth(name: str) -> bool:
     stem, suffix = os.path.splitext(name)
     marks = any(stem == end or stem.endswith(f"_{end}") for end in (_LABELS, _MASK))
-    return suffix.lower() in _SUFFIXES and not name.startswith(".") and not marks
+    return suffix.lower() in DEPTH_SUFFIXES and not name.startswith(".") and not marks
 
 
 def _state(entry: os.DirEntry[str]) -> _State | None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from graspbox.cli.common import HandOfPolicy, PerScene, Scale, Seed, console, find_hand
+from graspbox.cli.grasp_image import CameraInfoOption, TimeOption, TopicOption
 
 Source = Annotated[
     str,
@@ -24,16 +25,10 @@ Intrinsics = Annotated[
         metavar="FX FY CX CY", help="Intrinsics of a depth image, pixels; by default its own, or --camera-info."
     ),
 ]
-CameraInfo = Annotated[
-    Path | None,
-    typer.Option(help="File with the intrinsics of a depth image, as of grasp-image."),
-]
 Mask = Annotated[
     Path | None,
     typer.Option(help="Image of the objects' numbers in a depth image, 0 for none, .npy or .png: each has its grasps."),
 ]
-Topic = Annotated[str | None, typer.Option(help="Topic of a recording; by default the only one with depth.")]
-Time = Annotated[float | None, typer.Option(help="Seconds from the beginning of the topic of a recording.")]
 Poses = Annotated[int, typer.Option(min=0, help="Poses to simulate at once, best first.")]
 Port = Annotated[
     int | None, typer.Option(min=0, max=65535, help="Port; 0: any free one. By default 8080 or the next free one.")
@@ -59,11 +54,11 @@ def view(
     layout: Layout = None,
     objects_per_scene: PerScene = None,
     intrinsics: Intrinsics = None,
-    camera_info: CameraInfo = None,
+    camera_info: CameraInfoOption = None,
     depth_scale: DepthScale = None,
     mask: Mask = None,
-    topic: Topic = None,
-    time: Time = None,
+    topic: TopicOption = None,
+    time: TimeOption = None,
     camera_pose: CameraPose = None,
     poses: Poses = 200,
     host: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",

@@ -16,6 +16,7 @@ from graspbox._common.imports import imported
 from graspbox.captures import Capture, read_capture
 from graspbox.configs import DecomposeConfig, ShakeConfig, TrialConfig
 from graspbox.errors import ConfigError
+from graspbox.perception.depth_images import intrinsics_of
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.planning import plan as plan_grasps
 from graspbox.planning.plan_files import grasp_rows
@@ -203,8 +204,7 @@ def _capture(workspace: Workspace, arguments: GraspImageArguments) -> Capture:
         raise ConfigError("all asks for every thing, mask and label for one; leave either out")
     lens: NDArray[np.float64] | Path | None = None
     if arguments.intrinsics is not None:
-        fx, fy, cx, cy = arguments.intrinsics
-        lens = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        lens = intrinsics_of(*arguments.intrinsics)
     if arguments.camera_info is not None:
         lens = workspace.file(arguments.camera_info, CAMERA_SUFFIXES, "file of intrinsics")
     mask, labels = (

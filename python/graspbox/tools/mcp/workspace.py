@@ -2,6 +2,7 @@
 
 from pathlib import Path, PurePath
 
+from graspbox.captures.files import DEPTH_SUFFIXES, RECORDING_SUFFIXES
 from graspbox.errors import ConfigError, FileError, ObjectSetError
 from graspbox.object_sets import ObjectSpec, load
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
@@ -12,7 +13,7 @@ from graspbox.tools.remote.catalog import Catalog
 __all__ = ["CAMERA_SUFFIXES", "CAPTURE_SUFFIXES", "MARK_SUFFIXES", "Workspace"]
 
 #: Suffixes of depth images, clouds and recordings; a recording may also be a folder.
-CAPTURE_SUFFIXES = frozenset({".npy", ".npz", ".png", ".tiff", ".tif", ".exr", ".ply", ".pcd", ".bag", ".db3", ".mcap"})
+CAPTURE_SUFFIXES = DEPTH_SUFFIXES | RECORDING_SUFFIXES
 #: Suffixes of intrinsics, and of masks and labels.
 CAMERA_SUFFIXES = frozenset({".json", ".yaml", ".yml", ".npy", ".txt"})
 MARK_SUFFIXES = frozenset({".npy", ".png"})

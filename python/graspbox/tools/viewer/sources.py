@@ -14,14 +14,14 @@ import numpy as np
 from graspbox import object_sets
 from graspbox._common.files import read_bounded
 from graspbox.captures import Capture, read_capture
-from graspbox.captures.files import read_pose
+from graspbox.captures.files import DEPTH_SUFFIXES, RECORDING_SUFFIXES, read_pose
 from graspbox.envs import GOAL_IDS, IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.meshes import Mesh, as_mesh
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
-from graspbox.perception.depth_images import check_intrinsics, metric_depth
+from graspbox.perception.depth_images import check_intrinsics, intrinsics_of, metric_depth
 from graspbox.planning import Plan
 from graspbox.policies import Policy
 from graspbox.policies.grasp_image import ImageGrasps, SceneGrasps
@@ -40,7 +40,7 @@ from graspbox.tools.viewer.pages.objects import ObjectPage, PlannedObject
 #: Largest JSON document that is read to recognise it, and longest header of a PLY file, bytes.
 _MAX_BYTES, _LONGEST_HEADER = 256 << 20, 1 << 16
 #: Suffixes of depth images, clouds and recordings; PLY files may also be meshes.
-_CAPTURES = frozenset({".npy", ".npz", ".png", ".tiff", ".tif", ".exr", ".pcd", ".bag", ".db3", ".mcap"})
+_CAPTURES = (DEPTH_SUFFIXES | RECORDING_SUFFIXES) - {".ply"}
 #: Faces in the header of a PLY file.
 _FACES = re.compile(rb"^element\s+(face|tristrips)\s+0*[1-9]", re.MULTILINE)
 
@@ -126,7 +126,7 @@ def _depth_image(source: Any, options: ViewerOptions) -> Capture | ImageGrasps |
         )
     return read_capture(
         source,
-        intrinsics=options.camera_info if options.intrinsics is None else _matrix(options.intrinsics),
+        intrinsics=options.camera_info if options.intrinsics is None else intrinsics_of(*options.intrinsics),
         depth_scale=options.depth_scale,
         camera_pose=options.camera_pose,
         labels=options.mask,
@@ -142,13 +142,8 @@ def _of_array(depth: np.ndarray[Any, Any], options: ViewerOptions) -> Capture:
             "an array needs intrinsics, (fx, fy, cx, cy) in pixels, and no mask; pass a Capture for labels"
         )
     metres = metric_depth(depth, options.depth_scale)
-    lens = check_intrinsics(_matrix(options.intrinsics), (metres.shape[0], metres.shape[1]))
+    lens = check_intrinsics(intrinsics_of(*options.intrinsics), (metres.shape[0], metres.shape[1]))
     return Capture(metres, lens, None, None if options.camera_pose is None else read_pose(options.camera_pose))
-
-
-def _matrix(intrinsics: tuple[float, float, float, float]) -> list[list[float]]:
-    fx, fy, cx, cy = intrinsics
-    return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
 
 
 def _is_capture(path: Path) -> bool:
