@@ -70,7 +70,13 @@ impl Body {
         Self::assemble(spec.name.clone(), mesh, parts, mass)
     }
 
-    fn assemble(
+    /// A body of what an earlier [`Body::prepare`] made.
+    ///
+    /// * `mesh`, `parts`, `mass`: those of that body.
+    ///
+    /// # Errors
+    /// [`EpisodeError::Sim`] or [`EpisodeError::Plan`] for what no body has.
+    pub fn assemble(
         name: String,
         mesh: TriMesh,
         parts: Arc<[TriMesh]>,

@@ -3,7 +3,7 @@
 //! The key is everything on which an arrangement depends: the bodies (collision geometry, mass, surface), the hand, the physics, layout, number
 //! of objects, spread, seed, and the code of the simulation (`build.rs`).
 
-use crate::Body;
+use crate::{BUILD, Body};
 use graspbox_mesh::cache::{Entry, Kind};
 use graspbox_sim::Template;
 use nalgebra::Isometry3;
@@ -26,7 +26,7 @@ static KIND: Kind = Kind {
 /// * `settings`: every bit of layout and draw as text.
 pub(crate) fn entry(cache: &Path, template: &Template, bodies: &[&Body], settings: &str) -> Entry {
     let mut input = template.identity().to_vec();
-    input.extend(format!("{} {settings}", env!("GRASPBOX_SIMULATION")).bytes());
+    input.extend(format!("{BUILD} {settings}").bytes());
     bodies.iter().for_each(|body| input.extend(body.mesh().content_hash()));
     Entry::new(&cache.join(FOLDER), &KIND, &input)
 }

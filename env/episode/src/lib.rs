@@ -55,6 +55,9 @@ pub mod shake;
 pub mod study;
 pub mod trial;
 
+/// Hash of the code that prepares and moves objects, for the keys of caches: another build may do either differently.
+pub const BUILD: &str = env!("GRASPBOX_SIMULATION");
+
 pub use approach::{Approach, approach};
 pub use batch::{Progress, run_observed_trials, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};

@@ -1,6 +1,6 @@
 //! An object at rest on the table, alone or among others, from which episodes are cloned.
 
-use crate::{Body, EpisodeError};
+use crate::{Body, EpisodeError, layout_cache};
 use graspbox_hand::{ActuatorCommand, GraspPose, Hand};
 use graspbox_mesh::in_range;
 use graspbox_plan::{
@@ -8,6 +8,7 @@ use graspbox_plan::{
 };
 use graspbox_sim::{ObjectModel, PhysicsConfig, SimError, Template, Wall, World};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Greatest linear speed of an object at rest, m/s: a tenth of a millimetre in 0.1 s.
@@ -23,7 +24,7 @@ pub const OUT_OF_THE_WAY: f64 = 2.0;
 
 /// Objects at rest on the table, with the data that their episodes share. One of them is the target, "the object" of the methods.
 pub struct Scene {
-    template: Template,
+    template: Arc<Template>,
     /// At least one.
     objects: Vec<Placed>,
     target: usize,
@@ -53,10 +54,47 @@ impl Scene {
         physics: PhysicsConfig,
         world_from_object: Option<&Isometry3<f64>>,
     ) -> Result<Self, EpisodeError> {
+        Self::at_rest(body, &Self::template_of(body, hand, physics)?, world_from_object, None)
+    }
+
+    /// What the scenes of one object in any pose share.
+    ///
+    /// # Errors
+    /// As [`Body::check_fits`], or [`EpisodeError::Sim`] for an invalid object or setting.
+    pub fn template_of(body: &Body, hand: Arc<Hand>, physics: PhysicsConfig) -> Result<Arc<Template>, EpisodeError> {
         body.check_fits(&hand)?;
+        let made = Template::new(hand, body.model(), physics);
+        Ok(Arc::new(made.map_err(|source| EpisodeError::Sim { object: body.name().to_owned(), source })?))
+    }
+
+    /// As [`Scene::new`], on a template of [`Scene::template_of`].
+    ///
+    /// * `cache`: folder in which the pose at rest is kept, if there is one; it changes no bit.
+    ///
+    /// # Errors
+    /// As [`Scene::settle`].
+    pub fn at_rest(
+        body: &Body,
+        template: &Arc<Template>,
+        world_from_object: Option<&Isometry3<f64>>,
+        cache: Option<&Path>,
+    ) -> Result<Self, EpisodeError> {
         let start = world_from_object.copied().unwrap_or_else(|| graspbox_mesh::default_pose(body.mesh()));
-        let base = base_at(body, &start);
-        let mut scene = Self::placed(body.name(), hand, body.model(), physics, &start, base)?.settle()?;
+        let center = body.model().center_of_mass();
+        let mut scene = Self::on(Arc::clone(template), body.name(), center, &start, base_at(body, &start));
+        // An arrangement of one body, whose surface does not matter.
+        let bits = start.to_homogeneous().map(f64::to_bits);
+        let entry = cache.map(|folder| layout_cache::entry(folder, template, &[], &format!("one from {bits:?}")));
+        match entry.as_ref().and_then(|entry| layout_cache::read(entry, 1)).as_ref().map(|(_, poses)| poses.as_slice())
+        {
+            Some([pose]) => scene.objects[0].world_from_object = *pose,
+            _ => {
+                scene = scene.settle()?;
+                if let Some(entry) = entry {
+                    layout_cache::write(&entry, &[0], std::slice::from_ref(scene.world_from_object()));
+                }
+            }
+        }
         scene.obstacles = Some(CollisionScene::new(Arc::clone(body.obstacle()), scene.world_from_object()));
         Ok(scene)
     }
@@ -81,7 +119,7 @@ impl Scene {
         let names = || bodies.iter().map(|body| body.name()).collect::<Vec<_>>().join(", ");
         let sim_error = |source| EpisodeError::Sim { object: names(), source };
         let models: Vec<ObjectModel> = bodies.iter().map(|body| body.model().clone()).collect();
-        let template = Template::of_objects(hand, &models, walls, physics).map_err(sim_error)?;
+        let template = Arc::new(Template::of_objects(hand, &models, walls, physics).map_err(sim_error)?);
         let (poses, objects) = (world_from_objects.len(), bodies.len());
         if poses != objects {
             return Err(sim_error(SimError::WrongPoses { poses, objects }));
@@ -136,13 +174,19 @@ impl Scene {
     ) -> Result<Self, EpisodeError> {
         let template = Template::new(hand, object, physics)
             .map_err(|source| EpisodeError::Sim { object: name.to_owned(), source })?;
-        let placed = Placed {
-            name: name.to_owned(),
-            world_from_object: *world_from_object,
-            center_of_mass: object.center_of_mass(),
-            base_point,
-        };
-        Ok(Self { template, objects: vec![placed], target: 0, any_target: false, obstacles: None })
+        Ok(Self::on(Arc::new(template), name, object.center_of_mass(), world_from_object, base_point))
+    }
+
+    fn on(
+        template: Arc<Template>,
+        name: &str,
+        center_of_mass: Point3<f64>,
+        world_from_object: &Isometry3<f64>,
+        base_point: Point3<f64>,
+    ) -> Self {
+        let placed =
+            Placed { name: name.to_owned(), world_from_object: *world_from_object, center_of_mass, base_point };
+        Self { template, objects: vec![placed], target: 0, any_target: false, obstacles: None }
     }
 
     /// Lets the only object settle on the table from its pose.

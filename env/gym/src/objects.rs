@@ -1,30 +1,29 @@
 //! Objects, prepared in the background or at first use, and shared by all environments that sample from them.
 //!
 //! Preparing an object (reading, convex parts, mass), settling it in a resting pose and computing its levels of detail take up to a second. The
-//! result depends only on the object; it is cached, and its removal costs time but never changes a result. No lock is held while an object is
+//! result depends only on the object; it is cached in memory and on disk, and its removal costs time but never changes a result. No lock is held while an object is
 //! prepared: threads that need the same one at the same time both prepare it, and the first result is kept. Objects and scenes of an
 //! environment's next episodes are prepared in the background ([`crate::ahead`]).
+
+mod prepared;
+mod stored;
+
+pub use prepared::Prepared;
 
 use crate::EnvError;
 use crate::ahead::{Ahead, Claim, Work};
 use crate::source::Source;
-use graspbox_episode::EpisodeError;
-use graspbox_episode::{Body, ObjectSpec, Scene};
+use graspbox_episode::{EpisodeError, Scene};
 use graspbox_hand::Hand;
-use graspbox_mesh::{RestingOptions, TriMesh, convex_hull, least_width, resting_poses};
-use graspbox_render::{HandModel, Model};
+use graspbox_render::HandModel;
 use graspbox_sim::PhysicsConfig;
-use nalgebra::{Isometry3, Point3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use stored::Identified;
 
-/// Most objects in the cache, of 1 to 4 MB each with their resting poses. Larger sets prepare objects again in many resets.
+/// Most objects in memory, of about 1 MB each, and 2 MB more with their render models. Larger sets read objects again in many resets.
 const KEPT: usize = 512;
-/// Least probability of a resting pose; if none reaches it, the most probable one is kept.
-const LEAST_PROBABILITY: f64 = 0.05;
-/// Most resting poses of an object: the most probable ones are kept.
-const MOST_POSES: usize = 6;
 
 /// Choice of a resting pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,124 +44,6 @@ pub struct Need {
     pub model: bool,
 }
 
-/// A prepared object with its resting poses.
-pub struct Prepared {
-    body: Body,
-    resting_poses: Vec<RestingPose>,
-    /// Middle and half extents of the bounds along the object's axes, metres.
-    bounds: [Point3<f64>; 2],
-    /// Its render model, built at first use.
-    model: OnceLock<Model>,
-    /// The object of which this is a scaled copy, and the scale.
-    original: Option<(Arc<Prepared>, f64)>,
-    /// Cache folder of convex parts and levels of detail.
-    cache: Option<PathBuf>,
-}
-
-/// One resting pose on the table; settled at its first use.
-struct RestingPose {
-    world_from_object: Isometry3<f64>,
-    probability: f64,
-    /// Least width in plan view, metres.
-    width: f64,
-    /// `None` inside if the object does not come to rest.
-    scene: OnceLock<Option<Arc<Scene>>>,
-}
-
-impl Prepared {
-    /// Prepares an object; convex parts and levels of detail are cached in the folder `cache`, if there is one.
-    ///
-    /// # Errors
-    /// As [`Body::prepare`], or a mesh without a resting pose.
-    pub(crate) fn new(spec: &ObjectSpec, cache: Option<&Path>) -> Result<Self, EnvError> {
-        let body = Body::prepare(spec, cache)?;
-        let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
-        let hull: TriMesh = convex_hull(body.mesh().vertices()).map_err(mesh_error)?;
-        let center = body.mass_properties().center_of_mass;
-        let poses = resting_poses(&hull, &center, &RestingOptions::default()).map_err(mesh_error)?;
-        let likely = poses.iter().take_while(|p| p.probability >= LEAST_PROBABILITY).count();
-        let resting_poses = poses.iter().take(likely.clamp(1, MOST_POSES)).map(|pose| RestingPose {
-            world_from_object: pose.world_from_object,
-            probability: pose.probability,
-            width: least_width(hull.vertices(), &pose.world_from_object),
-            scene: OnceLock::new(),
-        });
-        let aabb = body.mesh().aabb();
-        Ok(Self {
-            resting_poses: resting_poses.collect(),
-            bounds: [nalgebra::center(&aabb.min, &aabb.max), Point3::from((aabb.max - aabb.min) / 2.0)],
-            body,
-            model: OnceLock::new(),
-            original: None,
-            cache: cache.map(Path::to_path_buf),
-        })
-    }
-
-    /// The object with every length times `scale`, for layouts: it has no resting poses.
-    ///
-    /// # Errors
-    /// As [`Body::scaled`].
-    pub(crate) fn scaled(self: &Arc<Self>, scale: f64) -> Result<Self, EnvError> {
-        Ok(Self {
-            body: self.body.scaled(scale)?,
-            resting_poses: Vec::new(),
-            bounds: self.bounds.map(|point| point * scale),
-            model: OnceLock::new(),
-            original: Some((Arc::clone(self), scale)),
-            cache: None,
-        })
-    }
-
-    /// The object.
-    pub fn body(&self) -> &Body {
-        &self.body
-    }
-
-    /// The object's render model, built at first use.
-    ///
-    /// # Errors
-    /// [`EnvError::NotRenderable`].
-    pub fn model(&self) -> Result<&Model, EnvError> {
-        if let Some(model) = self.model.get() {
-            return Ok(model);
-        }
-        let made = match &self.original {
-            Some((original, scale)) => original.model()?.scaled(*scale),
-            None => Model::cached(self.body.mesh(), self.cache.as_deref())
-                .map_err(|source| EnvError::NotRenderable { object: self.body.name().to_owned(), source })?,
-        };
-        Ok(self.model.get_or_init(|| made))
-    }
-
-    /// Probabilities of the resting poses, in order.
-    pub fn probabilities(&self) -> impl ExactSizeIterator<Item = f64> + Clone {
-        self.resting_poses.iter().map(|resting| resting.probability)
-    }
-
-    /// Least width of the object in plan view in a resting pose, by index, metres.
-    pub fn width(&self, resting: usize) -> f64 {
-        self.resting_poses[resting].width
-    }
-
-    /// Index of the chosen resting pose.
-    pub fn resting(&self, choice: RestingChoice) -> usize {
-        match choice {
-            RestingChoice::Share(share) => weighted(share, self.probabilities()),
-            RestingChoice::Index(index) => index,
-        }
-    }
-
-    /// Middle of the bounds along the object's axes, object frame, metres.
-    pub fn bounds_center(&self) -> Point3<f64> {
-        self.bounds[0]
-    }
-
-    /// Half extents of the bounds along the object's axes, metres.
-    pub fn half_extents(&self) -> nalgebra::Vector3<f64> {
-        self.bounds[1].coords
-    }
-}
-
 /// A list of objects, a hand and physics settings, with the objects prepared so far.
 pub struct Objects {
     sources: Vec<Source>,
@@ -170,6 +51,8 @@ pub struct Objects {
     physics: PhysicsConfig,
     cache: Option<PathBuf>,
     hand_model: Arc<OnceLock<HandModel>>,
+    /// Hand and physics as text.
+    users: OnceLock<String>,
     prepared: Mutex<Cache>,
     ahead: Ahead,
 }
@@ -201,6 +84,7 @@ impl Objects {
             physics,
             cache,
             hand_model: Arc::default(),
+            users: OnceLock::new(),
             prepared: Mutex::default(),
             ahead: Ahead::default(),
         })
@@ -255,9 +139,9 @@ impl Objects {
             return Ok(found);
         }
         let source = self.sources.get(index).ok_or(EnvError::NoSuchObject { index, count: self.sources.len() })?;
-        let make = || Prepared::new(&source.read()?, self.cache.as_deref());
+        let make = || Prepared::of(&Identified::of(source, self.cache.as_deref())?);
         let made = Arc::new(make().map_err(|error| source.in_file(error))?);
-        if let Some(caveat) = made.body.mass_properties().method.caveat() {
+        if let Some(caveat) = made.body().mass_properties().method.caveat() {
             tracing::warn!("{source}: {caveat}");
         }
         Ok(self.cache_lock().keep(index, made))
@@ -299,33 +183,40 @@ impl Objects {
         self.ahead.claim(work)
     }
 
-    /// Prepares an object for all episodes: all its resting poses, and its render model if `model`.
+    /// Prepares an object for all episodes: all its resting poses, and its render model if `model`. What is on disk already stays there.
     ///
     /// # Errors
     /// As [`Objects::prepared`], [`Objects::scene`] and [`Prepared::model`].
     pub fn prepare(&self, index: usize, model: bool) -> Result<(), EnvError> {
+        let source = self.sources.get(index).ok_or(EnvError::NoSuchObject { index, count: self.sources.len() })?;
+        let known = Identified::of(source, self.cache.as_deref()).map_err(|error| source.in_file(error))?;
+        let users = self.users.get_or_init(|| format!("{:?} {:?}", self.hand, self.physics));
+        let users = format!("{model} {users}");
+        if known.is_ready(&users) {
+            return Ok(());
+        }
         let _claim = self.ahead.claim(Work::Object(index));
         let prepared = self.prepared(index)?;
-        for resting in 0..prepared.resting_poses.len() {
+        for resting in 0..prepared.probabilities().len() {
             self.scene(&prepared, resting)?;
         }
         if model {
             prepared.model()?;
         }
+        known.set_ready(&users);
         Ok(())
     }
 
     /// True if everything that an episode needs is ready.
     pub fn is_ready(&self, need: &Need) -> bool {
         let Some(prepared) = self.cache_lock().take(need.object) else { return false };
-        let resting = need.resting.and_then(|choice| prepared.resting_poses.get(prepared.resting(choice)));
-        resting.is_none_or(|pose| pose.scene.get().is_some()) && (!need.model || prepared.model.get().is_some())
+        need.resting.is_none_or(|choice| prepared.has_scene(choice)) && (!need.model || prepared.has_model())
     }
 
     fn make(&self, need: &Need) -> Result<(), EnvError> {
         let prepared = self.prepared(need.object)?;
         let resting = need.resting.map(|choice| prepared.resting(choice));
-        if let Some(resting) = resting.filter(|resting| *resting < prepared.resting_poses.len()) {
+        if let Some(resting) = resting.filter(|resting| *resting < prepared.probabilities().len()) {
             drop(self.scene(&prepared, resting));
         }
         if need.model {
@@ -339,28 +230,14 @@ impl Objects {
     /// # Errors
     /// [`EpisodeError::NoRest`] if none does.
     pub fn scene(&self, object: &Prepared, resting: usize) -> Result<(usize, Arc<Scene>), EnvError> {
-        let count = object.resting_poses.len();
+        let count = object.probabilities().len();
         for i in (0..count).map(|i| (resting + i) % count) {
-            let found = &object.resting_poses[i];
-            let scene = match found.scene.get() {
-                Some(scene) => scene,
-                None => {
-                    let made =
-                        Scene::new(&object.body, Arc::clone(&self.hand), self.physics, Some(&found.world_from_object));
-                    let made = match made {
-                        Ok(scene) => Some(Arc::new(scene)),
-                        Err(EpisodeError::NoRest { .. }) => None,
-                        Err(error) => return Err(error.into()),
-                    };
-                    found.scene.get_or_init(|| made)
-                }
-            };
-            if let Some(scene) = scene {
-                return Ok((i, Arc::clone(scene)));
+            if let Some(scene) = object.scene(i, &self.hand, self.physics)? {
+                return Ok((i, scene));
             }
         }
         Err(EpisodeError::NoRest {
-            object: object.body.name().to_owned(),
+            object: object.body().name().to_owned(),
             why: "it leaves the table from every resting pose",
         }
         .into())
@@ -370,19 +247,6 @@ impl Objects {
         // A poisoned lock is harmless: no change inside it is partial.
         self.prepared.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// The index at `share` of the cumulative weights.
-fn weighted(share: f64, weights: impl ExactSizeIterator<Item = f64> + Clone) -> usize {
-    let last = weights.len().saturating_sub(1);
-    let mut left = share * weights.clone().sum::<f64>();
-    for (index, weight) in weights.enumerate() {
-        if left < weight {
-            return index;
-        }
-        left -= weight;
-    }
-    last
 }
 
 impl Cache {

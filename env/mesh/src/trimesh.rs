@@ -2,6 +2,7 @@
 
 use crate::error::MeshError;
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
 
 /// Farthest coordinate from the origin, metres: no graspable object is a kilometre away; millimetre files read as metres are.
 const MAX_COORDINATE: f64 = 1e3;
@@ -10,11 +11,11 @@ const MIN_EXTENT: f64 = 1e-6;
 
 /// An indexed triangle mesh in metres, in the frame of its file.
 ///
-/// Always valid: coordinates are finite and every index exists. It need not be closed, connected or oriented.
+/// Always valid: coordinates are finite and every index exists. It need not be closed, connected or oriented. Copies share their arrays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TriMesh {
-    vertices: Vec<Point3<f64>>,
-    faces: Vec<[u32; 3]>,
+    vertices: Arc<[Point3<f64>]>,
+    faces: Arc<[[u32; 3]]>,
 }
 
 /// An axis-aligned box.
@@ -68,7 +69,7 @@ impl TriMesh {
                 return Err(MeshError::BadIndex { face, vertex, count });
             }
         }
-        Ok(Self { vertices, faces })
+        Ok(Self { vertices: vertices.into(), faces: faces.into() })
     }
 
     /// Whether the coordinates can be metres of a graspable object.
@@ -106,7 +107,7 @@ impl TriMesh {
 
     /// Axis-aligned bounds of all vertices.
     pub fn aabb(&self) -> Aabb {
-        Aabb::of(&self.vertices)
+        Aabb::of(self.vertices.iter())
     }
 
     /// Surface area, m2.
@@ -123,13 +124,13 @@ impl TriMesh {
     /// The mesh moved by `parent_from_mesh`.
     pub fn transformed(&self, parent_from_mesh: &Isometry3<f64>) -> Self {
         let vertices = self.vertices.iter().map(|p| parent_from_mesh * p).collect();
-        Self { vertices, faces: self.faces.clone() }
+        Self { vertices, faces: Arc::clone(&self.faces) }
     }
 
     /// The mesh with every coordinate times `scale`.
     pub fn scaled(&self, scale: f64) -> Self {
         let vertices = self.vertices.iter().map(|p| p * scale).collect();
-        Self { vertices, faces: self.faces.clone() }
+        Self { vertices, faces: Arc::clone(&self.faces) }
     }
 
     /// Longest side of the bounds, metres.

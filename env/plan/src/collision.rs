@@ -23,7 +23,7 @@ use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query::{Ray, RayCast, intersection_test};
 use parry3d_f64::shape::{SharedShape, TriMesh as Triangles};
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Result of the filter for a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,7 +45,9 @@ pub enum Feasibility {
 
 /// The geometry of an object, prepared for collision queries; object frame. One per object, shared by all of its resting poses.
 pub struct Obstacle {
-    surface: Triangles,
+    mesh: TriMesh,
+    /// The mesh for the collision library, made once a shape comes near: it takes several times the memory of the mesh.
+    surface: OnceLock<Option<Triangles>>,
     parts: Vec<(SharedShape, Aabb)>,
     bounds: Aabb,
 }
@@ -57,18 +59,17 @@ impl Obstacle {
     /// * `parts`: convex hulls that the simulation uses, object frame, metres; may be empty.
     ///
     /// # Errors
-    /// [`PlanError::Collision`] for a part without volume or a mesh that the collision library refuses.
+    /// [`PlanError::Collision`] for a part without volume.
     pub fn new(mesh: &TriMesh, parts: &[TriMesh]) -> Result<Self, PlanError> {
-        let surface =
-            Triangles::new(mesh.vertices().iter().map(|p| vector(&p.coords)).collect(), mesh.faces().to_vec())
-                .map_err(|source| PlanError::Collision { reason: source.to_string() })?;
         let parts: Vec<(SharedShape, Aabb)> = parts
             .iter()
             .map(|part| convex(part).map(|shape| (shape.clone(), shape.compute_local_aabb())))
             .collect::<Option<_>>()
             .ok_or_else(|| PlanError::Collision { reason: "a convex part has no volume".into() })?;
-        let bounds = parts.iter().fold(surface.local_aabb(), |all, (_, part)| all.merged(part));
-        Ok(Self { surface, parts, bounds })
+        let own = mesh.aabb();
+        let own = Aabb::new(vector(&own.min.coords), vector(&own.max.coords));
+        let bounds = parts.iter().fold(own, |all, (_, part)| all.merged(part));
+        Ok(Self { mesh: mesh.clone(), surface: OnceLock::new(), parts, bounds })
     }
 
     /// A box about its origin, such as a wall.
@@ -95,11 +96,20 @@ impl Obstacle {
             intersection_test(place, &*shape.0, &Pose::IDENTITY, other).map_or(true, |hit| hit.intersecting)
         };
         self.parts.iter().any(|(part, bounds)| around.intersects(bounds) && meets(&*part.0))
-            || match shape.as_cuboid() {
-                Some(cuboid) => box_surface::meets(cuboid.half_extents, place, &self.surface),
-                None => meets(&self.surface),
-            }
+            || self.surface().is_none_or(|surface| match shape.as_cuboid() {
+                Some(cuboid) => box_surface::meets(cuboid.half_extents, place, surface),
+                None => meets(surface),
+            })
             || self.is_inside(place.translation)
+    }
+
+    /// The mesh for the collision library, which takes every valid mesh.
+    fn surface(&self) -> Option<&Triangles> {
+        let make = || {
+            let vertices = self.mesh.vertices().iter().map(|p| vector(&p.coords)).collect();
+            Triangles::new(vertices, self.mesh.faces().to_vec()).ok()
+        };
+        self.surface.get_or_init(make).as_ref()
     }
 
     /// True if most of three rays from `point` leave the surface through a back face.
@@ -111,8 +121,9 @@ impl Obstacle {
         }
         let leaves = |direction: &[f64; 3]| {
             let ray = Ray::new(point, Vector::from(*direction));
-            let hit = self.surface.cast_local_ray_and_get_normal(&ray, f64::MAX, false);
-            hit.is_some_and(|hit| self.surface.is_backface(hit.feature))
+            let Some(surface) = self.surface() else { return false };
+            let hit = surface.cast_local_ray_and_get_normal(&ray, f64::MAX, false);
+            hit.is_some_and(|hit| surface.is_backface(hit.feature))
         };
         RAYS.iter().filter(|direction| leaves(direction)).count() >= 2
     }
@@ -120,7 +131,7 @@ impl Obstacle {
 
 impl std::fmt::Debug for Obstacle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Obstacle({} faces, {} parts)", self.surface.num_triangles(), self.parts.len())
+        write!(f, "Obstacle({} faces, {} parts)", self.mesh.faces().len(), self.parts.len())
     }
 }
 

@@ -42,8 +42,7 @@ pub struct Model {
 /// One level of detail.
 #[derive(Clone, Debug)]
 pub(crate) struct Level {
-    pub(crate) vertices: Vec<Point3<f64>>,
-    pub(crate) faces: Vec<[u32; 3]>,
+    pub(crate) mesh: TriMesh,
     /// Unit normals that corners share.
     pub(crate) normals: Vec<Vector3<f32>>,
     /// For each face, the normals of its corners.
@@ -101,7 +100,7 @@ impl Model {
     pub fn scaled(&self, scale: f64) -> Self {
         let mut model = self.clone();
         for level in &mut model.levels {
-            level.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+            level.mesh = level.mesh.scaled(scale);
             level.error *= scale;
         }
         model.center *= scale;
@@ -112,7 +111,7 @@ impl Model {
 
     /// Faces and error (metres) of each level, from the full mesh to the coarsest.
     pub fn levels(&self) -> impl ExactSizeIterator<Item = (usize, f64)> + '_ {
-        self.levels.iter().map(|level| (level.faces.len(), level.error))
+        self.levels.iter().map(|level| (level.mesh.faces().len(), level.error))
     }
 
     /// Whether its faces enclose a volume and face outward.
@@ -144,7 +143,7 @@ impl Model {
 impl Level {
     fn new(mesh: &TriMesh, error: f64) -> Self {
         let (normals, corners) = corner_normals(mesh);
-        Self { vertices: mesh.vertices().to_vec(), faces: mesh.faces().to_vec(), normals, corners, error }
+        Self { mesh: mesh.clone(), normals, corners, error }
     }
 }
 

@@ -4,17 +4,17 @@ use crate::trimesh::TriMesh;
 use nalgebra::Point3;
 
 /// Appends a number.
-pub(crate) fn put_f64(body: &mut Vec<u8>, x: f64) {
+pub fn put_f64(body: &mut Vec<u8>, x: f64) {
     body.extend(x.to_bits().to_le_bytes());
 }
 
 /// Appends a count.
-pub(crate) fn put_u32(body: &mut Vec<u8>, n: usize) {
+pub fn put_u32(body: &mut Vec<u8>, n: usize) {
     body.extend((n as u32).to_le_bytes());
 }
 
 /// Appends a mesh.
-pub(crate) fn put_mesh(body: &mut Vec<u8>, mesh: &TriMesh) {
+pub fn put_mesh(body: &mut Vec<u8>, mesh: &TriMesh) {
     put_u32(body, mesh.vertices().len());
     put_u32(body, mesh.faces().len());
     mesh.vertices().iter().flat_map(|p| p.coords.iter()).for_each(|x| put_f64(body, *x));
@@ -22,7 +22,7 @@ pub(crate) fn put_mesh(body: &mut Vec<u8>, mesh: &TriMesh) {
 }
 
 /// Reads from the front, in the order of the writer.
-pub(crate) struct Reader<'a>(pub &'a [u8]);
+pub struct Reader<'a>(pub &'a [u8]);
 
 impl Reader<'_> {
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
@@ -31,14 +31,17 @@ impl Reader<'_> {
         Some(*head)
     }
 
+    /// The next count.
     pub fn u32(&mut self) -> Option<u32> {
         self.take().map(u32::from_le_bytes)
     }
 
+    /// The next number.
     pub fn f64(&mut self) -> Option<f64> {
         self.take().map(|b| f64::from_bits(u64::from_le_bytes(b)))
     }
 
+    /// The next mesh.
     pub fn mesh(&mut self) -> Option<TriMesh> {
         let (vertices, faces) = (self.u32()?, self.u32()?);
         // Collected one by one: with a false count the bytes end before memory does.

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 /// Suffixes of all kinds of entries.
-const SUFFIXES: [&str; 3] = ["parts", "levels", "scene"];
+const SUFFIXES: [&str; 4] = ["parts", "levels", "object", "scene"];
 /// Writes of this process into a folder between two checks of its size.
 const EVERY: u32 = 64;
 

@@ -139,7 +139,8 @@ fn roll(facets: &[Facet], at: usize) -> Option<usize> {
 
 fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
     let count = hull.faces().len();
-    let area = |f: usize| if is_sliver(hull, f) { Vector3::zeros() } else { hull.face_area_vector(f) };
+    let extent = hull.extent();
+    let area = |f: usize| if is_sliver(hull, f, extent) { Vector3::zeros() } else { hull.face_area_vector(f) };
     let areas: Vec<Vector3<f64>> = (0..count).map(area).collect();
     let around = neighbors(hull);
     let label = merge(&areas, &around, merge_angle.cos());
@@ -168,15 +169,15 @@ fn facets(hull: &TriMesh, com: &Point3<f64>, merge_angle: f64) -> Vec<Facet> {
 }
 
 /// Whether a face's normal is only rounding: one that points sideways would put the centre of mass outside the hull.
-fn is_sliver(hull: &TriMesh, face: usize) -> bool {
+fn is_sliver(hull: &TriMesh, face: usize, extent: f64) -> bool {
     let (area, [a, b, c]) = (hull.face_area_vector(face), hull.triangle(face));
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-    if area.norm() > THIN * hull.extent() * longest {
+    if area.norm() > THIN * extent * longest {
         return false;
     }
     let beyond = |normal: Vector3<f64>| {
         let most = hull.vertices().iter().map(|p| (p - a).dot(&normal)).fold(0.0, f64::max);
-        most > BEYOND * hull.extent()
+        most > BEYOND * extent
     };
     area.try_normalize(0.0).is_none_or(beyond)
 }

@@ -132,7 +132,7 @@ pub(crate) fn rasterize<const IDS: bool>(
     }
     let level = view.level(model, &view_from_model);
     let rotation = view_from_model.rotation.to_rotation_matrix();
-    let placed = level.vertices.iter().map(|p| rotation * p + view_from_model.translation.vector);
+    let placed = level.mesh.vertices().iter().map(|p| rotation * p + view_from_model.translation.vector);
     // If all of it is beyond the near plane, nothing needs clipping, and the camera is outside.
     let ahead = center.z - radius > view.projection.near();
     let hidden = if model.is_closed() && ahead { Some(cull) } else { None };
@@ -140,13 +140,13 @@ pub(crate) fn rasterize<const IDS: bool>(
     if ahead {
         scratch.corners.clear();
         scratch.corners.extend(placed.map(|p| view.projection.project(&p)));
-        for (f, face) in level.faces.iter().enumerate() {
+        for (f, face) in level.mesh.faces().iter().enumerate() {
             pen.rasterize::<IDS>(f, &face.map(|v| scratch.corners[v as usize]), None);
         }
     } else {
         scratch.points.clear();
         scratch.points.extend(placed);
-        for (f, face) in level.faces.iter().enumerate() {
+        for (f, face) in level.mesh.faces().iter().enumerate() {
             pen.rasterize_clipped::<IDS>(f, &face.map(|v| scratch.points[v as usize]), &view.projection);
         }
     }
