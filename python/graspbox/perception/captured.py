@@ -45,9 +45,6 @@ _SPACING = 0.006
 #: What a thing loses, compared with the logarithm of its number of pixels: at the image's border, for each half image
 #: size from the middle, and if it exceeds the crop.
 _CUT, _AWAY, _LARGE = 2.0, 1.0, 1.0
-#: Share of chosen things, cut by the border, whose best grasp is near a marked thing: 11 of 16 captures, but
-#: 76 of 76 where it does not cut, as counted before noise was measured in each image.
-_TRUST_CUT = 0.7
 #: Greatest distance of the principal point from the image's middle, as a share of the image's size.
 _OFF_CENTRE = 0.06
 #: An image with a smaller share of measured pixels shows a thing that was cut out.
@@ -82,8 +79,7 @@ class Survey(NamedTuple):
 class Look(NamedTuple):
     """A crop around the thing to grasp, its pixels (h, w), and what was assumed.
 
-    Its seen points, and those of obstacles, are (k, 3), in the table's frame, metres, 6 mm apart. `trust` is the
-    probability that it is a thing to grasp at all.
+    Its seen points, and those of obstacles, are (k, 3), in the table's frame, metres, 6 mm apart.
     """
 
     seen: Seen
@@ -91,7 +87,6 @@ class Look(NamedTuple):
     surface: NDArray[np.float64]
     keep_off: NDArray[np.float64]
     warnings: tuple[str, ...]
-    trust: float
 
 
 def things(
@@ -187,7 +182,6 @@ def look(
     config: CropConfig,
     *,
     mask: NDArray[np.bool_] | None = None,
-    named: bool = True,
     together: bool = False,
     num_threads: int | None = None,
 ) -> Look:
@@ -201,8 +195,6 @@ def look(
         The crop.
     mask : (H, W) bool, optional
         Pixels of the thing to grasp; by default the best group of pixels above the table.
-    named : bool
-        Whether the mask is that of a thing that somebody marked, or a group that was found.
     together : bool
         Whether the volume shows all things of the crop, for a policy that takes a target among them, or only the one to
         grasp.
@@ -241,8 +233,7 @@ def look(
     # Where it is alone, nothing need be told apart.
     others = view.voxels(labels & ~own, frame, config)
     seen = Seen(made, target, view, others) if others.any() else Seen(made, None, view)
-    trust = 1.0 if (mask is not None and named) or not _is_cut(own) else _TRUST_CUT
-    return Look(seen, own, _spaced(_points(own, view)), _obstacles(scene, own, frame, config), warnings, trust)
+    return Look(seen, own, _spaced(_points(own, view)), _obstacles(scene, own, frame, config), warnings)
 
 
 def crop_of_a_thing(view: DepthView, config: CropConfig, rng: np.random.Generator) -> Crops:

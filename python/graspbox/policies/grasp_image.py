@@ -210,7 +210,7 @@ class ImageGrasper:
             earlier = None if previous is None else previous.grasps.get(label)
             own = replace(chosen, known=self._known(scene, seen, earlier))
             try:
-                return self._grasps(scene, seen, found == label, own, named=labels is not None)
+                return self._grasps(scene, seen, found == label, own)
             except ConfigError as error:
                 return str(error)
 
@@ -241,15 +241,12 @@ class ImageGrasper:
         surveyed: Survey,
         mask: NDArray[np.bool_] | None,
         chosen: "_Chosen",
-        *,
-        named: bool = True,
     ) -> ImageGrasps:
         """Find the grasps of one thing."""
         looked = look(
             surveyed,
             self._finder.crop,
             mask=mask,
-            named=named,
             # A crop in which everything is one object shows a policy the neighbours of its target.
             together=self._finder.crop.gap >= EVERYTHING,
             num_threads=self._finder.num_threads,
@@ -283,8 +280,8 @@ class ImageGrasper:
             table_from_hand=frame @ ranked.poses,
             preshape=ranked.preshapes,
             choice=ranked.scores,
-            success=looked.trust * judged.success,
-            secure=looked.trust * judged.secure,
+            success=judged.success,
+            secure=judged.secure,
             free=free,
             lift_free=self._lifts(ranked, obstacles),
             warnings=looked.warnings if free.any() or not len(free) else (*looked.warnings, _BLOCKED),

@@ -37,8 +37,7 @@ class ImageGrasps:
     preshape : (k,) float64
         See `graspbox.Hand.preshape_limits`.
     choice, success, secure : (k,) float64
-        Score by which the grasps are ranked, and probabilities that they succeed and that they hold without a shift,
-        lower for a thing that may be none (`graspbox.perception.captured.Look.trust`).
+        Score by which the grasps are ranked, and probabilities that they succeed and that they hold without a shift.
     free : (k,) bool
         Whether the open hand touches nothing that is seen, predicted or given as an obstacle, on a straight approach
         of 0.1 m along its z axis and at the pose.
