@@ -14,8 +14,8 @@ __all__ = ["MOST_IMAGES", "average", "check_count"]
 
 #: Most images: a second of a fast camera; more take time, and no noise any more.
 MOST_IMAGES = 120
-#: Images of which the exact median is taken, and most pixels of one: 22 images of 4 bytes a pixel are held at once.
-_GROUP, _MOST_PIXELS = 11, 1 << 24
+#: Images of which the exact median is taken, and most pixels of one: 34 images of 4 bytes a pixel are held at once.
+_GROUP, _MOST_PIXELS = 31, 1 << 23
 #: Rows of the images whose median is computed at once, about this many values.
 _VALUES = 1 << 20
 
@@ -30,15 +30,15 @@ def average(captures: Iterable[Capture]) -> Capture:
     """Average the images of a camera that stands still over a scene that does.
 
     The depth of a pixel is the median of its measured values, and 0 where fewer than half of the images, or only one
-    of several, measured it. Of more than 11 images it is the median of the medians of groups of 11 (the remedian of
-    Rousseeuw and Bassett, 1990), without a last group of less than 6. Labels and pose are those of the first
+    of several, measured it. Of more than 31 images it is the median of the medians of groups of 31 (the remedian of
+    Rousseeuw and Bassett, 1990), without a last group of less than 16. Labels and pose are those of the first
     image that has some.
 
     Parameters
     ----------
     captures : iterable of Capture
-        Images of the same size and intrinsics, at most 120, of at most 2^24 pixels; they are taken one after another,
-        and at most 22 are held.
+        Images of the same size and intrinsics, at most 120, of at most 2^23 pixels; they are taken one after another,
+        and at most 34 are held.
 
     Raises
     ------

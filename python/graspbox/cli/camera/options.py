@@ -143,21 +143,13 @@ class SearchOptions:
             return camera_over_table(self.camera_height, float(np.radians(self.tilt)))
         return None
 
-    def box(self) -> Workspace | None:
-        """Return the workspace, if there is one."""
-        if self.workspace is None:
-            if self.workspace_frame is not None:
-                raise ConfigError("--workspace-frame is that of --workspace; pass both")
-            return None
-        return Workspace(self.workspace[:3], self.workspace[3:], self.workspace_frame)
-
     def find(self) -> dict[str, Any]:
         """Return arguments of `ImageGrasper.find` and `ImageGrasper.find_all`."""
         return {
             "gravity": self.gravity,
             "count": self.count,
             "region": self.region,
-            "workspace": self.box(),
+            "workspace": Workspace.of(self.workspace, self.workspace_frame),
             "keep_off": None if self.keep_off is None else read_points(self.keep_off),
             "hand_error": None if self.hand_error is None else PoseNoise.in_millimetres(*self.hand_error),
             "seed": self.seed,
@@ -165,8 +157,8 @@ class SearchOptions:
 
     def request(self) -> dict[str, Any]:
         """Return the entries of a request to a server, without the camera's pose and what servers do not take."""
-        box = self.box()
-        corners = None if box is None else [list(box.low), list(box.high)]
+        box = Workspace.of(self.workspace, self.workspace_frame)
+        corners = None if box is None else [box.low, box.high]
         boxed = {"workspace": corners, "workspace_frame": self.workspace_frame}
         own = {name: getattr(self, name) for name in ("count", "region", "hand_error", "seed")}
         return {name: value for name, value in {**own, **boxed}.items() if value is not None}

@@ -1,7 +1,8 @@
 """A box in space within which things are grasped."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,16 @@ class Workspace:
     low: tuple[float, float, float]
     high: tuple[float, float, float]
     frame: Frame | None = None
+
+    @classmethod
+    def of(cls, corners: Sequence[float] | None, frame: Frame | None) -> Self | None:
+        """Return the box of six numbers, X Y Z X Y Z, if there are any; raises ConfigError for a frame without them."""
+        if corners is None:
+            if frame is not None:
+                raise ConfigError(f"workspace_frame is {frame!r}, the frame of a workspace; pass the workspace too")
+            return None
+        x, y, z, to_x, to_y, to_z = corners
+        return cls((x, y, z), (to_x, to_y, to_z), frame)
 
     def __post_init__(self) -> None:
         """Check the corners."""
