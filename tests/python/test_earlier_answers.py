@@ -121,7 +121,8 @@ def test_wrong_earlier_answers_are_told(changed: Any, message: str) -> None:
 
 
 def test_wrong_earlier_scenes_are_told() -> None:
-    hand, good = load_hand("panda_gripper"), {"things": [{"thing": 1, **GOOD}], "labels": np.ones((2, 2), np.int64)}
+    hand = load_hand("panda_gripper")
+    good: dict[str, Any] = {"things": [{"thing": 1, **GOOD}], "labels": np.ones((2, 2), np.int64)}
     assert set(earlier_scene(good, hand).best_of) == {1}
     assert earlier_grasp({**GOOD, "preshape": []}, hand) is None
     refused = {"thing": 2, "pixels": 1, "refused": "too small"}

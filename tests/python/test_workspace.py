@@ -19,7 +19,7 @@ __all__ = ["grasper"]  # a fixture
 VIEW = scene((0.0, 0.0, 0.05, 0.08), (0.05, 0.3, 0.02, 0.05))
 DEPTH = np.asarray(VIEW.depth)
 #: Around the second one, in the table's frame.
-SECOND = ((MIDDLE - 0.1, 0.2, 0.01), (MIDDLE + 0.2, 0.4, 0.2))
+SECOND = ((MIDDLE - 0.1, 0.2, 0.002), (MIDDLE + 0.2, 0.4, 0.2))
 
 
 @pytest.mark.parametrize(

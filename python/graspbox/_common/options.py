@@ -85,6 +85,7 @@ def flattened(command: Callable[..., None]) -> Callable[..., None]:
 
     called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     called.__annotations__ = {one.name: one.annotation for one in parameters}
+    del called.__wrapped__  # its parameters are others
     return called
 
 

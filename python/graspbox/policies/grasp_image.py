@@ -27,7 +27,15 @@ from graspbox.policies.published.downloads import folder_of
 from graspbox.policies.published.folders import hand_of, load
 from graspbox.policies.published.runtimes import Backend
 
-__all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "SceneGrasps", "grasp_image"]
+__all__ = [
+    "EarlierGrasp",
+    "EarlierScene",
+    "ImageGrasper",
+    "ImageGrasps",
+    "ImageOptions",
+    "SceneGrasps",
+    "grasp_image",
+]
 
 #: Grasps nearer than both to a better one are omitted, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
