@@ -109,7 +109,7 @@ _VALUES: list[Any] = [
 def hostile_grasps(url: str, rng: random.Random, count: int) -> int:
     """Images that are none, arrays that lie about their shape, and absurd entries beside a right image."""
     names: tuple[str, ...] = ("intrinsics", "camera_pose", "region", "mask", "labels", "label", "all", "keep_off")
-    names += ("hand_error", "depth_scale", "count", "seed")
+    names += ("hand_error", "depth_scale", "depth_is", "workspace", "workspace_frame", "previous", "count", "seed")
     for index in range(count):
         request = grasps(rng)
         if index % 2:

@@ -431,7 +431,7 @@ def test_images_of_a_recording_are_averaged(tmp_path: Path) -> None:
     errors_of = [np.abs(seen.depth - scene())[measured].mean() for seen in (one, several)]
     assert errors_of[1] < 0.4 * errors_of[0]
     np.testing.assert_array_equal(several.depth, read_capture(path, frame=1, frames=19).depth)
-    for frames, message in ((0, "frames is 0; pass 1 to 120"), (99, "has 20 images from there")):
+    for frames, message in ((0, "there are 0 images to average; pass 1 to 120"), (99, "has 20 images from there")):
         with pytest.raises(errors.ConfigError, match=message):
             read_capture(path, frames=frames)
     np.save(tmp_path / "depth.npy", scene())

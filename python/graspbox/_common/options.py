@@ -1,10 +1,11 @@
 """Command lines of dataclasses: typer's options are made from the fields of settings (extra ``cli``)."""
 
 import ast
+import functools
 import inspect
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from enum import Enum
 from itertools import pairwise
@@ -15,7 +16,7 @@ from rich.markup import escape
 
 from graspbox.errors import ConfigError
 
-__all__ = ["parse"]
+__all__ = ["flattened", "parse"]
 
 Settings = TypeVar("Settings")
 
@@ -59,6 +60,33 @@ def parse(
         if not made:
             raise
     return made[0]
+
+
+def flattened(command: Callable[..., None]) -> Callable[..., None]:
+    """Let the fields of the dataclasses among a command's parameters be its options, so that commands share them.
+
+    Each field is annotated as typer's parameters are, and has the name of its option.
+    """
+    hints, parameters, kinds = get_type_hints(command, include_extras=True), [], {}
+    for name, own in inspect.signature(command).parameters.items():
+        if is_dataclass(hints[name]):
+            kinds[name] = hints[name]
+            of = get_type_hints(hints[name], include_extras=True)
+            parameters += [_parameter(one.name, of[one.name], _default(one)) for one in fields(hints[name])]
+        else:
+            parameters.append(_parameter(name, hints[name], own.default))
+
+    @functools.wraps(command)
+    def called(**values: Any) -> None:
+        groups = {
+            name: kind(**{one.name: values.pop(one.name) for one in fields(kind)}) for name, kind in kinds.items()
+        }
+        command(**groups, **values)
+
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    del called.__wrapped__  # its parameters are others
+    return called
 
 
 def _options(kind: type, prefix: str = "") -> list[inspect.Parameter]:

@@ -1,6 +1,6 @@
 """Several images of one still view, as one image with less noise and fewer holes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sized
 from dataclasses import replace
 
 import numpy as np
@@ -8,35 +8,71 @@ from numpy.typing import NDArray
 
 from graspbox.captures.capture import Capture
 from graspbox.errors import ConfigError
+from graspbox.perception.depth_images import check_size
 
-__all__ = ["MOST_IMAGES", "average"]
+__all__ = ["MOST_IMAGES", "average", "check_count"]
 
-#: Most images: a second of a fast camera; more take memory, and no noise any more.
+#: Most images: a second of a fast camera; more take time, and no noise any more.
 MOST_IMAGES = 120
+#: Images of which the exact median is taken, and most pixels of one: 34 images of 4 bytes a pixel are held at once.
+_GROUP, _MOST_PIXELS = 31, 1 << 23
+#: Rows of the images whose median is computed at once, about this many values.
+_VALUES = 1 << 20
 
 
-def average(captures: Sequence[Capture]) -> Capture:
+def check_count(images: int) -> None:
+    """Refuse a number of images that cannot be averaged; raises ConfigError."""
+    if not 1 <= images <= MOST_IMAGES:
+        raise ConfigError(f"there are {images} images to average; pass 1 to {MOST_IMAGES}")
+
+
+def average(captures: Iterable[Capture]) -> Capture:
     """Average the images of a camera that stands still over a scene that does.
 
     The depth of a pixel is the median of its measured values, and 0 where fewer than half of the images, or only one
-    of several, measured it. Labels and pose are those of the first image that has some.
+    of several, measured it. Of more than 31 images it is the median of the medians of groups of 31 (the remedian of
+    Rousseeuw and Bassett, 1990), without a last group of less than 16. Labels and pose are those of the first
+    image that has some.
 
     Parameters
     ----------
-    captures : sequence of Capture
-        Images of the same size and intrinsics, at most 120.
+    captures : iterable of Capture
+        Images of the same size and intrinsics, at most 120, of at most 2^23 pixels; they are taken one after another,
+        and at most 34 are held.
 
     Raises
     ------
     ConfigError
         If there are none, too many, or sizes, intrinsics or poses differ.
     """
-    if not 1 <= len(captures) <= MOST_IMAGES:
-        raise ConfigError(f"there are {len(captures)} images to average; pass 1 to {MOST_IMAGES}")
-    first = captures[0]
-    if len(captures) == 1:
-        return first
-    for number, other in enumerate(captures[1:], 1):
+    if isinstance(captures, Sized):
+        check_count(len(captures))
+    images = iter(captures)
+    first = next(images, None)
+    if first is None:
+        check_count(0)
+    assert first is not None
+    made = _Average(first)
+    for other in images:
+        made.add(other)
+    return made.capture()
+
+
+class _Average:
+    """The images so far, of which whole groups are replaced by their medians."""
+
+    def __init__(self, first: Capture) -> None:
+        self._first, self._labels, self._warnings = first, first.labels, dict.fromkeys(first.warnings)
+        self._count = 1
+        self._measured = (first.depth > 0).astype(np.uint8)
+        self._group = [first.depth.astype(np.float32)]
+        self._medians: list[NDArray[np.float32]] = []
+
+    def add(self, other: Capture) -> None:
+        """Take another image."""
+        first, number = self._first, self._count
+        check_count(number + 1)
+        check_size(first.depth.size, "each image to average", _MOST_PIXELS)
         if other.depth.shape != first.depth.shape or not np.allclose(other.intrinsics, first.intrinsics, atol=1e-3):
             raise ConfigError(
                 f"image {number} is {other.depth.shape[1]} x {other.depth.shape[0]} pixels, f = "
@@ -47,16 +83,44 @@ def average(captures: Sequence[Capture]) -> Capture:
             _pose(other), _pose(first), atol=1e-6
         ):
             raise ConfigError(f"image {number} has another pose of the camera than the first; pass images of one view")
-    stack = np.stack([one.depth for one in captures])
-    measured = (stack > 0).sum(axis=0)
-    kept = measured >= max(2.0, len(captures) / 2)
-    if not kept.any():
-        raise ConfigError("no pixel is measured in half of the images; pass images of one still view")
-    middle = np.nanmedian(np.where(kept & (stack > 0), stack, np.where(kept, np.nan, 0.0)), axis=0)
-    labels = next((one.labels for one in captures if one.labels is not None), None)
-    warnings = tuple(dict.fromkeys(warning for one in captures for warning in one.warnings))
-    source = f"{len(captures)} images, {first.source}"
-    return replace(first, depth=np.asarray(middle), labels=labels, warnings=warnings, source=source)
+        if len(self._group) == _GROUP:
+            self._medians.append(_median(self._group))
+            self._group = []
+        self._count += 1
+        self._measured += other.depth > 0
+        self._group.append(other.depth.astype(np.float32))
+        self._labels = other.labels if self._labels is None else self._labels
+        self._warnings |= dict.fromkeys(other.warnings)
+
+    def capture(self) -> Capture:
+        """Return the average."""
+        if self._count == 1:
+            return self._first
+        kept = self._measured >= max(2.0, self._count / 2)
+        if not kept.any():
+            raise ConfigError("no pixel is measured in half of the images; pass images of one still view")
+        # A last group of few images would count as much as a whole one; they are less than half of all.
+        left = [_median(self._group)] if len(self._group) > _GROUP // 2 or not self._medians else []
+        depth = np.where(kept, _median([*self._medians, *left]), 0.0).astype(np.float64)
+        source = f"{self._count} images, {self._first.source}"
+        return replace(self._first, depth=depth, labels=self._labels, warnings=tuple(self._warnings), source=source)
+
+
+def _median(images: list[NDArray[np.float32]]) -> NDArray[np.float32]:
+    """Return the median of the measured values of each pixel, 0 without any."""
+    if len(images) == 1:
+        return images[0]
+    rows, columns = images[0].shape
+    step = max(1, _VALUES // (columns * len(images)))
+    found = np.zeros((rows, columns), dtype=np.float32)
+    for start in range(0, rows, step):
+        part = np.sort(np.stack([image[start : start + step] for image in images]), axis=0)
+        # Zeros come first: the measured values are the last ones.
+        counts = (part > 0).sum(axis=0)
+        low, high = len(images) - (counts + 2) // 2, len(images) - (counts + 1) // 2
+        pair = [np.take_along_axis(part, np.minimum(at, len(images) - 1)[None], axis=0)[0] for at in (low, high)]
+        found[start : start + step] = np.where(counts > 0, 0.5 * (pair[0] + pair[1]), 0.0)
+    return found
 
 
 def _pose(capture: Capture) -> NDArray[np.float64]:

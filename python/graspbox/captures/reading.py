@@ -1,6 +1,7 @@
 """One way in for depth data: the kind of a source by content, then the same checks of units, sizes and frames."""
 
 import os
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
-from graspbox.captures.averaging import MOST_IMAGES, average
+from graspbox.captures.averaging import average, check_count
 from graspbox.captures.cameras import read_camera
 from graspbox.captures.capture import Camera, Capture, Found, listed
 from graspbox.captures.clouds import MOST_POINTS, organised, rendered, turned
@@ -20,8 +21,9 @@ from graspbox.captures.ply import read_ply
 from graspbox.captures.recordings import check_place, is_recording, read_recording, recorded_images
 from graspbox.errors import ConfigError, FileError
 from graspbox.perception.depth_images import check_intrinsics, check_pose, metric_depth
+from graspbox.perception.real import DEPTH_KINDS, DepthKind, z_of_distances
 
-__all__ = ["PathLike", "capture_of", "check_limits", "given_camera", "read_capture", "read_found"]
+__all__ = ["PathLike", "capture_of", "check_depth_kind", "check_limits", "given_camera", "read_capture", "read_found"]
 
 PathLike = str | os.PathLike[str]
 
@@ -36,6 +38,7 @@ def read_capture(
     *,
     intrinsics: ArrayLike | PathLike | None = None,
     depth_scale: float | None = None,
+    depth_is: DepthKind = "z",
     camera_pose: ArrayLike | PathLike | None = None,
     mask: NDArray[np.bool_] | PathLike | None = None,
     labels: NDArray[np.integer] | PathLike | None = None,
@@ -63,6 +66,9 @@ def read_capture(
     depth_scale : float, optional
         Metres per unit; by default that of the source or of the file of intrinsics, else 1 for floats and 0.001 for
         integers.
+    depth_is : {"z", "distance"}
+        What an image holds: depths along the optical axis, or distances from the camera along the rays of the pixels,
+        as some simulators and time-of-flight cameras write.
     camera_pose : (4, 4) array or path, optional
         ``table_from_camera``, metres.
     mask : (H, W) bool array or path, optional
@@ -90,47 +96,44 @@ def read_capture(
     """
     path = Path(source)
     given = given_camera(intrinsics, path)
-    if frames == 1:
-        founds = [read_found(path, topic, time, frame, depth_scale)]
-    else:
+    founds = iter([read_found(path, topic, time, frame, depth_scale)])
+    if frames != 1:
         founds = _founds(path, topic, time, frame, frames, depth_scale)
     return average(
-        [
-            capture_of(
-                found,
-                given,
-                depth_scale=depth_scale,
-                camera_pose=camera_pose,
-                mask=mask,
-                labels=labels,
-                limits=limits,
-                region=region,
-            )
-            for found in founds
-        ]
+        capture_of(
+            found,
+            given,
+            depth_scale=depth_scale,
+            depth_is=depth_is,
+            camera_pose=camera_pose,
+            mask=mask,
+            labels=labels,
+            limits=limits,
+            region=region,
+        )
+        for found in founds
     )
 
 
 def _founds(
     path: Path, topic: str | None, time: float | None, frame: int | None, frames: int, scale: float | None
-) -> list[Found]:
-    """Read some images of a recording; arguments and errors as of `read_capture`."""
-    if not 1 <= frames <= MOST_IMAGES:
-        raise ConfigError(f"frames is {frames}; pass 1 to {MOST_IMAGES}")
+) -> Iterator[Found]:
+    """Read some images of a recording, one after another; arguments and errors as of `read_capture`."""
+    check_count(frames)
     if not is_recording(path, "" if path.is_dir() else kind_of(path)):
         raise ConfigError(f"{path} is no recording; frames are averaged of one, or pass several files")
     check_place(time, frame)
-    found: list[Found] = []
-    begun = None
+    begun, found = None, 0
     with closing(recorded_images(path, topic, scale)) as images:
         for number, (stamp, decode) in enumerate(images):
             begun = stamp if begun is None else begun
             # Seconds since 1970 are exact to less than a microsecond.
             if number >= (frame or 0) and stamp - begun > (time or 0.0) - 1e-6:
-                found.append(decode())
-            if len(found) == frames:
-                return found
-    raise ConfigError(f"{path} has {len(found)} images from there on, not {frames}; pass fewer frames")
+                found += 1
+                yield decode()
+            if found == frames:
+                return
+    raise ConfigError(f"{path} has {found} images from there on, not {frames}; pass fewer frames")
 
 
 def capture_of(
@@ -138,6 +141,7 @@ def capture_of(
     given: Camera | None = None,
     *,
     depth_scale: float | None = None,
+    depth_is: DepthKind = "z",
     camera_pose: ArrayLike | PathLike | None = None,
     mask: NDArray[np.bool_] | PathLike | None = None,
     labels: NDArray[np.integer] | PathLike | None = None,
@@ -148,7 +152,12 @@ def capture_of(
     scale = found.scale if depth_scale is None else depth_scale
     if scale is None and given is not None:
         scale = given.depth_scale
+    check_depth_kind(depth_is)
     if found.points is not None:
+        if depth_is != "z":
+            raise ConfigError(
+                f"{found.name} is a cloud, which has no depths along rays; leave out depth_is (--depth-is)"
+            )
         depth, camera = _of_cloud(found, scale, given)
     else:
         assert found.image is not None
@@ -160,6 +169,8 @@ def capture_of(
     warnings = [*found.warnings, *camera.notes]
     if camera.coefficients:
         depth, things = _straightened(camera, depth, things, warnings)
+    if depth_is == "distance":
+        depth = z_of_distances(depth, lens)
     depth = _bounded(depth, limits, region, found.name)
     pose = _pose(camera_pose)
     return Capture(depth, lens, things, pose, tuple(warnings), found.name)
@@ -334,6 +345,12 @@ def _straightened(
     if not straight.any():
         raise ConfigError(f"the distortion of {camera.name} leaves nothing of the image; check its coefficients")
     return straight, None if labels is None else np.asarray(moved[1], dtype=np.int64)
+
+
+def check_depth_kind(kind: str) -> None:
+    """Raise ConfigError for an unknown kind of depth."""
+    if kind not in DEPTH_KINDS:
+        raise ConfigError(f"depth_is is {kind!r}; choose from {', '.join(DEPTH_KINDS)}")
 
 
 def check_limits(limits: tuple[float, float]) -> tuple[float, float]:

@@ -5,6 +5,7 @@ real depth images by what the camera saw.
 """
 
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -186,12 +187,20 @@ def captures(
     folder: Annotated[Path, typer.Argument(help="Folder of captures: NAME/depth.npy, capture.json, labels.png.")],
     policy: Annotated[str, typer.Option(help="An installed policy such as depth, or the folder of one.")],
     given: Annotated[
-        Literal["depth", "mask", "alone"],
+        Literal["depth", "pose", "mask", "alone"],
         typer.Option(
-            help="What the policy is given: the image, from which it chooses a thing; also the mask of each thing; or "
-            "each thing alone, with nothing measured around it, and the camera's pose."
+            help="What the policy is given: the image, from which it chooses a thing; also the camera's pose; or the "
+            "mask of each thing; or each thing alone, with nothing measured around it, and the camera's pose."
         ),
     ] = "depth",
+    disturb: Annotated[
+        bool,
+        typer.Option(
+            "--disturb",
+            help="Instead count the images that pass without a warning with wrong intrinsics, units and kinds of depth "
+            "(graspbox.evaluation.disturbances).",
+        ),
+    ] = False,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="File for the result of every image, JSON.")] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for a picture of every answer.")] = None,
@@ -209,6 +218,9 @@ def captures(
 
     check_files(out)
     folders, grasper = captures_in(folder), ImageGrasper(policy)
+    if disturb:
+        _disturbed(grasper, folders, given, out, as_json)
+        return
     draw = _drawer(pictures)
     with ProgressBar(f"{policy}", len(folders), not as_json) as bar:
         rows = list(judge_captures(grasper, folders, given=given, seed=seed, progress=bar.update, draw=draw))
@@ -234,6 +246,22 @@ def captures(
     for row in rows:
         if row.refused is not None:
             console.print(f"{row.capture}{'' if row.thing is None else f', thing {row.thing}'}: {row.refused}")
+
+
+def _disturbed(grasper: Any, folders: tuple[Path, ...], given: Any, out: Path | None, as_json: bool) -> None:
+    """Write and print what is said of disturbed captures."""
+    from graspbox.evaluation.disturbances import disturb_captures, silence
+
+    with ProgressBar("disturbed captures", len(folders), not as_json) as bar:
+        rows = list(disturb_captures(grasper, folders, given=given, progress=bar.update))
+    result = {"policy": grasper.config.name, "given": given, "disturbances": silence(rows)}
+    if out is not None:
+        write_text(out, dumps({**result, "rows": [asdict(row) for row in rows]}))
+    if as_json:
+        print_json(result)
+        return
+    shown = [(name, *map(str, row.values())) for name, row in silence(rows).items()]
+    print_table(f"captures, {given}, disturbed", ("disturbance", "of", "refused", "told", "silent"), shown)
 
 
 def _drawer(folder: Path | None) -> Callable[[str, Any], None]:

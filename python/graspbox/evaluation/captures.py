@@ -39,9 +39,9 @@ __all__ = ["Capture", "Given", "JudgedCapture", "captures_in", "judge_captures",
 ON, NEAR, DEEP = 0.02, 0.04, 0.003
 #: Greatest angle and, at the things, distance of a right table, degrees and metres.
 TILT, OFF = 2.0, 0.012
-#: What a policy is given: the whole image, also the mask of a thing, or a thing alone with the camera's pose over the
-#: plane, where nothing else was measured.
-Given = Literal["depth", "mask", "alone"]
+#: What a policy is given: the whole image, also the camera's pose over the plane, also the mask of a thing, or a thing
+#: alone with the camera's pose, where nothing else was measured.
+Given = Literal["depth", "pose", "mask", "alone"]
 #: Fewer pixels with a depth are no thing.
 _LEAST_PIXELS = 20
 #: Points farther from the hand cannot be inside, metres.
@@ -78,14 +78,18 @@ class Capture(captures.Capture):
         camera, plane = str(told.get("camera", "unknown")), _plane(told.get("plane"), described)
         return cls(**vars(seen), name=folder.name, camera=camera, plane=plane)
 
-    def alone(self, thing: int) -> Self | None:
-        """Return the image of a thing alone, with the camera's pose over the plane; None without a plane."""
-        assert self.labels is not None
+    def posed(self) -> Self | None:
+        """Return the image with the camera's pose over the plane; None without a plane."""
         pose = None if self.plane is None else camera_over_plane(*self.plane)
-        if pose is None:
-            return None
-        own = self.labels == thing
-        return replace(self, depth=np.where(own, self.depth, 0.0), table_from_camera=pose)
+        return None if pose is None else replace(self, table_from_camera=pose)
+
+    def shown(self, given: Given, thing: int | None) -> Self | None:
+        """Return what a policy is given, of a thing or of all; None if that needs a plane, and there is none."""
+        if given in ("depth", "mask"):
+            return self
+        if (posed := self.posed()) is None or thing is None:
+            return posed
+        return replace(posed, depth=np.where(self.labels == thing, self.depth, 0.0))
 
     @property
     def things(self) -> tuple[int, ...]:
@@ -165,9 +169,8 @@ def judge_captures(
     """
     for done, folder in enumerate(folders):
         capture = Capture.read(folder)
-        for thing in (None,) if given == "depth" and capture.things else capture.things:
-            shown = capture if thing is None or given == "mask" else capture.alone(thing)
-            if shown is not None:
+        for thing in (None,) if given in ("depth", "pose") and capture.things else capture.things:
+            if (shown := capture.shown(given, thing)) is not None:
                 yield _judged(grasper, capture, shown, thing, seed, draw)
         progress(done + 1)
 

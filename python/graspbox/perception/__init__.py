@@ -32,6 +32,7 @@ from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder, Query
 from graspbox.perception.hand_grids import HAND_CHANNELS, HandGrid, Proposals
 from graspbox.perception.hand_settings import HandSettings, settings_of
 from graspbox.perception.perturbations import PoseNoise
+from graspbox.perception.real import Workspace
 
 __all__ = [
     "CHANNELS",
@@ -54,6 +55,7 @@ __all__ = [
     "Proposals",
     "Query",
     "RehearsalConfig",
+    "Workspace",
     "add_depth_noise",
     "crop",
     "settings_of",

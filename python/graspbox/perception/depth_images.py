@@ -21,6 +21,7 @@ __all__ = [
     "intrinsics_of",
     "metric_depth",
     "points_of",
+    "table_share",
     "table_under",
     "thinned",
 ]
@@ -264,7 +265,7 @@ def fit_table(
     ConfigError
         If no plane has a tenth of these pixels, or the largest is no table below the camera.
     """
-    every = int(np.ceil(np.sqrt(depth.size / _FITTED)))
+    every = _every(depth)
     points, weights = points_of(depth, intrinsics, every), _nearness(depth, every, focus)
     if len(points) < 3:
         raise ConfigError(f"the depth image shows no table; {_POSE_ADVICE}")
@@ -302,6 +303,20 @@ def table_under(
             "camera's frame: x right, y down, z forward"
         )
     return pose
+
+
+def table_share(
+    depth: NDArray[np.float64], intrinsics: NDArray[np.float64], table_from_camera: NDArray[np.float64]
+) -> float:
+    """Return the share of the pixels of an image (H, W), metres, that lie on the plane z = 0 of a table."""
+    points = points_of(depth, intrinsics, _every(depth))
+    heights = points @ table_from_camera[2, :3] + table_from_camera[2, 3]
+    return float((np.abs(heights) < _ON_TABLE + _ON_TABLE_GROWTH * points[:, 2]).mean()) if len(points) else 0.0
+
+
+def _every(depth: NDArray[np.float64]) -> int:
+    """Return the step between the pixels from which a table is fitted."""
+    return int(np.ceil(np.sqrt(depth.size / _FITTED)))
 
 
 def check_gravity(gravity: ArrayLike) -> NDArray[np.float64]:

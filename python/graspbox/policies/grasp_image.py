@@ -5,37 +5,37 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypedDict, Unpack
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
-from graspbox.perception.captured import MOST_THINGS, Survey, look, survey
-from graspbox.perception.configs import EVERYTHING, CropConfig
-from graspbox.perception.depth_images import (
-    check_gravity,
-    check_intrinsics,
-    check_points,
-    check_pose,
-    fit_table,
-    table_under,
-    thinned,
-)
-from graspbox.perception.depth_views import DepthView
+from graspbox.perception.captured import MOST_THINGS, Look, Survey, look
+from graspbox.perception.configs import EVERYTHING
+from graspbox.perception.depth_images import check_points
 from graspbox.perception.finder import Query, grasps, sure
 from graspbox.perception.outputs import NONE_JUDGED
 from graspbox.perception.perturbations import PoseNoise
+from graspbox.perception.real import RealImage, Workspace
 from graspbox.perception.scoring import Ranked
 from graspbox.policies.finders import load_finder
-from graspbox.policies.image_grasps import ImageGrasps, SceneGrasps
+from graspbox.policies.image_grasps import EarlierGrasp, EarlierScene, ImageGrasps, SceneGrasps
 from graspbox.policies.published.configs import DepthPolicyConfig
 from graspbox.policies.published.downloads import folder_of
 from graspbox.policies.published.folders import hand_of, load
 from graspbox.policies.published.runtimes import Backend
 
-__all__ = ["ImageGrasper", "ImageGrasps", "ImageOptions", "SceneGrasps", "grasp_image"]
+__all__ = [
+    "EarlierGrasp",
+    "EarlierScene",
+    "ImageGrasper",
+    "ImageGrasps",
+    "ImageOptions",
+    "SceneGrasps",
+    "grasp_image",
+]
 
 #: Grasps nearer than both to a better one are omitted, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
@@ -57,8 +57,10 @@ class ImageOptions(TypedDict, total=False):
     count : int
         Most grasps, by default 5; near-duplicates of a better grasp are omitted.
     region : (int, int, int, int)
-        Columns and rows, left, top, right and bottom, within which the object is searched; by default it is the
-        largest object on the table.
+        Columns and rows, left, top, right and bottom: only what is seen within is grasped, and all else is an obstacle;
+        by default the object is the largest one on the table.
+    workspace : Workspace
+        A box in space instead of, or besides, a region.
     mask : (H, W) bool array
         Pixels of one of several objects: grasps are of this one, and keep off the others. For policies that learned
         among several objects.
@@ -75,7 +77,7 @@ class ImageOptions(TypedDict, total=False):
     rehearsed : int
         How many of the best grasps are first tried in simulation on the completed shape, for a single object
         (`graspbox.perception.configs.RehearsalConfig`); by default as in the policy's folder.
-    previous : ImageGrasps
+    previous : ImageGrasps or EarlierGrasp
         Grasps of an earlier image of the same scene, by the same hand: the first of them is scored again, and stays the
         first while no other is clearly better. Its pose is taken in the table's frame if `table_from_camera` is given,
         else in the camera's.
@@ -85,12 +87,13 @@ class ImageOptions(TypedDict, total=False):
 
     count: int
     region: tuple[int, int, int, int] | None
+    workspace: Workspace | None
     mask: NDArray[np.bool_] | None
     gravity: ArrayLike | None
     keep_off: ArrayLike | None
     hand_error: PoseNoise | None
     rehearsed: int | None
-    previous: ImageGrasps | None
+    previous: ImageGrasps | EarlierGrasp | None
     seed: int
 
 
@@ -135,12 +138,13 @@ class ImageGrasper:
         *,
         count: int = 5,
         region: tuple[int, int, int, int] | None = None,
+        workspace: Workspace | None = None,
         mask: NDArray[np.bool_] | None = None,
         gravity: ArrayLike | None = None,
         keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
         rehearsed: int | None = None,
-        previous: ImageGrasps | None = None,
+        previous: ImageGrasps | EarlierGrasp | None = None,
         seed: int = 0,
     ) -> ImageGrasps:
         """Find grasps of the object that a depth image shows; further arguments are those of `ImageOptions`.
@@ -163,11 +167,29 @@ class ImageGrasper:
             argument is wrong.
         """
         marked = None if mask is None else _checked(mask, np.shape(depth))
-        inside = None if region is None else _within(region, np.shape(depth))
-        scene = _Scene.of(depth, intrinsics, table_from_camera, gravity, marked, inside)
-        seen = scene.survey(self._finder.crop, inside)
+        where: dict[str, Any] = {"gravity": gravity, "region": region, "workspace": workspace}
+        scene = RealImage.of(depth, intrinsics, table_from_camera, marked=marked, **where)
+        seen = scene.survey(self._finder.crop)
         chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, self._known(scene, seen, previous))
-        return self._grasps(scene, seen, scene.thin(marked), chosen)
+        return self._grasps(scene, seen, None if marked is None else scene.thinned(marked), chosen)
+
+    def check(
+        self,
+        depth: ArrayLike,
+        intrinsics: ArrayLike,
+        table_from_camera: ArrayLike | None = None,
+        *,
+        region: tuple[int, int, int, int] | None = None,
+        workspace: Workspace | None = None,
+        mask: NDArray[np.bool_] | None = None,
+        gravity: ArrayLike | None = None,
+    ) -> tuple[str, ...]:
+        """Return the warnings of an image without grasps, in a tenth of the time; arguments and errors as of `find`."""
+        marked = None if mask is None else _checked(mask, np.shape(depth))
+        where: dict[str, Any] = {"gravity": gravity, "region": region, "workspace": workspace}
+        scene = RealImage.of(depth, intrinsics, table_from_camera, marked=marked, **where)
+        seen = scene.survey(self._finder.crop)
+        return self._look(scene, seen, None if marked is None else scene.thinned(marked)).warnings
 
     def find_all(
         self,
@@ -177,11 +199,12 @@ class ImageGrasper:
         *,
         labels: NDArray[np.integer] | None = None,
         region: tuple[int, int, int, int] | None = None,
+        workspace: Workspace | None = None,
         gravity: ArrayLike | None = None,
         count: int = 5,
         keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
-        previous: SceneGrasps | None = None,
+        previous: SceneGrasps | EarlierScene | None = None,
         seed: int = 0,
     ) -> SceneGrasps:
         """Find grasps of every thing that a depth image shows; arguments and errors as of `find`.
@@ -190,16 +213,18 @@ class ImageGrasper:
         ----------
         labels : (H, W) array of integers, optional
             Numbers of the things, 0 or less for none, at most 100; by default groups of pixels above the table.
-        previous : SceneGrasps, optional
+        previous : SceneGrasps or EarlierScene, optional
             Those of an earlier image of the same scene. Things that are found keep their numbers.
         """
-        inside = None if region is None else _within(region, np.shape(depth))
         if labels is not None:
             labels = _numbers(labels, np.shape(depth))
-        scene = _Scene.of(depth, intrinsics, table_from_camera, gravity, None if labels is None else labels > 0, inside)
-        seen = scene.survey(self._finder.crop, inside)
+        marked = None if labels is None else labels > 0
+        where: dict[str, Any] = {"gravity": gravity, "region": region, "workspace": workspace}
+        scene = RealImage.of(depth, intrinsics, table_from_camera, marked=marked, **where)
+        seen = scene.survey(self._finder.crop)
         if labels is not None:
-            found = scene.thinned(labels if inside is None else np.where(inside, labels, 0)).astype(np.int64)
+            found = scene.thinned(labels).astype(np.int64)
+            found = found if scene.inside is None else np.where(scene.inside, found, 0)
         else:
             found = seen.things.labels.astype(np.int64)
             found = found if previous is None else _renumbered(found, previous.labels)
@@ -207,13 +232,14 @@ class ImageGrasper:
         chosen.query(scene, np.zeros((0, 3)))  # wrong options are no refusals of things
 
         def of(label: int) -> ImageGrasps | str:
-            earlier = None if previous is None else previous.grasps.get(label)
+            earlier = None if before is None else before.best_of.get(label)
             own = replace(chosen, known=self._known(scene, seen, earlier))
             try:
-                return self._grasps(scene, seen, found == label, own, named=labels is not None)
+                return self._grasps(scene, seen, found == label, own)
             except ConfigError as error:
                 return str(error)
 
+        before = previous.earlier() if isinstance(previous, SceneGrasps) else previous
         numbers = np.unique(found[found > 0]).tolist()
         with ThreadPoolExecutor(self._finder.num_threads or os.cpu_count()) as pool:
             each = dict(zip(numbers, pool.map(of, numbers), strict=True))
@@ -223,37 +249,33 @@ class ImageGrasper:
             {label: one for label, one in each.items() if isinstance(one, str)},
         )
 
-    def _known(self, scene: "_Scene", surveyed: Survey, earlier: ImageGrasps | None) -> "_Known | None":
+    def _known(self, scene: RealImage, surveyed: Survey, earlier: ImageGrasps | EarlierGrasp | None) -> "_Known | None":
         """Return the best earlier grasp, in the frame of the table."""
-        if earlier is None or not len(earlier):
+        best = earlier.earlier() if isinstance(earlier, ImageGrasps) else earlier
+        if best is None:
             return None
-        if earlier.hand.name != self.hand.name:
-            raise ConfigError(
-                f"previous has grasps of {earlier.hand.name}, not of {self.hand.name}; pass those of this hand"
-            )
+        if best.hand != self.hand.name:
+            raise ConfigError(f"previous has grasps of {best.hand}, not of {self.hand.name}; pass those of this hand")
         moved = np.eye(4) if scene.pose_given else np.asarray(surveyed.view.world_from_camera)
-        poses = earlier.table_from_hand if scene.pose_given else earlier.camera_from_hand
-        return _Known(moved @ poses[:1], earlier.preshape[:1])
+        pose = best.table_from_hand if scene.pose_given else best.camera_from_hand
+        return _Known((moved @ pose)[None], np.array([best.preshape]))
 
-    def _grasps(
-        self,
-        scene: "_Scene",
-        surveyed: Survey,
-        mask: NDArray[np.bool_] | None,
-        chosen: "_Chosen",
-        *,
-        named: bool = True,
-    ) -> ImageGrasps:
-        """Find the grasps of one thing."""
-        looked = look(
+    def _look(self, scene: RealImage, surveyed: Survey, mask: NDArray[np.bool_] | None) -> Look:
+        """Look at one thing."""
+        return look(
             surveyed,
             self._finder.crop,
-            mask=mask,
-            named=named,
+            mask=None if mask is None else scene.own(mask),
             # A crop in which everything is one object shows a policy the neighbours of its target.
             together=self._finder.crop.gap >= EVERYTHING,
             num_threads=self._finder.num_threads,
         )
+
+    def _grasps(
+        self, scene: RealImage, surveyed: Survey, mask: NDArray[np.bool_] | None, chosen: "_Chosen"
+    ) -> ImageGrasps:
+        """Find the grasps of one thing."""
+        looked = self._look(scene, surveyed, mask)
         query = chosen.query(scene, looked.keep_off)
         seen, ranked, _ = grasps(looked.seen, query, self._finder)
         assert ranked is not None
@@ -283,8 +305,8 @@ class ImageGrasper:
             table_from_hand=frame @ ranked.poses,
             preshape=ranked.preshapes,
             choice=ranked.scores,
-            success=looked.trust * judged.success,
-            secure=looked.trust * judged.secure,
+            success=judged.success,
+            secure=judged.secure,
             free=free,
             lift_free=self._lifts(ranked, obstacles),
             warnings=looked.warnings if free.any() or not len(free) else (*looked.warnings, _BLOCKED),
@@ -318,7 +340,7 @@ class _Chosen:
     seed: int
     known: "_Known | None"
 
-    def query(self, scene: "_Scene", seen: NDArray[np.float64]) -> Query:
+    def query(self, scene: RealImage, seen: NDArray[np.float64]) -> Query:
         """Make the query, with the obstacles that are seen."""
         if self.count < 1:
             raise ConfigError(f"count is {self.count}; pass 1 or more")
@@ -331,66 +353,6 @@ class _Chosen:
                 )
             around = np.concatenate([check_points(self.keep_off), seen])
         return Query(self.seed, keep_off=around, hand_error=self.hand_error, rehearsed=self.rehearsed, known=self.known)
-
-
-class _Scene(NamedTuple):
-    """The image of the networks, the step by which it was thinned, whether the camera's pose is known, and a warning.
-
-    The warning is that of a table that is assumed, not seen.
-    """
-
-    view: DepthView
-    step: int
-    pose_given: bool
-    assumed: str | None
-
-    @classmethod
-    def of(
-        cls,
-        depth: ArrayLike,
-        intrinsics: ArrayLike,
-        table_from_camera: ArrayLike | None,
-        gravity: ArrayLike | None,
-        marked: NDArray[np.bool_] | None,
-        inside: NDArray[np.bool_] | None,
-    ) -> Self:
-        """Check an image, and find its table if the pose is not given."""
-        image = np.asarray(depth, dtype=np.float64)
-        if image.ndim != 2:
-            raise ConfigError(f"depth has shape {image.shape}; pass one image (H, W)")
-        image = np.where(np.isfinite(image), image, 0.0)
-        if (image < 0).any():
-            raise ConfigError(f"depth holds {image.min():.3g} m; depths are distances along the optical axis")
-        if gravity is not None and table_from_camera is not None:
-            raise ConfigError("gravity and table_from_camera both say where up is; pass one of them")
-        lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
-        down = None if gravity is None else check_gravity(gravity)
-        focus, assumed = inside if marked is None else marked, None
-        # What is to be grasped carries nothing: its faces are no table.
-        around = image if marked is None else np.where(marked, 0.0, image)
-        try:
-            pose = fit_table(around, lens, focus, down) if table_from_camera is None else check_pose(table_from_camera)
-        except ConfigError as error:
-            if down is None or marked is None or table_from_camera is not None:
-                raise
-            pose = table_under(image, lens, marked, down)
-            assumed = f"a table is assumed 20 mm under the lowest pixel of the mask ({error})"
-        small, lens, step = thinned(image, lens)
-        return cls(DepthView(small, lens, pose), step, table_from_camera is not None, assumed)
-
-    def survey(self, crop: CropConfig, inside: NDArray[np.bool_] | None) -> Survey:
-        """Find the things in the image, or in a part of it."""
-        return survey(self.view, crop, within=self.thin(inside), pose_given=self.pose_given, assumed=self.assumed)
-
-    def thinned(self, full: NDArray[Any]) -> NDArray[Any]:
-        """Take the pixels of the networks' image."""
-        rows, columns = np.shape(self.view.depth)
-        first = self.step // 2
-        return np.ascontiguousarray(full[first :: self.step, first :: self.step][:rows, :columns])
-
-    def thin(self, full: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
-        """Take the pixels of the networks' image, if there are any."""
-        return None if full is None else self.thinned(full)
 
 
 def grasp_image(
@@ -447,18 +409,6 @@ def _belongs(
     points = np.einsum("nij,nj->ni", poses[:, :3, :3], local) + poses[:, :3, 3]
     distances = np.array([np.linalg.norm(surface - point, axis=1).min() for point in points])
     return distances < (_OF_SURFACE[0] if (distances < _OF_SURFACE[0]).any() else _OF_SURFACE[1])
-
-
-def _within(region: tuple[int, int, int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Mark the pixels of a region in an image."""
-    if len(shape) != 2:
-        raise ConfigError(f"depth has shape {shape}; pass one image (H, W)")
-    left, top, right, bottom = region
-    if not (0 <= left < right <= shape[1] and 0 <= top < bottom <= shape[0]):
-        raise ConfigError(f"region is {region}; pass left < right <= {shape[1]} and top < bottom <= {shape[0]}")
-    full = np.zeros(shape, dtype=np.bool_)
-    full[top:bottom, left:right] = True
-    return full
 
 
 def _checked(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:

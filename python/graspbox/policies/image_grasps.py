@@ -9,7 +9,43 @@ from numpy.typing import NDArray
 from graspbox.hands import Hand
 from graspbox.policies.published.configs import DepthPolicyConfig
 
-__all__ = ["ImageGrasps", "SceneGrasps"]
+__all__ = ["EarlierGrasp", "EarlierScene", "ImageGrasps", "SceneGrasps"]
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierGrasp:
+    """The best grasp of an earlier image of a still scene: what is needed of it to keep it.
+
+    Attributes
+    ----------
+    hand : str
+        Name of its hand.
+    camera_from_hand, table_from_hand : (4, 4) float64
+        Its pose in both frames, metres.
+    preshape : float
+        See `graspbox.Hand.preshape_limits`.
+    """
+
+    hand: str
+    camera_from_hand: NDArray[np.float64]
+    table_from_hand: NDArray[np.float64]
+    preshape: float
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierScene:
+    """The best grasps of all things of an earlier image.
+
+    Attributes
+    ----------
+    labels : (h, w) int64
+        As of `SceneGrasps`.
+    best_of : dict of int to EarlierGrasp
+        The best grasp of each thing that has one.
+    """
+
+    labels: NDArray[np.int64]
+    best_of: dict[int, EarlierGrasp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +73,7 @@ class ImageGrasps:
     preshape : (k,) float64
         See `graspbox.Hand.preshape_limits`.
     choice, success, secure : (k,) float64
-        Score by which the grasps are ranked, and probabilities that they succeed and that they hold without a shift,
-        lower for a thing that may be none (`graspbox.perception.captured.Look.trust`).
+        Score by which the grasps are ranked, and probabilities that they succeed and that they hold without a shift.
     free : (k,) bool
         Whether the open hand touches nothing that is seen, predicted or given as an obstacle, on a straight approach
         of 0.1 m along its z axis and at the pose.
@@ -73,6 +108,12 @@ class ImageGrasps:
     def camera_from_hand(self) -> NDArray[np.float64]:
         """Hand poses in the camera's frame (k, 4, 4), metres."""
         return np.asarray(np.linalg.inv(self.table_from_camera) @ self.table_from_hand)
+
+    def earlier(self) -> EarlierGrasp | None:
+        """Return the best grasp, to be kept in later images; None without one."""
+        if not len(self):
+            return None
+        return EarlierGrasp(self.hand.name, self.camera_from_hand[0], self.table_from_hand[0], float(self.preshape[0]))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, as ``graspbox grasp-image`` writes them."""
@@ -116,6 +157,11 @@ class SceneGrasps:
     labels: NDArray[np.int64]
     grasps: dict[int, ImageGrasps]
     refused: dict[int, str]
+
+    def earlier(self) -> EarlierScene:
+        """Return the best grasp of each thing, to be kept in later images."""
+        best = {label: one.earlier() for label, one in self.grasps.items()}
+        return EarlierScene(self.labels, {label: one for label, one in best.items() if one is not None})
 
     def best(self) -> list[tuple[int, int]]:
         """Return thing and rank of all grasps: free ones first, from the greatest stated success to the least."""

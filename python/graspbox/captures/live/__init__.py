@@ -11,9 +11,10 @@ from graspbox.captures.live.frames import Frame, LiveSource, Settings
 from graspbox.captures.live.realsense import RealSenseSource
 from graspbox.captures.live.recorded import RecordedSource
 from graspbox.captures.live.ros2 import Ros2Source
-from graspbox.captures.reading import PathLike, check_limits
+from graspbox.captures.reading import PathLike, check_depth_kind, check_limits
 from graspbox.captures.recordings import is_recording
 from graspbox.errors import ConfigError, FileError
+from graspbox.perception.real import DepthKind
 
 __all__ = ["Frame", "LiveSource", "open_camera"]
 
@@ -25,6 +26,7 @@ def open_camera(
     *,
     intrinsics: ArrayLike | PathLike | None = None,
     depth_scale: float | None = None,
+    depth_is: DepthKind = "z",
     limits: tuple[float, float] | None = None,
     topic: str | None = None,
     seconds: float | None = None,
@@ -48,7 +50,7 @@ def open_camera(
     ----------
     source : str or PathLike
         The source; a folder named as a camera is ``./realsense``.
-    intrinsics, depth_scale, limits
+    intrinsics, depth_scale, depth_is, limits
         As of `graspbox.captures.read_capture`; by default those of the source.
     topic : str, optional
         Topic of a recording; by default the only one with depth.
@@ -74,7 +76,8 @@ def open_camera(
         If a package is missing.
     """
     _check(depth_scale, limits, seconds, timeout)
-    settings = Settings(intrinsics, depth_scale, limits, seconds, timeout)
+    check_depth_kind(depth_is)
+    settings = Settings(intrinsics, depth_scale, depth_is, limits, seconds, timeout)
     if isinstance(intrinsics, str | os.PathLike) and not Path(intrinsics).is_file():
         raise FileError(2, "there is no such file of intrinsics", str(intrinsics))
     kind, _, rest = str(source).partition(":")

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox.captures.capture import Camera, Capture, Found
 from graspbox.captures.reading import PathLike, capture_of, given_camera
 from graspbox.errors import ConfigError, FileError, MissingExtraError
+from graspbox.perception.real import DepthKind
 
 __all__ = ["Frame", "Image", "LiveSource", "Settings", "needed"]
 
@@ -60,6 +61,7 @@ class Settings:
 
     intrinsics: ArrayLike | PathLike | None = None
     depth_scale: float | None = None
+    depth_is: DepthKind = "z"
     limits: tuple[float, float] | None = None
     seconds: float | None = None
     timeout: float = 5.0
@@ -76,7 +78,8 @@ class Settings:
         labels: NDArray[np.integer] | PathLike | None = None,
     ) -> Capture:
         """Convert what a source found; errors as of `read_capture`."""
-        return capture_of(found, given, depth_scale=self.depth_scale, mask=mask, labels=labels, limits=self.limits)
+        values: dict[str, Any] = {"depth_scale": self.depth_scale, "depth_is": self.depth_is, "limits": self.limits}
+        return capture_of(found, given, mask=mask, labels=labels, **values)
 
 
 class LiveSource(ABC):

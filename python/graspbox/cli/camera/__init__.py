@@ -2,34 +2,18 @@
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from graspbox._common.options import flattened
 from graspbox.captures import LiveSource, open_camera
 from graspbox.cli.camera.following import Summary, follow, lines_into
 from graspbox.cli.camera.grasping import Grasping, LocalGrasping, ServedGrasping
-from graspbox.cli.common import Seed, check_files, console, find_hand
-from graspbox.cli.grasp_image import (
-    CameraHeightOption,
-    CameraInfoOption,
-    CameraPoseOption,
-    CountOption,
-    DepthScaleOption,
-    GravityOption,
-    HandErrorOption,
-    HandOption,
-    IntrinsicsOption,
-    KeepOffOption,
-    LimitsOption,
-    RegionOption,
-    TiltOption,
-    find_options,
-    given_intrinsics,
-    given_pose,
-)
+from graspbox.cli.camera.options import ReadingOptions, SearchOptions
+from graspbox.cli.common import check_files, console, find_hand
 from graspbox.cli.policy_servers import is_url
 from graspbox.cli.recorders import Rerun, rerun_recorder
 from graspbox.errors import ConfigError
@@ -52,7 +36,6 @@ PolicyOption = Annotated[
         "(graspbox serve-policy)."
     ),
 ]
-TopicOption = Annotated[str | None, typer.Option(help="Topic of a recording; by default the only one with depth.")]
 LabelOption = Annotated[
     int | None, typer.Option(help="The object's number in NAME_labels.png of a folder; by default the only one.")
 ]
@@ -67,23 +50,18 @@ LinesOption = Annotated[bool, typer.Option("--json", help="Print a line of JSON 
 
 
 def _grasping(
-    policy: str,
-    hand: str | None,
-    everything: bool,
-    label: int | None,
-    place: NDArray[np.float64] | None,
-    **given: Any,
+    policy: str, search: SearchOptions, everything: bool, label: int | None, place: NDArray[np.float64] | None
 ) -> Grasping:
-    """Load the policy once, or connect to its server; `given` are arguments of `find_options`."""
+    """Load the policy once, or connect to its server."""
     if not is_url(policy):
-        grasper = ImageGrasper(policy, hand=None if hand is None else find_hand(hand))
-        return LocalGrasping(grasper, place, everything, label, find_options(**given))
-    keep_off = given.pop("keep_off")
-    if everything or any(one is not None for one in (hand, keep_off, given.pop("gravity"))):
+        grasper = ImageGrasper(policy, hand=None if search.hand is None else find_hand(search.hand))
+        return LocalGrasping(grasper, place, everything, label, search.find())
+    if everything or any(one is not None for one in (search.hand, search.keep_off, search.gravity)):
         raise ConfigError(
             "a policy on a server takes no --hand, --all, --gravity and --keep-off; name one of this machine"
         )
-    return ServedGrasping(policy, {**given, "camera_pose": place}, label)
+    request = {"camera_pose": place, **search.request()}
+    return ServedGrasping(policy, request, label)
 
 
 def _end(summary: Summary, source: LiveSource, seconds: float | None) -> NoReturn:
@@ -97,26 +75,14 @@ def _end(summary: Summary, source: LiveSource, seconds: float | None) -> NoRetur
     raise typer.Exit(1)
 
 
+@flattened
 def camera_command(
     source: SourceArgument,
     policy: PolicyOption,
-    intrinsics: IntrinsicsOption = None,
-    camera_info: CameraInfoOption = None,
-    depth_scale: DepthScaleOption = None,
-    topic: TopicOption = None,
-    limits: LimitsOption = None,
-    camera_pose: CameraPoseOption = None,
-    camera_height: CameraHeightOption = None,
-    tilt: TiltOption = None,
-    gravity: GravityOption = None,
-    region: RegionOption = None,
+    reading: ReadingOptions,
+    search: SearchOptions,
     label: LabelOption = None,
     everything: EverythingOption = False,
-    keep_off: KeepOffOption = None,
-    hand_error: HandErrorOption = None,
-    count: CountOption = 5,
-    hand: HandOption = None,
-    seed: Seed = 0,
     frames: FramesOption = None,
     seconds: SecondsOption = None,
     new_only: NewOnlyOption = False,
@@ -136,18 +102,14 @@ def camera_command(
         )
     if everything and label is not None:
         raise ConfigError("--all asks for every object, --label for one; leave either out")
-    place = given_pose(camera_pose, camera_height, tilt)
-    if keep_off is not None and place is None:
+    place = search.pose()
+    if search.keep_off is not None and place is None:
         raise ConfigError("--keep-off is in the table's frame; pass --camera-pose, or --camera-height and --tilt")
     check_files(out)
     recorder = rerun_recorder(rerun)
-    settings: dict[str, Any] = {"depth_scale": depth_scale, "limits": limits, "topic": topic, "seconds": seconds}
-    given: dict[str, Any] = {"gravity": gravity, "count": count, "region": region}
-    given |= {"keep_off": keep_off, "hand_error": hand_error, "seed": seed}
-    lens = given_intrinsics(intrinsics, camera_info)
     with ExitStack() as stack:
-        images = stack.enter_context(open_camera(source, intrinsics=lens, new_only=new_only, **settings))
-        grasping = _grasping(policy, hand, everything, label, place, **given)
+        images = stack.enter_context(open_camera(source, seconds=seconds, new_only=new_only, **reading.settings()))
+        grasping = _grasping(policy, search, everything, label, place)
         write = stack.enter_context(lines_into(out, as_json))
         record = None if recorder is None else stack.enter_context(recorder.stream_image_grasps())
         summary = follow(images, grasping, write, frames, record)

@@ -99,7 +99,7 @@ def _best(grasps: ImageGrasps, rank: int) -> Best:
 
 
 class ServedGrasping:
-    """Asks a server of a policy, as of ``graspbox serve-policy``.
+    """Asks a server of a policy, as of ``graspbox serve-policy``; the best grasp stays as in `LocalGrasping`.
 
     Parameters
     ----------
@@ -121,6 +121,9 @@ class ServedGrasping:
     #: Entries of an answer that are numbers of each grasp.
     _NUMBERS = ("success", "secure", "choice", "preshape", "free", "lift_free", "camera_from_hand", "table_from_hand")
 
+    #: Those that a later request sends back.
+    _KEPT = ("hand", "camera_from_hand", "table_from_hand", "preshape")
+
     def __init__(self, url: str, request: dict[str, Any], label: int | None = None) -> None:
         self._label = label
         self._url, self._request = url, {name: value for name, value in request.items() if value is not None}
@@ -129,13 +132,17 @@ class ServedGrasping:
         if not isinstance(metadata, dict) or metadata.get("server") != "graspbox" or not metadata.get("grasps"):
             raise ConfigError(f"{url} finds no grasps in images; start a server with 'graspbox serve-policy depth'")
         self._policy = str(metadata.get("policy"))
+        known = metadata.get("requests")
+        # Servers of earlier versions do not keep a grasp.
+        self._keeps = isinstance(known, list) and "previous" in known
+        self._previous: dict[str, Any] = {}
 
     def __call__(self, seen: Capture) -> Answer:
         """Return the grasps of a frame; a ConfigError refuses it."""
         image = {"depth": seen.depth.astype(np.float32), "intrinsics": seen.intrinsics}
         if seen.labels is not None or self._label is not None:
             image["mask"] = seen.mask(self._label)
-        self._client.send({**image, **self._request})
+        self._client.send({**image, **self._request, **self._previous})
         answer = self._client.receive()
         if isinstance(answer, str):
             raise ConfigError((answer.strip() or f"{self._url} does not say why").splitlines()[-1])
@@ -155,4 +162,6 @@ class ServedGrasping:
             raise ConfigError(
                 f"the server {self._url} answers {shown(answer)}; grasps of the image are needed"
             ) from None
+        if self._keeps:
+            self._previous = {"previous": {name: answer[name] for name in self._KEPT}}
         return Answer(told, len(grasps), best)

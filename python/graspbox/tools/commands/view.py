@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
+from graspbox.cli.camera.options import CameraInfo, Topic
 from graspbox.cli.common import HandOfPolicy, PerScene, Scale, Seed, console, find_hand
-from graspbox.cli.grasp_image import CameraInfoOption, TimeOption, TopicOption
+from graspbox.cli.grasp_image import TimeOption
 
 Source = Annotated[
     str,
@@ -54,10 +55,10 @@ def view(
     layout: Layout = None,
     objects_per_scene: PerScene = None,
     intrinsics: Intrinsics = None,
-    camera_info: CameraInfoOption = None,
+    camera_info: CameraInfo = None,
     depth_scale: DepthScale = None,
     mask: Mask = None,
-    topic: TopicOption = None,
+    topic: Topic = None,
     time: TimeOption = None,
     camera_pose: CameraPose = None,
     poses: Poses = 200,

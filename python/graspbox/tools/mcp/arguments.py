@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from graspbox._common.arguments import shown
 from graspbox.errors import ConfigError
+from graspbox.perception.real import DepthKind, Frame
 from graspbox.tools.mcp.settings import MAX_GRASPS, MAX_SIDE
 
 __all__ = [
@@ -110,6 +111,9 @@ class GraspImageArguments(_Arguments):
     depth_scale: float | None = Field(
         None, gt=0, description="Metres per unit; by default as the file states, else 1 for floats, 0.001 for integers."
     )
+    depth_is: DepthKind = Field(
+        "z", description="What an image holds: depths along the optical axis, or distances along the pixels' rays."
+    )
     topic: Text | None = Field(None, description="Topic of a recording; by default the only one with depth.")
     time: float | None = Field(None, ge=0, lt=1e9, description="Seconds since the topic's first message; 0 by default.")
     mask: Text | None = Field(
@@ -130,6 +134,12 @@ class GraspImageArguments(_Arguments):
     region: Annotated[list[int], Field(min_length=4, max_length=4)] | None = Field(
         None, description="LEFT, TOP, RIGHT, BOTTOM: pixels within which the object is searched for."
     )
+    workspace: Annotated[list[float], Field(min_length=6, max_length=6)] | None = Field(
+        None,
+        description="X, Y, Z, X, Y, Z: least and greatest corner of a box, metres, within which the object is searched "
+        "for; in the table's frame if table_from_camera is given, else in the camera's.",
+    )
+    workspace_frame: Frame | None = Field(None, description="Another frame of workspace.")
     hand_error: Pair | None = Field(
         None, description="Positioning error of the hand, one standard deviation: millimetres, degrees."
     )

@@ -16,6 +16,7 @@ from graspbox._common.imports import imported
 from graspbox.captures import Capture, read_capture
 from graspbox.configs import DecomposeConfig, ShakeConfig, TrialConfig
 from graspbox.errors import ConfigError
+from graspbox.perception import real
 from graspbox.perception.depth_images import intrinsics_of
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.planning import plan as plan_grasps
@@ -215,6 +216,7 @@ def _capture(workspace: Workspace, arguments: GraspImageArguments) -> Capture:
         workspace.capture(arguments.depth),
         intrinsics=lens,
         depth_scale=arguments.depth_scale,
+        depth_is=arguments.depth_is,
         mask=mask,
         labels=labels,
         topic=arguments.topic,
@@ -234,6 +236,7 @@ def grasp_image(workspace: Workspace, arguments: GraspImageArguments) -> Answer:
     options: dict[str, Any] = {
         "count": arguments.count,
         "region": None if arguments.region is None else tuple(arguments.region),
+        "workspace": real.Workspace.of(arguments.workspace, arguments.workspace_frame),
         "hand_error": None if arguments.hand_error is None else PoseNoise.in_millimetres(*arguments.hand_error),
         "seed": arguments.seed,
     }

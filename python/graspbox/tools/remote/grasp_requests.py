@@ -6,6 +6,8 @@
 | ``intrinsics`` | (3, 3) or (k, 3, 3) | pixels |
 | ``camera_pose`` | (4, 4) or (k, 4, 4), optional | ``table_from_camera``: z up, the table at z = 0, metres; by default the table is found in the image |
 | ``region`` | 4 integers, optional | left, top, right, bottom: pixels within which the object is searched |
+| ``workspace`` | (2, 3), optional | least and greatest corner of a box in which the object is searched, metres |
+| ``workspace_frame`` | text, optional | ``table`` or ``camera``, the frame of the box; by default ``table`` with ``camera_pose``, else ``camera`` |
 | ``mask`` | (H, W) or (k, H, W), optional | pixels of the object to grasp: bool, or integers that are not 0 there |
 | ``labels`` | (H, W) or (k, H, W), optional | numbers of the things, at most 100, 0 for none; instead of ``mask`` |
 | ``label`` | integer, optional | the thing of ``labels`` to grasp; by default the only one |
@@ -13,8 +15,15 @@
 | ``keep_off`` | (n, 3), optional | points of obstacles, at most 8 mm apart, table's frame, metres; needs ``camera_pose`` |
 | ``hand_error`` | 2 numbers, optional | error of the hand's pose, one standard deviation: millimetres, degrees |
 | ``depth_scale`` | number, optional | metres per unit of ``depth`` |
+| ``depth_is`` | text, optional | ``z``, the default, or ``distance``, along the rays of the pixels |
+| ``previous`` | map, optional | an earlier answer to such a request in the same still scene, or its entries below: its best grasp stays while no other is clearly better |
 | ``count`` | integer, optional | most grasps, 1 to 100; 5 by default |
 | ``seed`` | integer, optional | seed of the refinement |
+
+``previous`` holds ``hand``, ``camera_from_hand``, ``table_from_hand`` and ``preshape``, of which the first grasp counts
+(in the frame of the table with ``camera_pose``, else of the camera); for ``all`` it holds ``things`` with ``thing`` and
+these, and ``labels``, and for several images ``images``. Other entries are ignored, and nothing is remembered between
+requests.
 
 The camera looks along z, with x to the right and y down. A request of k images has k answers, in ``images``; a request
 of one has the entries of `answer_of`, or with ``all`` those of `scene_answer_of`. In JSON an array is a list, or ``{"data": base64, "dtype": "<u2", "shape": [H, W]}``.
@@ -25,7 +34,7 @@ import binascii
 import json
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +46,15 @@ from graspbox.errors import ConfigError
 from graspbox.hands import Hand
 from graspbox.perception.depth_images import check_intrinsics, check_points, check_pose, metric_depth
 from graspbox.perception.perturbations import PoseNoise
+from graspbox.perception.real import DEPTH_KINDS, FRAMES, Frame, Workspace, z_of_distances
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
+from graspbox.tools.remote.earlier_answers import earlier_grasp, earlier_scene
 
 __all__ = ["ENTRIES", "answer_of", "decide", "from_json", "scene_answer_of", "to_json"]
 
 #: Entries of a request.
-ENTRIES = ("depth", "intrinsics", "camera_pose", "region", "mask", "labels", "label", "all", "keep_off", "hand_error",
-           "depth_scale", "count", "seed")  # fmt: skip
+ENTRIES = ("depth", "intrinsics", "camera_pose", "region", "workspace", "workspace_frame", "mask", "labels", "label",
+           "all", "keep_off", "hand_error", "depth_scale", "depth_is", "previous", "count", "seed")  # fmt: skip
 #: Most images of a request, and most pixels of one: those of a camera of 4096 x 3072.
 MAX_IMAGES, MAX_PIXELS = 16, 4096 * 3072
 #: Most grasps for a thing, and most things in labels.
@@ -109,6 +120,15 @@ def _separate(request: Mapping[str, Any], depth: NDArray[np.generic]) -> list[di
                     raise ConfigError(f"{name} has shape {marked.shape}; give {depth.shape}, one for each image")
             for part, own in zip(parts, marked, strict=True):
                 part[name] = own
+    if request.get("previous") is not None:
+        with about("previous"):
+            images = request["previous"].get("images") if isinstance(request["previous"], Mapping) else None
+            if not isinstance(images, list | tuple) or len(images) != len(depth):
+                raise ConfigError(
+                    f"previous is {shown(request['previous'])}; give images, one for each of {len(depth)}"
+                )
+        for part, own in zip(parts, images, strict=True):
+            part["previous"] = own
     return parts
 
 
@@ -213,9 +233,20 @@ def _marked(request: Mapping[str, Any], shape: tuple[int, ...]) -> tuple[bool, N
     return False, np.asarray(numbers == (things[0] if number is None else number), dtype=np.int64)
 
 
+def _workspace(request: Mapping[str, Any]) -> Workspace | None:
+    frame, corners = request.get("workspace_frame"), None
+    with about("workspace_frame"):
+        if frame is not None and (not isinstance(frame, str) or frame not in FRAMES):
+            raise ConfigError(f"workspace_frame is {shown(frame)}; choose from {', '.join(FRAMES)}")
+    with about("workspace"):
+        if request.get("workspace") is not None:
+            corners = _array(request, "workspace", (2, 3)).ravel().tolist()
+        return Workspace.of(corners, cast(Frame | None, frame))
+
+
 def _options(request: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of the search that do not depend on the image."""
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = {"workspace": _workspace(request)}
     with about("region"):
         options["region"] = _region(request)
     if request.get("keep_off") is not None:
@@ -239,20 +270,32 @@ def _answer(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]
     """Answer the request of one image."""
     with about("depth_scale"):
         scale = _scale(request)
+    with about("depth_is"):
+        kind = request.get("depth_is", "z")
+        if not isinstance(kind, str) or kind not in DEPTH_KINDS:
+            raise ConfigError(f"depth_is is {shown(kind)}; choose from {', '.join(DEPTH_KINDS)}")
     with about("depth"):
         depth = metric_depth(request["depth"], scale)
     with about("intrinsics"):
         lens = check_intrinsics(_array(request, "intrinsics", (3, 3)), (depth.shape[0], depth.shape[1]))
+    if kind == "distance":
+        depth = z_of_distances(depth, lens)
     pose = None
     if request.get("camera_pose") is not None:
         with about("camera_pose"):
             pose = check_pose(_array(request, "camera_pose", (4, 4)), "camera_pose")
     every, marked = _marked(request, depth.shape)
     options = _options(request)
+    before = request.get("previous")
     if every:
-        return scene_answer_of(grasper.find_all(depth, lens, pose, labels=marked, **options), grasper.hand)
+        with about("previous"):
+            scene = None if before is None else earlier_scene(before, grasper.hand)
+        found = grasper.find_all(depth, lens, pose, labels=marked, previous=scene, **options)
+        return scene_answer_of(found, grasper.hand)
+    with about("previous"):
+        one = None if before is None else earlier_grasp(before, grasper.hand)
     mask = None if marked is None else marked != 0
-    return answer_of(grasper.find(depth, lens, pose, mask=mask, **options), grasper.hand)
+    return answer_of(grasper.find(depth, lens, pose, mask=mask, previous=one, **options), grasper.hand)
 
 
 def answer_of(grasps: ImageGrasps, hand: Hand) -> dict[str, Any]:
@@ -321,7 +364,8 @@ def from_json(body: bytes) -> dict[str, Any]:
     request: dict[str, Any] = {}
     for name, value in fields.items():
         with about(name[:_MAX_NAME]):
-            request[name] = _decoded(value, name)
+            # An earlier answer is a map of lists.
+            request[name] = value if name == "previous" else _decoded(value, name)
     return request
 
 
