@@ -51,7 +51,11 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "joints is the attribute graspbox:damping.",
         "Soft stops are hard limits; their stiffness is the attribute graspbox:stopStiffness.",
         "Rotor inertia is the attribute graspbox:armature.",
-        "Joints that mimic another are free, with the attributes graspbox:mimicJoint, mimicRatio and mimicOffset.",
+        "A spring whose rest is outside of the joint's limits has its drive's target at the limit, and the rest of its "
+        "force as stiffness x distance / damping in the target velocity; Newton reads that with "
+        "force_position_velocity_actuation=True.",
+        "Couplings are NewtonMimicAPI and PhysxMimicJointAPI, positions at the start PhysicsJointStateAPI: UsdPhysics has "
+        "neither, and a reader without them has free joints at zero.",
         _LOCKED,
         _COMBINATION,
         _SENSORS,
