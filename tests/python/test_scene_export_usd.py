@@ -217,7 +217,7 @@ def test_drives_are_springs_and_servos(exported: Exported) -> None:
 
 
 def test_a_preload_beyond_the_limits_is_exact(exported: Exported) -> None:
-    """Newton moves a target outside of a joint's limits to their middle, without a word (findings/newton_drive_target.sh)."""
+    """Newton moves a target outside of a joint's limits to their middle (findings/newton_drive_target.sh)."""
     hand = exported.hand
     servos = {link for a in hand.actuators if a.servo is not None for link, _, _ in a.joints}
     for index in (index for index in hand.free() if index not in servos and hand.links[index].mimic is None):

@@ -54,8 +54,8 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "A spring whose rest is outside of the joint's limits has its drive's target at the limit, and the rest of its "
         "force as stiffness x distance / damping in the target velocity; Newton reads that with "
         "force_position_velocity_actuation=True.",
-        "Couplings are NewtonMimicAPI and PhysxMimicJointAPI, positions at the start PhysicsJointStateAPI: UsdPhysics has "
-        "neither, and a reader without them has free joints at zero.",
+        "Couplings are NewtonMimicAPI and PhysxMimicJointAPI, positions at the start PhysicsJointStateAPI: UsdPhysics "
+        "has neither, and a reader without them has free joints at zero.",
         _LOCKED,
         _COMBINATION,
         _SENSORS,

@@ -45,10 +45,10 @@ from graspbox.tools.scene_export.mesh_files import MeshFiles, hull_faces
 
 #: Inertia of the carriage, kg: 100 N of contact force change its speed by 1e-5 m/s in a step.
 CARRIAGE_INERTIA = 1e4
-#: How far a soft stop yields before MuJoCo's own limit of the joint acts, rad or share of a slider's range. The limit is
-#: one of acceleration, not a spring: one that acted at the stop would change its stiffness.
+#: How far a soft stop yields before MuJoCo's own limit of the joint acts, rad or share of a slider's range. This limit
+#: is no spring: at the stop it would change its stiffness.
 STOP_YIELD = 0.5
-#: Friction of objects, which that of the other surface exceeds: MuJoCo takes 1e-5 at least, and mujoco_warp warns of less.
+#: Friction of objects, which that of the other surface exceeds: MuJoCo takes 1e-5 at least; mujoco_warp warns of less.
 _LEAST_FRICTION = 2e-5
 #: Name of the keyframe at which a trial begins, and of the actuator that lifts the carriage.
 KEYFRAME, LIFT = "start", "lift"

@@ -1,7 +1,7 @@
-"""The URDF of a hand for other programs: its own file, in which every shape is visible and every joint has a transmission.
+"""The URDF of a hand for other programs: its own file, with visual shapes and transmissions.
 
-RViz and yourdfpy show visual shapes alone, and Drake makes actuators of transmissions. The text of the file is kept: what
-it lacks is inserted.
+RViz and yourdfpy show visual shapes alone, and Drake makes actuators of transmissions. The text of the file is kept:
+what it lacks is inserted.
 """
 
 from __future__ import annotations

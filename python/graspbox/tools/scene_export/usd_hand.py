@@ -4,7 +4,7 @@
 |---|---|
 | ``carriage``, ``mount``, ``lift`` | a body fixed to the world, and the joint along which the base slides up |
 | ``links`` | rigid bodies with their collision shapes, at the poses of the start; named as in the URDF |
-| ``joints`` | free joints with limits, drives, positions of the start and couplings, all others fixed; named as in the URDF |
+| ``joints`` | free joints with limits, drives, starts and couplings, all others fixed; named as in the URDF |
 | ``tendons``, ``actuators`` | moment arms, laws and speeds as attributes ``graspbox:...``, in SI units |
 
 Pairs of links that do not collide in graspbox are filtered.
@@ -219,9 +219,9 @@ def _add_state(prim: Usd.Prim, kind: str, position: float) -> None:
 
 
 def _add_mimic(prim: Usd.Prim, kind: str, leader: str, ratio: float, offset: float) -> None:
-    """Couple a joint to its leader: for Newton, and Isaac Sim from 6.0; and for earlier ones, which read PhysX's schema.
+    """Couple a joint to its leader, for Newton and Isaac Sim from 6.0, and for earlier ones, which read PhysX's schema.
 
-    PhysX looks for the instances rotX, rotY and rotZ alone, whatever the kind of joint; offsets are in the units of USD.
+    PhysX looks for the instances rotX, rotY and rotZ alone, whatever the kind of joint. Offsets are in units of USD.
     """
     number, own = Sdf.ValueTypeNames.Float, offset / _unit(kind)
     prim.AddAppliedSchema("NewtonMimicAPI")
