@@ -139,6 +139,28 @@ def test_couplings_hold_in_mujoco(hand: graspbox.Hand, folders: Folders) -> None
             assert data.joint(link.joint).qpos[0] == pytest.approx(led, abs=2e-3)
 
 
+def test_a_coupling_with_an_offset_holds_in_mujoco(tmp_path: Path) -> None:
+    """MuJoCo's polynomial is one of differences from ``ref``, which are not those from zero."""
+    mujoco = pytest.importorskip("mujoco")
+    urdf, toml = graspbox.load_hand("panda_gripper").files
+    mimic = '<mimic joint="finger_joint1"/>'
+    assert mimic in urdf
+    hand = graspbox.Hand(urdf.replace(mimic, '<mimic joint="finger_joint1" multiplier="0.5" offset="0.01"/>'), toml)
+    scene = graspbox.Scene(graspbox.object_sets.load("procedural:box:2")[0].load(), hand=hand)
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = 0.5
+    scene_export.export_scene(scene, tmp_path / "out", "mjcf", np.linalg.inv(scene.world_from_object) @ pose, 0.0)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out/scene.xml"))
+    data = mujoco.MjData(model)
+    for command in (0.04, 0.01):
+        data.ctrl[0] = command
+        for _ in range(600):
+            mujoco.mj_step(model, data)
+        one, two = (data.joint(f"finger_joint{number}").qpos[0] for number in (1, 2))
+        assert one == pytest.approx(command, abs=1e-3)
+        assert two == pytest.approx(0.5 * one + 0.01, abs=1e-3)
+
+
 def test_stops_act_as_before_in_mujoco(folders: Folders, hand: graspbox.Hand) -> None:
     """Joints whose limits are written step with the same bits as joints without limits."""
     mujoco = pytest.importorskip("mujoco")
