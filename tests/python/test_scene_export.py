@@ -183,7 +183,9 @@ def test_the_command_fails_below_its_goal(monkeypatch: pytest.MonkeyPatch, capsy
     report = ExportReport([ExportRow("can", held, held, True)] * 98 + [ExportRow("can", held, lost, True)] * 2)
     monkeypatch.setattr(command, "compare_exports", lambda *_, **__: report)
     assert command.main([]) == 1
-    assert "98 of 100" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "98 of 100" in printed
+    assert f"MuJoCo {mujoco.__version__}" in printed
     report.rows.pop()
     assert command.main([]) == 1 - int(98 / 99 >= 0.99)
     report.rows = [ExportRow("can", held, held, True, drift=0.0029)]
