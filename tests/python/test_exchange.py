@@ -154,6 +154,7 @@ def test_round_trips(made: Made, to: str, suffix: str, tmp_path: Path) -> None:
     assert back.object_name == grasps.object_name
     if to in ("acronym", "graspgen"):
         np.testing.assert_array_equal(back.success, grasps.success)
+    grasps = grasps.within_limits()
     if to == "isaac":
         np.testing.assert_array_equal(back.confidence, grasps.success)
         np.testing.assert_allclose(back.grasp, grasps.grasp, atol=1e-12)
@@ -222,7 +223,7 @@ def test_graspgen_selects_rows_by_outcome(made: Made, tmp_path: Path) -> None:
 
 def test_isaac_is_read_by_yaml(made: Made, tmp_path: Path) -> None:
     """As GraspGen and Isaac Sim read a file; the Franka Hand has the names of Isaac Sim's manual."""
-    _, grasps = made
+    grasps = made[1].within_limits()
     exchange.save(grasps, tmp_path / "it.yaml", "isaac")
     document = yaml.safe_load((tmp_path / "it.yaml").read_text())
     assert (document["format"], document["format_version"]) == ("isaac_grasp", 1.0)
@@ -256,7 +257,7 @@ def _fields(path: Path) -> dict[str, Any]:
 def test_dexgraspbench_places_the_hand_in_mujoco(made: Made, stage: str, tmp_path: Path) -> None:
     """MuJoCo reads the hand's URDF, gets a free base and the file's qpos, and has all joints and shapes in place."""
     mujoco = pytest.importorskip("mujoco", reason="qpos is checked with mujoco, from the extra 'dev'")
-    _, grasps = made
+    grasps = made[1].within_limits()
     exchange.save(grasps[[0]], tmp_path / "0.npy", "dexgraspbench")
     qpos = _fields(tmp_path / "0.npy")[f"{stage}_qpos"]
     spec = mujoco.MjSpec.from_string(grasps.hand.files[0].replace("</robot>", _MUJOCO + "</robot>"))
@@ -290,7 +291,7 @@ def test_dexgraspbench_fits_the_model_of_the_validation(made: Made, tmp_path: Pa
     from graspbox.tools.scene_export.contents import quaternion
     from validation import mujoco as judge
 
-    mesh, grasps = made
+    mesh, grasps = made[0], made[1].within_limits()
     exchange.save(grasps[[0]], tmp_path / "0.npy", "dexgraspbench")
     qpos = _fields(tmp_path / "0.npy")["grasp_qpos"]
     item = judge.object_data(graspbox.Scene(mesh, hand=grasps.hand, world_from_object=grasps.world_from_object[0]))
@@ -492,10 +493,9 @@ def test_the_command_selects_and_writes_one_file(table: str, tmp_path: Path) -> 
     result = _run(table, "--to", "acronym", "--out", str(out), "--only", "box-000000", "--successful")
     assert result.exit_code == 0, result.output
     assert exchange.load(out).success.all()
-    assert not (tmp_path / "meshes").exists()
-    data = _run(table, "--to", "dexgraspbench", "--out", str(tmp_path / "0.npy"), "--only", "box-000000")
-    assert isinstance(data.exception, errors.ConfigError)
-    assert "name the object 'box-000000' with --objects" in str(data.exception)
+    assert (tmp_path / "meshes/box-000000.obj").is_file()
+    words = [table, "--to", "dexgraspbench", "--out", str(tmp_path / "0.npy"), "--only", "box-000000", "--count", "1"]
+    assert _run(*words).exit_code == 0
 
 
 @pytest.mark.parametrize(

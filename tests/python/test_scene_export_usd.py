@@ -194,18 +194,19 @@ def test_drives_are_springs_and_servos(exported: Exported) -> None:
         link, prim = hand.links[index], exported.joint(index)
         kind, unit = ("linear", 1.0) if link.kind == "prismatic" else ("angular", math.radians(1.0))
         drive = UsdPhysics.DriveAPI(prim, kind)
-        law = [drive.GetStiffnessAttr().Get() / unit, drive.GetDampingAttr().Get() / unit]
-        servo = servos.get(index)
+        law = np.array([drive.GetStiffnessAttr().Get() / unit, drive.GetDampingAttr().Get() / unit])
+        # PhysX does not couple sliders: leader and followers share their servo.
+        slides = link.kind == "prismatic"
+        leader = link.mimic[0] if slides and link.mimic is not None else index
+        servo = servos.get(leader)
         expected = (link.spring.stiffness, link.spring.damping) if servo is None else servo.servo
         assert expected is not None
-        np.testing.assert_allclose(law, expected, rtol=1e-6)
+        members = 1 + sum(other.mimic is not None and other.mimic[0] == leader for other in hand.moving if slides)
+        np.testing.assert_allclose(law * members, expected, rtol=1e-6)
         if servo is not None:
-            assert drive.GetMaxForceAttr().Get() == pytest.approx(servo.load_limit)
-        else:
-            assert drive.GetTargetPositionAttr().Get() * unit == pytest.approx(link.spring.reference, abs=1e-6)
+            assert drive.GetMaxForceAttr().Get() * members == pytest.approx(servo.load_limit)
         assert prim.GetAttribute("graspbox:stopStiffness").Get() == link.spring.stop_stiffness
         assert prim.GetAttribute("graspbox:armature").Get() == link.spring.armature
-        assert prim.HasRelationship("graspbox:mimicJoint") == (link.mimic is not None)
     tendons = exported.prim("/World/hand/tendons").GetChildren()
     assert len(tendons) == len(hand.tendons)
     for prim, tendon in zip(tendons, hand.tendons, strict=True):
@@ -213,6 +214,48 @@ def test_drives_are_springs_and_servos(exported: Exported) -> None:
         targets = [path.name for path in prim.GetRelationship("graspbox:joints").GetTargets()]
         assert targets == [hand.links[link].joint for link, _ in tendon.arms]
         assert prim.GetAttribute("graspbox:maxTension").Get() == tendon.max_tension
+
+
+def test_a_preload_beyond_the_limits_is_exact(exported: Exported) -> None:
+    """Newton moves a target outside of a joint's limits to their middle (findings/newton_drive_target.sh)."""
+    hand = exported.hand
+    servos = {link for a in hand.actuators if a.servo is not None for link, _, _ in a.joints}
+    for index in (index for index in hand.free() if index not in servos and hand.links[index].mimic is None):
+        link, prim, unit = hand.links[index], exported.joint(index), math.radians(1.0)
+        drive, joint = UsdPhysics.DriveAPI(prim, "angular"), UsdPhysics.RevoluteJoint(prim)
+        target = drive.GetTargetPositionAttr().Get()
+        assert joint.GetLowerLimitAttr().Get() <= target <= joint.GetUpperLimitAttr().Get()
+        for position, speed in ((0.1, 0.0), (0.7, -1.5)):
+            force = drive.GetStiffnessAttr().Get() * (target - position / unit)
+            force += drive.GetDampingAttr().Get() * ((drive.GetTargetVelocityAttr().Get() or 0.0) - speed / unit)
+            spring = link.spring
+            expected = spring.stiffness * (spring.reference - position) - spring.damping * speed
+            assert force == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_couplings_and_starts_are_those_of_other_schemas(exported: Exported) -> None:
+    hand, mechanism = exported.hand, mechanism_of(exported.scene.hand)
+    (positions,) = mechanism.all_positions(exported.scene.hand.open(exported.grasp.preshape)[None])
+    open_at = dict(zip(mechanism.joints, positions, strict=True))
+    for index in hand.free():
+        link, prim = hand.links[index], exported.joint(index)
+        kind, unit = ("linear", 1.0) if link.kind == "prismatic" else ("angular", math.radians(1.0))
+        schemas = prim.GetMetadata("apiSchemas").GetAppliedItems()
+        assert f"PhysicsJointStateAPI:{kind}" in schemas
+        position = prim.GetAttribute(f"state:{kind}:physics:position").Get() * unit
+        assert position == pytest.approx(open_at[link.joint], abs=1e-6)
+        for schema in ("NewtonMimicAPI", "PhysxMimicJointAPI:rotX"):
+            assert (schema in schemas) == (link.mimic is not None)
+        if link.mimic is None:
+            continue
+        leader, ratio, offset = link.mimic
+        assert prim.GetAttribute("newton:mimicCoef1").Get() == pytest.approx(ratio)
+        assert prim.GetAttribute("newton:mimicCoef0").Get() * unit == pytest.approx(offset)
+        # PhysX: position + gearing x leader's position + offset = 0.
+        assert prim.GetAttribute("physxMimicJoint:rotX:gearing").Get() == pytest.approx(-ratio)
+        assert prim.GetAttribute("physxMimicJoint:rotX:offset").Get() * unit == pytest.approx(-offset)
+        for name in ("newton:mimicJoint", "physxMimicJoint:rotX:referenceJoint"):
+            assert prim.GetRelationship(name).GetTargets() == [exported.joint(leader).GetPath()]
 
 
 def test_friction_and_filters_are_the_hand_s(exported: Exported) -> None:

@@ -1,6 +1,7 @@
 """``graspbox plan``: boxes around an object, and hand poses from them."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -71,6 +72,7 @@ def plan(
         planned = graspbox.plan(
             loaded, hand=with_hand, seed=seed, world_from_object=rest, decompose=decompose, num_threads=threads
         )
+        planned = replace(planned, source=spec.source, scale=spec.scale, mass=spec.mass)
         table = plan_table(planned, time.perf_counter() - started)
     if as_json:
         common.print_json(table)

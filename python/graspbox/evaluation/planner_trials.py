@@ -67,10 +67,10 @@ class ObjectResult:
         """Return counts, grasps and outcomes, as ``graspbox grasp --out`` writes them.
 
         In addition to the counts of `row`: ``source``, ``scale`` and ``mass`` of the object (`ObjectSpec`), ``error``
-        (empty if none), ``hand``, ``world_from_object`` (4x4) and
-        ``grasps``, best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``, ``score``, ``box`` and ``face``
-        as in `graspbox.planning.plan_files`, and the fields of `graspbox.Outcome`, null for NaN. Metres, radians,
-        seconds.
+        (empty if none), ``hand``, ``sha256`` of the mesh (`graspbox.planning.plan_files.mesh_hash`),
+        ``world_from_object`` (4x4) and ``grasps``, best first: ``object_from_hand`` (4x4), ``preshape``, ``feasible``,
+        ``score``, ``box`` and ``face`` as in `graspbox.planning.plan_files`, and the fields of `graspbox.Outcome`, null
+        for NaN. Metres, radians, seconds.
         """
         spec = self.spec or ObjectSpec(self.name)
         row = {**self.row(), "source": spec.source, "scale": spec.scale, "mass": spec.mass, "error": self.error}
@@ -81,7 +81,8 @@ class ObjectResult:
             for grasp, outcome in zip(grasp_rows(self.plan), self.outcomes, strict=True)
         ]
         rest = self.plan.world_from_object.tolist()
-        return {**row, "hand": self.plan.hand_name, "world_from_object": rest, "grasps": grasps}
+        about = {"hand": self.plan.hand_name, "sha256": self.plan.mesh_sha256, "world_from_object": rest}
+        return {**row, **about, "grasps": grasps}
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,15 @@ the order of the file, as MuJoCo orders them when it reads this URDF.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspbox._core import Hand
+from graspbox.errors import ConfigError
 from graspbox.hands.description import BASE, describe, independent
+from graspbox.hands.loading import HandLike, load_hand
 
 __all__ = ["CONVENTIONS", "Convention", "Frame", "Mechanism", "convention_of", "frame_from_hand", "mechanism_of"]
 
@@ -129,8 +131,17 @@ def mechanism_of(hand: Hand) -> Mechanism:
     return Mechanism(hand)
 
 
-def frame_from_hand(hand: Hand, frame: Frame) -> Array:
-    """Return the pose (4, 4) of the grasp frame in the frame ``base``, ``gripper`` or ``vgn`` of a hand, metres."""
+def frame_from_hand(hand: HandLike, frame: Frame) -> Array:
+    """Return the pose (4, 4) of the grasp frame in the frame ``base``, ``gripper`` or ``vgn`` of a hand, metres.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such frame, or no such hand (`graspbox.load_hand`).
+    """
+    hand = load_hand(hand)
+    if frame not in get_args(Frame):
+        raise ConfigError(f"there is no frame {frame!r}; choose from {', '.join(get_args(Frame))}")
     if frame == "vgn":
         return np.array(
             [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, -convention_of(hand).vgn], [0, 0, 0, 1]]

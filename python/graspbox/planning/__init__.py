@@ -148,6 +148,9 @@ class Plan(ByValue):
         minus a small penalty per better-ranked pose of the same box, face and preshape.
     name, mesh_sha256, hand_name : str
         The object's name, the hash of its mesh (`graspbox.planning.plan_files.mesh_hash`), and the hand's name.
+    source, scale, mass : str, float, float or None
+        Where a command loaded the object from, for `graspbox.object_sets.load`: a set of it alone, empty if it is not
+        known, metres per unit of its file, and kilograms, None if they follow from the set.
     """
 
     poses: NDArray[np.float64]
@@ -164,6 +167,9 @@ class Plan(ByValue):
     name: str = ""
     mesh_sha256: str = ""
     hand_name: str = ""
+    source: str = ""
+    scale: float = 1.0
+    mass: float | None = None
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -233,7 +239,7 @@ class Plan(ByValue):
 #: Columns of a plan, in the order of the fields of `Grasp`.
 _ROWS = tuple("poses" if f.name == "pose" else f.name for f in fields(Grasp))
 #: Attributes of a plan other than its columns and its tree.
-_FACTS = ("name", "mesh_sha256", "hand_name", "world_from_object", "features")
+_FACTS = ("name", "mesh_sha256", "hand_name", "source", "scale", "mass", "world_from_object", "features")
 
 
 def _tree_columns(tree: BoxTree) -> dict[str, NDArray[Any]]:

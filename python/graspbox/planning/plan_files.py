@@ -7,7 +7,7 @@ Version 1 of the format, with lengths in metres, angles in radians, and matrices
 | ``format``, ``version`` | ``"graspbox.plan"`` and 1 |
 | ``graspbox`` | version of the package that wrote the file |
 | ``units`` | ``{"length": "m", "angle": "rad"}`` |
-| ``object`` | ``name``, and ``sha256`` of the mesh's arrays (see `mesh_hash`) |
+| ``object`` | ``name``, ``sha256`` of the mesh's arrays (see `mesh_hash`); optional: ``source``, ``scale``, ``mass`` |
 | ``hand`` | name of the hand, to whose grasp frame the poses refer |
 | ``world_from_object`` | 4x4: resting pose of the object; the table is the plane z = 0 |
 | ``boxes`` | tree nodes, parents first: ``center``, ``axes`` (columns), ``half_extents``, ``children``, ``depth`` |
@@ -84,7 +84,7 @@ def write(path: str | os.PathLike[str], facts: dict[str, Any], boxes: Arrays, gr
         "version": _VERSION,
         "graspbox": __version__,
         "units": {"length": "m", "angle": "rad"},
-        "object": {"name": facts["name"], "sha256": facts["mesh_sha256"]},
+        "object": {"name": facts["name"], "sha256": facts["mesh_sha256"], **_origin(facts)},
         "hand": facts["hand_name"],
         "world_from_object": facts["world_from_object"].tolist(),
         "boxes": _rows(boxes, _BOXES),
@@ -98,6 +98,21 @@ def write(path: str | os.PathLike[str], facts: dict[str, Any], boxes: Arrays, gr
     except ValueError:
         raise ConfigError("the plan holds NaN or infinity; only finite plans can be saved") from None
     write_text(path, text + "\n")
+
+
+def _origin(facts: dict[str, Any]) -> dict[str, Any]:
+    """Return where the object comes from, if that is known."""
+    return {key: facts[key] for key in ("source", "scale", "mass")} if facts["source"] else {}
+
+
+def _read_origin(about: dict[str, Any]) -> dict[str, Any]:
+    source, scale, mass = about.get("source", ""), about.get("scale", 1.0), about.get("mass")
+    if not isinstance(source, str):
+        raise PlanError("object.source is not text")
+    for name, value in (("scale", scale), ("mass", 1.0 if mass is None else mass)):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+            raise PlanError(f"object.{name} is not a number greater than 0")
+    return {"source": source, "scale": float(scale), "mass": None if mass is None else float(mass)}
 
 
 def _rows(columns: Arrays, keys: dict[str, tuple[str, type, tuple[int, ...]]]) -> list[dict[str, Any]]:
@@ -138,6 +153,7 @@ def _plan(document: Any) -> tuple[dict[str, Any], Arrays, Arrays]:
     if bad := [key for key, value in names.items() if not isinstance(value, str)]:
         raise PlanError(f"{bad[0]} is missing or is not text")
     facts: dict[str, Any] = dict(zip(("name", "mesh_sha256", "hand_name"), names.values(), strict=True))
+    facts |= _read_origin(about)
     facts["world_from_object"] = _array(document.get("world_from_object"), "world_from_object", np.float64, (4, 4))
     boxes = _columns(document, "boxes", _BOXES)
     grasps = _columns(document, "grasps", _GRASPS)

@@ -18,6 +18,7 @@ from validation import options
 from validation.mujoco import DEFAULT_OBJECTS, PLANNER_OBJECTS, Numerics, Report, compare
 from validation.mujoco.compare import Repeat
 from validation.mujoco.sampling import Source
+from validation.versions import judged_by
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ def _parser(check: Check) -> argparse.ArgumentParser:
 
 
 def _print(console: Console, report: Report) -> None:
+    console.print(judged_by())
     facts = report.to_json()
     table = Table(
         "object", "core", "MuJoCo", "core lift", "MuJoCo lift", "speed, mm/s", "links", "why", title="differences"

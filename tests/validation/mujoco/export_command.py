@@ -17,6 +17,7 @@ from graspbox.simulation.layouts import SceneLayout
 from validation import options
 from validation.engines import HEAPED
 from validation.mujoco.exported import ExportReport, compare_exports
+from validation.versions import judged_by
 
 #: Least share of equal labels for exit status 0.
 GOAL = 0.99
@@ -41,6 +42,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _print(console: Console, report: ExportReport) -> None:
+    console.print(judged_by())
     facts = report.to_json()
     if facts["different"]:
         table = Table("object", "judge", "exported", "judge lift", "exported lift", "core", title="differences")

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from validation import options
 from validation.mujoco import PLANNER_OBJECTS, Numerics, Perturbation, RobustReport, compare_robust
+from validation.versions import judged_by
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -29,6 +30,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _print(console: Console, report: RobustReport) -> None:
+    console.print(judged_by())
     facts = report.facts()
     console.print(f"{facts['grasps']} grasps, {facts.get('replays', 0)} replays; left out: {facts['left_out']}")
     if not report.rows:

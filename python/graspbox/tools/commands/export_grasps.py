@@ -1,7 +1,7 @@
 """``graspbox export-grasps``: grasps in the formats of other programs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,26 +11,43 @@ import typer
 from graspbox import object_sets
 from graspbox._common.files import check_output
 from graspbox._common.refusals import is_refusal, reason
-from graspbox.cli.common import Json, Mass, Scale, Threads, end_with, find, find_hand, print_json, print_table, progress
+from graspbox.cli.common import (
+    Json,
+    Mass,
+    Scale,
+    Threads,
+    console,
+    end_with,
+    find,
+    find_hand,
+    print_json,
+    print_table,
+    progress,
+)
 from graspbox.errors import ConfigError, GraspboxError
 from graspbox.object_sets import ObjectSpec
 from graspbox.tools import exchange
 from graspbox.tools.exchange.formats import row_of, rows_named
-from graspbox.tools.exchange.sources import sources_of
+from graspbox.tools.exchange.sources import ObjectSource, read_with_sources
 
 _FORMATS = ", ".join(dict.fromkeys(row.name for row in exchange.FORMATS))
 
 
-def _specs(source: Path, objects: list[str] | None, scale: float, mass: float | None) -> dict[str, ObjectSpec]:
-    """Find the objects: those that the command line names, else those that a data set names."""
+def _specs(
+    sources: dict[str, ObjectSource], objects: list[str] | None, scale: float, mass: float | None
+) -> dict[str, ObjectSpec]:
+    """Find the objects: those that the command line names, else those that a plan, a table or a data set names."""
     if objects:
         return {spec.name: spec for spec in find(objects, None, scale, mass)}
-    if source.is_dir():
-        return {
-            name: object_sets.load([name_of_set], scale=own)[0]
-            for name, (name_of_set, own) in sources_of(source).items()
-        }
-    return {}
+    specs = {}
+    for name, source in sources.items():
+        try:
+            found = object_sets.load([source.objects], scale=source.scale, mass=source.mass)
+        except GraspboxError as error:
+            console.print(f"{name}: {error}; its grasps are written without its mesh, which --objects can name")
+            continue
+        specs[name] = found[0]
+    return specs
 
 
 def _chosen(grasps: Sequence[exchange.ExchangeGrasps], only: list[str] | None) -> list[exchange.ExchangeGrasps]:
@@ -52,6 +69,10 @@ class _Options:
     joints: bool
     meshes: bool
     threads: int | None
+    #: Whether the command line names the objects.
+    named: bool
+    #: Kilograms of the only object, if the command line names them.
+    mass: float | None
 
 
 def _prepare(grasps: exchange.ExchangeGrasps, spec: ObjectSpec | None, options: _Options) -> exchange.ExchangeGrasps:
@@ -71,7 +92,12 @@ def _prepare(grasps: exchange.ExchangeGrasps, spec: ObjectSpec | None, options: 
             f"the outcomes of the grasps of {grasps.object_name!r} are not known; name the object with --objects, so "
             "that they are simulated"
         )
+    if spec is not None and options.mass is not None:
+        spec = replace(spec, mass=options.mass, mass_known="given")
     mesh = None if spec is None else spec.load()
+    known = options.mass if mesh is None else mesh.mass
+    if known is not None:
+        grasps = replace(grasps, mass=known)
     if mesh is not None and unknown:
         grasps = exchange.simulated(grasps, mesh, joints=False, num_threads=options.threads)
     if options.successful:
@@ -89,7 +115,7 @@ def _prepare_all(
     grasps: Sequence[exchange.ExchangeGrasps], specs: dict[str, ObjectSpec], options: _Options
 ) -> tuple[list[exchange.ExchangeGrasps], dict[str, str]]:
     """Prepare all objects; those that cannot be used, or have no grasp left, are named with the reason."""
-    if lacking := [one.object_name for one in grasps if specs and one.object_name not in specs]:
+    if lacking := [one.object_name for one in grasps if options.named and one.object_name not in specs]:
         known = ", ".join(list(specs)[:10])
         raise ConfigError(
             f"--objects has no object {lacking[0]!r}; it has {known}: name the set of the grasps' objects"
@@ -111,6 +137,16 @@ def _prepare_all(
                 refused[one.object_name] = reason(error, None if spec is None else spec.path)
             bar.advance(task)
     return ready, refused
+
+
+def _print_limited(ready: Sequence[exchange.ExchangeGrasps], options: _Options) -> None:
+    """Say that joint positions are written within their limits, if that changes them."""
+    beyond = max((one.beyond_limits for one in ready), default=0.0)
+    if options.row.joints and beyond > 1e-6:
+        console.print(
+            f"joint positions are up to {beyond:.2g} beyond their limits, where the stops yield; {options.row.name} "
+            "has them at the limits"
+        )
 
 
 def _table(
@@ -138,8 +174,8 @@ Out = Annotated[Path, typer.Option(help="The file, with the suffix of the format
 Objects = Annotated[
     list[str] | None,
     typer.Option(
-        help="Object set with the objects of the grasps; may be repeated. Needed to simulate unknown "
-        "outcomes, and joint positions. A data set names its own."
+        help="Object set with the objects of the grasps; may be repeated. Without it they are where the plan, the "
+        "table or the data set found them."
     ),
 ]
 Only = Annotated[list[str] | None, typer.Option(help="Only the object of this name; may be repeated.")]
@@ -192,15 +228,23 @@ def export_grasps(
     if row is not None:
         check_output(out)
     found_hand = None if hand is None else find_hand(hand)
-    grasps = _chosen(exchange.read(source, hand=found_hand, frame=frame), only)  # type: ignore[arg-type]
+    found, sources = read_with_sources(source, hand=found_hand, frame=frame)  # type: ignore[arg-type]
+    grasps = _chosen(found, only)
     if row is not None and len(grasps) > 1:
         raise ConfigError(
             f"{str(source)!r} has grasps of {len(grasps)} objects, and {str(out)!r} holds one; choose it with --only, "
             "or name a folder (a path without suffix)"
         )
     folder = out if row is None else out.parent
-    options = _Options(row or rows_named(to)[0], folder, successful, count, threshold, joints, meshes, threads)
-    ready, refused = _prepare_all(grasps, _specs(source, objects, scale, mass), options)
+    form, named = row or rows_named(to)[0], bool(objects)
+    options = _Options(form, folder, successful, count, threshold, joints, meshes, threads, named, mass)
+    own = {one.object_name: sources[one.object_name] for one in grasps if one.object_name in sources}
+    if mass is not None and len(grasps) != 1:
+        raise ConfigError(
+            f"--mass is the mass of one object, and there are grasps of {len(grasps)}; choose it with --only"
+        )
+    ready, refused = _prepare_all(grasps, _specs(own, objects, scale, mass), options)
+    _print_limited(ready, options)
     files: list[Path] = []
     if row is None:
         files = exchange.save_each(ready, out, to) if ready else []

@@ -1,7 +1,8 @@
 """ACRONYM: grasps of one object as HDF5 (``.h5``) or JSON, and the JSON of GraspGen, which has the same contents.
 
 Transforms are poses of the frame ``gripper`` in the mesh's frame, after scaling, metres. Files of graspbox
-add the preshapes and the name of the hand, which other programs ignore and `read_hdf5` and `read_json_grasps` use.
+add the preshapes, the mass (kg) and the name of the hand, which other programs ignore and `read_hdf5` and
+`read_json_grasps` use.
 
 Sources: NVlabs/acronym, ``acronym_tools/acronym.py``; NVlabs/GraspGen, ``docs/GRASP_DATASET_FORMAT.md``.
 """
@@ -25,6 +26,7 @@ __all__ = ["read_hdf5", "read_json_grasps", "write_graspgen", "write_hdf5", "wri
 Array = NDArray[np.float64]
 
 _TRANSFORMS, _SUCCESS = "grasps/transforms", "grasps/qualities/flex/object_in_gripper"
+_MASS = "graspbox_mass"
 _PRESHAPE, _GRIPPER = "grasps/graspbox_preshape", "gripper/type"
 
 
@@ -65,6 +67,7 @@ def write_json(grasps: ExchangeGrasps, path: Path) -> None:
         "quality_flex_object_in_gripper": labels.astype(int).tolist(),
         "gripper": convention_of(grasps.hand).gripper,
         "graspbox_preshape": grasps.preshape.tolist(),
+        **_mass(grasps),
     }
     write_text(path, dumps(document) + "\n")
 
@@ -80,8 +83,13 @@ def write_graspgen(grasps: ExchangeGrasps, path: Path) -> None:
             "graspbox_preshape": grasps.preshape.tolist(),
         },
         "gripper": convention_of(grasps.hand).gripper,
+        **_mass(grasps),
     }
     write_text(path, dumps(document) + "\n")
+
+
+def _mass(grasps: ExchangeGrasps) -> dict[str, float]:
+    return {} if np.isnan(grasps.mass) else {_MASS: grasps.mass}
 
 
 def _grasps(
@@ -188,6 +196,7 @@ def read_json_grasps(path: Path, hand: Hand, preshape: float | None) -> Exchange
         if not isinstance(about, dict):
             raise ConfigError("object is missing or is not an object with file and scale")
     transforms = matrices(rows.get("transforms"), "transforms")
+    mass = document.get(_MASS)
     stored, gripper = rows.get("graspbox_preshape"), document.get("gripper")
     if preshape is None and stored is not None:
         stored = numbers(stored, "graspbox_preshape", count=len(transforms))
@@ -199,4 +208,5 @@ def read_json_grasps(path: Path, hand: Hand, preshape: float | None) -> Exchange
         numbers(rows.get(success), success, count=len(transforms)),
         mesh_file=text(about.get("file"), "the object's file"),
         scale=number(about.get("scale"), "the object's scale"),
+        mass=None if mass is None else number(mass, _MASS),
     )

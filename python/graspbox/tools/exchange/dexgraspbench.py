@@ -34,7 +34,7 @@ _STAGES = ("pregrasp", "grasp", "squeeze")
 
 
 def write(grasps: ExchangeGrasps, path: Path) -> None:
-    """Write a grasp, whose joint positions and object's pose must be known."""
+    """Write a grasp, whose joint positions and object's pose must be known; the positions are within their limits."""
     if len(grasps) != 1:
         raise ConfigError(f"a file of DexGraspBench has 1 grasp, not {len(grasps)}; pass a folder, or select one")
     if not grasps.closed[0] or np.isnan(grasps.squeeze[0]).any():
@@ -44,7 +44,7 @@ def write(grasps: ExchangeGrasps, path: Path) -> None:
         )
     if np.isnan(grasps.world_from_object[0]).any():
         raise ConfigError(f"the pose of {grasps.object_name!r} in the world is not known; pass world_from_object")
-    mechanism = mechanism_of(grasps.hand)
+    grasps, mechanism = grasps.within_limits(), mechanism_of(grasps.hand)
     base = _seven((grasps.world_from_object[:1] @ grasps.object_from("base")[:1])[0])
     stages = {
         f"{stage}_qpos": np.concatenate([base, mechanism.all_positions(getattr(grasps, stage)[:1])[0]])

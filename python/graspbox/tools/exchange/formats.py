@@ -12,10 +12,10 @@ from graspbox._common.files import check_output, write_text
 from graspbox._core import Hand
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
-from graspbox.meshes import MeshLike, as_mesh
+from graspbox.meshes import MeshLike
 from graspbox.object_sets import ObjectSpec
 from graspbox.tools.exchange import acronym, dexgraspbench, isaac
-from graspbox.tools.exchange.grasps import ExchangeGrasps
+from graspbox.tools.exchange.grasps import ExchangeGrasps, own_mesh
 
 __all__ = ["FORMATS", "Format", "file_name", "load", "row_of", "rows_named", "save", "save_each", "with_mesh"]
 
@@ -150,18 +150,20 @@ def with_mesh(grasps: ExchangeGrasps, mesh: MeshLike, folder: str | os.PathLike[
     """Write the mesh of the grasps as ``meshes/NAME.obj`` in a folder, and return grasps that name this file.
 
     The file has the mesh as graspbox uses it: in metres, in the object's frame. Relative to the folder, its path is
-    the one in the files of the grasps.
+    the one in the files of the grasps (`ExchangeGrasps.load_mesh` reads it). The grasps get the mass of the mesh.
 
     Raises
     ------
     FileError
         If it cannot be written.
+    ConfigError
+        If the grasps are for another mesh.
     """
-    loaded, relative = as_mesh(mesh), f"meshes/{file_name(grasps.object_name)}.obj"
+    loaded, relative = own_mesh(grasps, mesh), f"meshes/{file_name(grasps.object_name)}.obj"
     vertices = ["v {:.9g} {:.9g} {:.9g}".format(*row) for row in loaded.vertices.tolist()]
     faces = ["f {} {} {}".format(*row) for row in (loaded.faces.astype(np.int64) + 1).tolist()]
     write_text(check_output(Path(folder) / relative), "\n".join(["# metres", *vertices, *faces]) + "\n")
-    return replace(grasps, mesh_file=relative, scale=1.0)
+    return replace(grasps, mesh_file=relative, scale=1.0, mass=loaded.mass)
 
 
 def load(

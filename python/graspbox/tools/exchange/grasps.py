@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats, shown
 from graspbox._common.by_value import ByValue
-from graspbox._core import Hand, is_rigid
+from graspbox._core import Hand, Mesh, is_rigid
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
-from graspbox.hands.conventions import Frame, frame_from_hand
+from graspbox.hands.conventions import Frame, frame_from_hand, mechanism_of
+from graspbox.meshes import MeshLike, as_mesh, load_mesh
+from graspbox.planning.plan_files import mesh_hash
 
-__all__ = ["MAX_GRASPS", "ExchangeGrasps"]
+__all__ = ["MAX_GRASPS", "ExchangeGrasps", "own_mesh"]
 
 Array = NDArray[np.float64]
 
@@ -55,7 +57,7 @@ class ExchangeGrasps(ByValue):
         Positions of the independent joints (`graspbox.Hand.joints`) of the open hand, at the end of closing, and
         where the actuators would move the joints if the object were not in the way, rad or m.
     object_name, mesh_file, mesh_sha256 : str
-        The object, its mesh file as a path of the other program, and the hash of its mesh
+        The object, its mesh file (of files that graspbox wrote, relative to their folder), and the hash of its mesh
         (`graspbox.planning.plan_files.mesh_hash`); the last two may be empty.
     scale, mass : float
         Metres per unit of the mesh file; kg.
@@ -195,6 +197,38 @@ class ExchangeGrasps(ByValue):
         """
         return np.asarray(self.poses @ np.linalg.inv(frame_from_hand(self.hand, frame)))
 
+    @property
+    def beyond_limits(self) -> float:
+        """How far a joint position of any stage is beyond its limits, where the stops are soft; rad or m."""
+        low, high = mechanism_of(self.hand).limits.T
+        values = np.stack([getattr(self, name) for name in _JOINTS])
+        return float(np.nanmax(np.maximum(low - values, values - high), initial=0.0))
+
+    def within_limits(self) -> Self:
+        """Return the grasps with joint positions at most at their limits, beyond which other programs refuse them."""
+        low, high = mechanism_of(self.hand).limits.T
+        return replace(self, **{name: np.clip(getattr(self, name), low, high) for name in _JOINTS})
+
+    def load_mesh(self, folder: str | os.PathLike[str] = ".") -> Mesh:
+        """Read the mesh of `mesh_file`, in metres, with the mass if that is known.
+
+        Parameters
+        ----------
+        folder : str or PathLike
+            Where `mesh_file` begins, if it is relative: of files that graspbox wrote, their own folder.
+
+        Raises
+        ------
+        ConfigError
+            If the file of the grasps names no mesh.
+        FileError, MeshError
+            As `graspbox.load_mesh`.
+        """
+        if not self.mesh_file:
+            raise ConfigError(f"the grasps of {self.object_name!r} name no mesh file; load it with graspbox.load_mesh")
+        mass = None if np.isnan(self.mass) else self.mass
+        return load_mesh(os.path.join(folder, self.mesh_file), scale=self.scale, mass=mass)
+
     def labeled(self, threshold: float) -> Self:
         """Count unknown successes as successes if their confidence is at least `threshold`, else as failures.
 
@@ -212,6 +246,16 @@ class ExchangeGrasps(ByValue):
                 "them instead"
             )
         return replace(self, success=np.where(unknown, (self.confidence >= threshold).astype(np.float64), self.success))
+
+
+def own_mesh(grasps: ExchangeGrasps, mesh: MeshLike) -> Mesh:
+    """Return a mesh as that of the grasps; raises ConfigError if they are for another one."""
+    loaded = as_mesh(mesh)
+    if grasps.mesh_sha256 and grasps.mesh_sha256 != mesh_hash(loaded):
+        raise ConfigError(
+            f"the grasps are for another mesh, {grasps.object_name!r}, than {loaded.name!r}; pass theirs, in its scale"
+        )
+    return loaded
 
 
 def default_preshape(hand: Hand) -> float:

@@ -16,12 +16,14 @@ from graspbox._common.rotations import poses_from, quaternion_from_rotation, rot
 from graspbox._core import Hand
 from graspbox.errors import ConfigError
 from graspbox.hands.conventions import convention_of, frame_from_hand, mechanism_of
-from graspbox.tools.exchange.checks import number, optional_package
+from graspbox.tools.exchange.checks import number, optional_package, text
 from graspbox.tools.exchange.grasps import MAX_GRASPS, ExchangeGrasps
 
 __all__ = ["read", "write"]
 
 _FORMAT, _VERSION = "isaac_grasp", 1.0
+#: Entry of graspbox with the object's mesh file, scale and mass; other programs ignore it.
+_ABOUT = "graspbox"
 #: Largest file, bytes: about 100,000 grasps.
 _MAX_BYTES = 64 << 20
 #: Greatest depth of nested mappings and lists: of a grasp's orientation it is 5.
@@ -31,8 +33,10 @@ _DEEPEST = 8
 def write(grasps: ExchangeGrasps, path: Path) -> None:
     """Write an Isaac Grasp file.
 
-    The confidence is the predicted probability where it is known, else 1 for a success and 0 for a failure.
+    The confidence is the predicted probability where it is known, else 1 for a success and 0 for a failure. Joint
+    positions are within their limits. The entry ``graspbox`` has what the format lacks: mesh file, scale and mass.
     """
+    grasps = grasps.within_limits()
     yaml = optional_package("yaml", "pyyaml")
     confidence = np.where(np.isnan(grasps.confidence), grasps.success, grasps.confidence)
     if np.isnan(confidence).any():
@@ -64,6 +68,9 @@ def write(grasps: ExchangeGrasps, path: Path) -> None:
         "gripper_frame_link": prefix + mechanism_of(grasps.hand).base_link,
         "grasps": entries,
     }
+    if grasps.mesh_file:
+        about = {"mesh_file": grasps.mesh_file, "scale": grasps.scale}
+        document[_ABOUT] = about if np.isnan(grasps.mass) else {**about, "mass": grasps.mass}
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     write_text(path, yaml.dump(document, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120))
 
@@ -92,6 +99,7 @@ def read(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
         hand=hand,
         confidence=np.array(confidence, dtype=np.float64),
         object_name=str(document.get("object_frame_link", ""))[:1000],
+        **_about(document.get(_ABOUT)),
     )
     for key, column in (("cspace_position", made.grasp), ("pregrasp_cspace_position", made.pregrasp)):
         for index, (name, entry) in enumerate(rows):
@@ -99,6 +107,15 @@ def read(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
             if angles is not None:
                 column[index] = angles
     return made
+
+
+def _about(entry: Any) -> dict[str, Any]:
+    """Return what graspbox adds about the object."""
+    if not isinstance(entry, dict) or "mesh_file" not in entry:
+        return {}
+    about = {"mesh_file": text(entry["mesh_file"], f"{_ABOUT}.mesh_file")[:1000]}
+    numbers = {name: number(entry[name], f"{_ABOUT}.{name}") for name in ("scale", "mass") if name in entry}
+    return {**about, **numbers}
 
 
 def _document(path: Path) -> dict[str, Any]:

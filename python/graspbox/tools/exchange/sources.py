@@ -1,7 +1,8 @@
 """Grasps of graspbox's own results: plans, tables of ``grasp``, data sets, and ``grasp-image``."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,16 +16,36 @@ from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
 from graspbox.planning import Plan
 from graspbox.simulation.outcomes import Outcomes
-from graspbox.tools.exchange.checks import matrices, numbers, read_json, rows_of
+from graspbox.tools.exchange.checks import matrices, number, numbers, read_json, rows_of, text
 from graspbox.tools.exchange.grasps import ExchangeGrasps
 
-__all__ = ["ImageFrame", "from_dataset", "from_image", "from_plan", "from_scene", "from_table", "read"]
+__all__ = [
+    "ImageFrame",
+    "ObjectSource",
+    "from_dataset",
+    "from_image",
+    "from_plan",
+    "from_scene",
+    "from_table",
+    "read",
+    "read_with_sources",
+]
 
 #: Frames in which grasps of an image can be given.
 ImageFrame = Literal["table", "camera"]
 #: Columns of a data set that are read.
 _COLUMNS = ("object", "sha256", "hand", "preshape", "mass", "mass_factor", "success", "score")
 _POSES = ("world_from_object", "executed_object_from_hand")
+
+
+@dataclass(frozen=True)
+class ObjectSource:
+    """Where an object of a result comes from: the arguments of `graspbox.object_sets.load` for a set of it alone."""
+
+    objects: str
+    scale: float = 1.0
+    #: Kilograms; None where the set knows it.
+    mass: float | None = None
 
 
 def _hand_of(name: object, override: HandLike | None) -> Hand:
@@ -69,6 +90,7 @@ def from_plan(plan: Plan, outcomes: Outcomes | None = None, *, hand: HandLike | 
         score=plan.score[kept],
         world_from_object=plan.world_from_object,
         object_name=plan.name,
+        mass=plan.mass,
         mesh_sha256=plan.mesh_sha256,
     )
 
@@ -99,7 +121,7 @@ def from_table(table: Mapping[str, Any], *, hand: HandLike | None = None) -> lis
 def _table_row(
     name: str, row: Mapping[str, Any], grasps: list[dict[str, Any]], hand: HandLike | None
 ) -> ExchangeGrasps:
-    label = f"grasps of {name!r}"
+    label, mass = f"grasps of {name!r}", row.get("mass")
     return ExchangeGrasps.of(
         matrices([g.get("object_from_hand") for g in grasps], f"{label}: object_from_hand"),
         numbers([g.get("preshape") for g in grasps], f"{label}: preshape"),
@@ -108,6 +130,8 @@ def _table_row(
         score=numbers([g.get("score") for g in grasps], f"{label}: score"),
         world_from_object=matrices([row.get("world_from_object")], f"{label}: world_from_object")[0],
         object_name=name,
+        mass=None if mass is None else number(mass, f"mass of {name!r}"),
+        mesh_sha256=text(row.get("sha256", ""), f"sha256 of {name!r}"),
     )
 
 
@@ -224,13 +248,26 @@ def from_dataset(
     return converted
 
 
-def sources_of(folder: str | os.PathLike[str]) -> dict[str, tuple[str, float]]:
-    """Return a set of one object, and its scale, for each object of a data set, by the object's name."""
+def _sources_of_rows(rows: Iterable[Mapping[str, Any]]) -> dict[str, ObjectSource]:
+    """Return the sources of the objects of a result, by name; earlier versions of graspbox wrote none."""
+    found = {}
+    for row in (row for row in rows if row.get("source")):
+        name, mass = row.get("name"), row.get("mass")
+        found[str(name)] = ObjectSource(
+            text(row["source"], f"source of {name!r}"),
+            number(row.get("scale", 1.0), f"scale of {name!r}"),
+            None if mass is None else number(mass, f"mass of {name!r}"),
+        )
+    return found
+
+
+def _sources_of_trials(folder: Path) -> dict[str, ObjectSource]:
+    """Return the sources of the objects of a data set, by name."""
     from graspbox.data.trials import tables
 
     table = tables.load(folder, None, ["object", "source", "scale"])
     columns: list[NDArray[Any]] = [tables.column(table, name) for name in ("object", "source", "scale")]
-    return {str(name): (str(source), float(scale)) for name, source, scale in zip(*columns, strict=True)}
+    return {str(name): ObjectSource(str(source), float(scale)) for name, source, scale in zip(*columns, strict=True)}
 
 
 def read(
@@ -255,19 +292,27 @@ def read(
     FileError
         If it cannot be read, or is larger than 256 MiB.
     """
+    return read_with_sources(path, hand=hand, frame=frame)[0]
+
+
+def read_with_sources(
+    path: str | os.PathLike[str], *, hand: HandLike | None = None, frame: ImageFrame = "table"
+) -> tuple[list[ExchangeGrasps], dict[str, ObjectSource]]:
+    """Read as `read`, and the sources of the objects, by name, which plans, tables and data sets carry."""
     path = Path(path)
     if path.is_dir():
-        return from_dataset(path, hand=hand)
+        return from_dataset(path, hand=hand), _sources_of_trials(path)
     try:
         document = read_json(path)
         if isinstance(document, dict) and document.get("format") == "graspbox.plan":
-            return [from_plan(Plan.load(path), hand=hand)]
+            found = Plan.load(path)
+            return [from_plan(found, hand=hand)], _sources_of_rows([vars(found)])
         if isinstance(document, dict) and "objects" in document:
-            return from_table(document, hand=hand)
+            return from_table(document, hand=hand), _sources_of_rows(document["objects"])
         if isinstance(document, dict) and "table_from_camera" in document:
-            return [from_image(document, frame=frame, hand=hand)]
+            return [from_image(document, frame=frame, hand=hand)], {}
         if isinstance(document, dict) and "things" in document:
-            return from_scene(document, frame=frame, hand=hand)
+            return from_scene(document, frame=frame, hand=hand), {}
         raise ConfigError(
             "it is JSON, but not of graspbox's grasps; pass a plan, or a result of `grasp` or `grasp-image`"
         )

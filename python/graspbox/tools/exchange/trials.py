@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands.conventions import mechanism_of
-from graspbox.meshes import MeshLike, as_mesh
-from graspbox.planning.plan_files import mesh_hash
+from graspbox.meshes import MeshLike
 from graspbox.simulation import Scene
-from graspbox.tools.exchange.grasps import ExchangeGrasps
+from graspbox.tools.exchange.grasps import ExchangeGrasps, own_mesh
 
 __all__ = ["simulated"]
 
@@ -60,11 +59,7 @@ def simulated(
         grasp=grasps.grasp.copy(),
         squeeze=grasps.squeeze.copy(),
     )
-    loaded = as_mesh(mesh)
-    if grasps.mesh_sha256 and grasps.mesh_sha256 != mesh_hash(loaded):
-        raise ConfigError(
-            f"the grasps are for another mesh, {grasps.object_name!r}, than {loaded.name!r}; pass theirs, in its scale"
-        )
+    loaded = own_mesh(grasps, mesh)
     worlds, member = np.unique(grasps.world_from_object.reshape(-1, 16), axis=0, return_inverse=True, equal_nan=True)
     for index, start in enumerate(worlds.reshape(-1, 4, 4)):
         rows = np.flatnonzero(member.reshape(-1) == index)

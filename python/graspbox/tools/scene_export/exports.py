@@ -35,6 +35,7 @@ from graspbox.tools.scene_export.mesh_files import mesh_files, mesh_texts
 from graspbox.tools.scene_export.mjcf import ExportedParts, object_model, scene_model
 from graspbox.tools.scene_export.records import object_record, scene_record
 from graspbox.tools.scene_export.urdf import object_urdf, table_urdf, wall_urdf
+from graspbox.tools.scene_export.urdf_hand import hand_urdf
 
 __all__ = ["Export", "SetExport", "export_object", "export_objects", "export_scene"]
 
@@ -142,7 +143,7 @@ def _scene_files(data: SceneData, scene: Scene, to: Format, points: Sequence[str
     roles = {name.partition(".")[0]: name for name in main}
     if hand is not None:
         urdf, toml = scene.hand.files
-        main |= {"hand.urdf": urdf, "hand.toml": toml}
+        main |= {"hand.urdf": hand_urdf(urdf, hand), "hand.toml": toml}
         roles |= {"hand_urdf": "hand.urdf", "hand_toml": "hand.toml"}
     # USD contains its meshes.
     meshes = {} if to == "usd" else mesh_texts(data.objects)

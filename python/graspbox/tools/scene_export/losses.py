@@ -12,7 +12,7 @@ _LOCKED = "Self-locking drives (the swivels of the ReFlex) are fixed; export aga
 _SENSORS = "Tactile sensors and joint encoders of the hand are left out."
 _INFINITE = "The table is an infinite plane; that of graspbox has sides of 1.2 m."
 _FRICTION_OF_ONE = (
-    "MuJoCo's friction is the larger coefficient of two geoms: the object has 0, so that the other surface's "
+    "MuJoCo's friction is the larger coefficient of two geoms: the object has 2e-5, so that the other surface's "
     "applies, which is the product of both factors; objects that you add need explicit pairs."
 )
 _FRICTION_OF_SEVERAL = (
@@ -38,6 +38,8 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "the rate of ctrl to ctrl while the drive moves.",
         "At its force limit a tendon or servo keeps a fifth of its damping on the joints; MuJoCo drops all of it.",
         "A slack tendon does not pull; MuJoCo's can pull for a moment, by its damping, while a joint opens.",
+        "Soft stops are tendons; limits of joints are for other readers, and act in MuJoCo where a stop has yielded by "
+        "0.5 rad, or half the range of a slider (margin).",
         _LOCKED,
         _INFINITE,
         _FRICTION_OF_ONE,
@@ -51,15 +53,20 @@ NOT_EXPRESSED: dict[Format, tuple[str, ...]] = {
         "joints is the attribute graspbox:damping.",
         "Soft stops are hard limits; their stiffness is the attribute graspbox:stopStiffness.",
         "Rotor inertia is the attribute graspbox:armature.",
-        "Joints that mimic another are free, with the attributes graspbox:mimicJoint, mimicRatio and mimicOffset.",
+        "A spring whose rest is outside of the joint's limits has its drive's target at the limit, and the rest of its "
+        "force as stiffness x distance / damping in the target velocity; Newton reads that with "
+        "force_position_velocity_actuation=True.",
+        "Couplings are NewtonMimicAPI and PhysxMimicJointAPI, positions at the start PhysicsJointStateAPI: UsdPhysics "
+        "has neither, and a reader without them has free joints at zero.",
         _LOCKED,
         _COMBINATION,
         _SENSORS,
     ),
     "urdf": (
         _FILES,
-        "hand.urdf is the hand's own file: tendons, springs, damping, armature, soft stops, servos and friction are in "
-        "hand.toml next to it.",
+        "hand.urdf is the hand's own file, with visual shapes and transmissions; tendons, springs, damping, armature, "
+        "soft stops, servos and friction are in hand.toml next to it.",
+        "Bullet ignores the element mimic, so that such joints are free.",
         _CONTACT,
         "Self-locking drives are ordinary joints: hold them at the positions in scene.json.",
         "URDF does not define which links of the hand may collide with each other.",

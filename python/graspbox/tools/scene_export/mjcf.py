@@ -7,7 +7,9 @@
   would cost collision tests at every step.
 * A tendon is a fixed tendon with the moment arms, pulled by an actuator with the affine law ``k stretch + d rate``,
   clamped to ``[0, max_tension]``. A servo is a position actuator with limited force, and a mimic joint an equality
-  constraint. A soft stop is a tendon of one joint with a spring that has the joint's range as its dead band.
+  constraint. A soft stop is a tendon of one joint with a spring that has the joint's range as its dead band. The limit
+  of the joint itself, which other readers need, begins where the stop has yielded by `STOP_YIELD`.
+* An exported model has the pose of the start without its keyframe: ``ref`` is the position at which bodies are written.
 * The friction coefficient of a pair is the product of its two factors. For contacts of the object, whose geoms have 0,
   MuJoCo's maximum of the two is the other surface's, which is the product. Several objects meet each other, too, with
   the square of their factor; where one meets something else, MuJoCo takes the coefficient of the geom with the higher
@@ -43,6 +45,11 @@ from graspbox.tools.scene_export.mesh_files import MeshFiles, hull_faces
 
 #: Inertia of the carriage, kg: 100 N of contact force change its speed by 1e-5 m/s in a step.
 CARRIAGE_INERTIA = 1e4
+#: How far a soft stop yields before MuJoCo's own limit of the joint acts, rad or share of a slider's range. This limit
+#: is no spring: at the stop it would change its stiffness.
+STOP_YIELD = 0.5
+#: Friction of objects, which that of the other surface exceeds: MuJoCo takes 1e-5 at least; mujoco_warp warns of less.
+_LEAST_FRICTION = 2e-5
 #: Name of the keyframe at which a trial begins, and of the actuator that lifts the carriage.
 KEYFRAME, LIFT = "start", "lift"
 #: MuJoCo's group of the actuator that lifts, apart from the hand's (0), so that a replay can disable it.
@@ -164,7 +171,7 @@ class _Builder:
 
     def add_objects(self, objects: Sequence[ObjectData], files: Sequence[MeshFiles] | None) -> None:
         """Add the objects of a scene; several meet each other."""
-        friction = self.physics.friction.object**2 if self.several else 0.0
+        friction = self.physics.friction.object**2 if self.several else _LEAST_FRICTION
         for number, (name, item) in enumerate(zip(object_names(len(objects)), objects, strict=True)):
             self.add_object(item, None if files is None else files[number], friction, name)
 
@@ -203,35 +210,44 @@ class _Builder:
         add(carriage, "joint", name="carriage", type="slide", axis="0 0 1", armature=CARRIAGE_INERTIA)
         bodies: list[ET.Element] = []
         for link in hand.links:
-            bodies.append(self._add_link(bodies[link.parent] if bodies else carriage, link, hand.free()))
+            bodies.append(self._add_link(bodies[link.parent] if bodies else carriage, link, link.index in hand.free()))
         self._add_pairs(hand)
         self._add_actuators(hand)
 
-    def _link_pose(self, link: Link, free: Sequence[int]) -> Array:
-        """Return ``parent_from_link``; for a link without its own joint, at the position of the start."""
+    def _link_pose(self, link: Link) -> Array:
+        """Return ``parent_from_link`` at the position of the start, if there is one."""
         if self.start is None:
             return link.parent_from_link
         if link.index == BASE:
             return self.start.world_from_base
-        position = 0.0 if link.index in free else self.start.joints.get(link.index, 0.0)
-        return np.asarray(link.parent_from_link @ joint_motion(link, position))
+        return np.asarray(link.parent_from_link @ joint_motion(link, self.start.joints.get(link.index, 0.0)))
 
-    def _add_link(self, parent: ET.Element, link: Link, free: Sequence[int]) -> ET.Element:
-        body = add(parent, "body", name=link.name, **_placed(self._link_pose(link, free)))
+    def _reference(self, index: int) -> float:
+        """Return the position, rad or m, of a joint at which the bodies are written."""
+        return 0.0 if self.start is None else self.start.joints.get(index, 0.0)
+
+    def _add_link(self, parent: ET.Element, link: Link, free: bool) -> ET.Element:
+        body = add(parent, "body", name=link.name, **_placed(self._link_pose(link)))
         _add_inertial(body, link.mass, link.center, link.inertia)
-        if link.index in free:
-            kind, spring = "slide" if link.kind == "prismatic" else "hinge", link.spring
-            joint = add(body, "joint", name=link.joint, type=kind, axis=link.axis, limited="false")
-            # The range is information: the stops are soft.
-            joint.set("range", number_text(link.limits))
-            for name in ("damping", "armature", "stiffness"):
-                joint.set(name, number_text([getattr(spring, name)]))
-            joint.set("springref", number_text([spring.reference]))
+        if free:
+            self._add_joint(body, link)
         for shape in link.shapes:
             rgba = _BARE_RGBA if shape.friction < 1.0 else _PAD_RGBA
             pose = _placed(shape.link_from_shape)
             self._add_fixed(body, shape.name, shape.kind, shape.size, shape.friction, rgba, **pose)
         return body
+
+    def _add_joint(self, body: ET.Element, link: Link) -> None:
+        slides, spring = link.kind == "prismatic", link.spring
+        kind, reference = "slide" if slides else "hinge", self._reference(link.index)
+        yields = STOP_YIELD * ((link.limits[1] - link.limits[0]) if slides else 1.0)
+        joint = add(body, "joint", name=link.joint, type=kind, axis=link.axis, limited="true", range=link.limits)
+        joint.set("margin", number_text([-yields]))
+        for name in ("damping", "armature", "stiffness"):
+            joint.set(name, number_text([getattr(spring, name)]))
+        joint.set("springref", number_text([spring.reference]))
+        if reference:
+            joint.set("ref", number_text([reference]))
 
     def _add_pairs(self, hand: HandDescription) -> None:
         contact, numerics = add(self.root, "contact"), self.numerics
@@ -274,6 +290,8 @@ class _Builder:
             if link.mimic is not None:
                 leader, ratio, offset = link.mimic
                 joints = {"joint1": link.joint, "joint2": hand.links[leader].joint}
+                # MuJoCo's polynomial is that of the differences from `ref`.
+                offset += ratio * self._reference(leader) - self._reference(link.index)
                 # As stiff as the step allows: MuJoCo scales a constraint's stiffness by the small inertia of a link.
                 solver = {"solref": (2.0 * self.numerics.timestep, 1.0), "solimp": (0.99, 0.999, 0.001)}
                 add(equality, "joint", **joints, polycoef=(offset, ratio, 0, 0, 0), **solver)

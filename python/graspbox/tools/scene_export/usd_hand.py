@@ -4,7 +4,7 @@
 |---|---|
 | ``carriage``, ``mount``, ``lift`` | a body fixed to the world, and the joint along which the base slides up |
 | ``links`` | rigid bodies with their collision shapes, at the poses of the start; named as in the URDF |
-| ``joints`` | free joints with limits and drives, all others fixed at the start; named as in the URDF |
+| ``joints`` | free joints with limits, drives, starts and couplings, all others fixed; named as in the URDF |
 | ``tendons``, ``actuators`` | moment arms, laws and speeds as attributes ``graspbox:...``, in SI units |
 
 Pairs of links that do not collide in graspbox are filtered.
@@ -149,14 +149,23 @@ def _add_carriage(stage: Usd.Stage, root: str, base: str, start: Start) -> None:
     _add_drive(lift, "linear", LIFT_DRIVE, 0.0)
 
 
-def _add_drive(joint: Any, kind: str, law: tuple[float, float], target: float, limit: float | None = None) -> None:
-    """Add a drive: stiffness and damping per metre or radian, target and greatest force in SI units."""
-    unit = math.radians(1.0) if kind == "angular" else 1.0
+def _unit(kind: str) -> float:
+    """Return a unit of joints in USD, degree or metre, in SI units."""
+    return math.radians(1.0) if kind == "angular" else 1.0
+
+
+def _add_drive(
+    joint: Any, kind: str, law: tuple[float, float], target: float, limit: float | None = None, speed: float = 0.0
+) -> None:
+    """Add a drive: stiffness and damping per metre or radian, targets and greatest force in SI units."""
+    unit = _unit(kind)
     drive = UsdPhysics.DriveAPI.Apply(joint.GetPrim(), kind)
     drive.CreateTypeAttr("force")
     drive.CreateStiffnessAttr(law[0] * unit)
     drive.CreateDampingAttr(law[1] * unit)
     drive.CreateTargetPositionAttr(target / unit)
+    if speed:
+        drive.CreateTargetVelocityAttr(speed / unit)
     if limit is not None:
         drive.CreateMaxForceAttr(limit)
 
@@ -188,28 +197,70 @@ def _add_joint(stage: Usd.Stage, paths: _Paths, index: int, start: Start) -> Non
     frame = _axis_frame(link.axis)
     _set_bodies(joint, parent, child, link.parent_from_link @ frame, frame)
     joint.CreateAxisAttr(UsdPhysics.Tokens.x)
-    unit = 1.0 if prismatic else math.radians(1.0)
-    joint.CreateLowerLimitAttr(link.limits[0] / unit)
-    joint.CreateUpperLimitAttr(link.limits[1] / unit)
-    _add_joint_drive(joint, "linear" if prismatic else "angular", hand, index, position)
+    kind = "linear" if prismatic else "angular"
+    joint.CreateLowerLimitAttr(link.limits[0] / _unit(kind))
+    joint.CreateUpperLimitAttr(link.limits[1] / _unit(kind))
+    _add_joint_drive(joint, kind, hand, index, start)
     # Properties that UsdPhysics lacks.
     prim, spring = joint.GetPrim(), link.spring
+    _add_state(prim, kind, position)
     _set(prim, springStiffness=spring.stiffness, springReference=spring.reference, damping=spring.damping)
     _set(prim, armature=spring.armature, stopStiffness=spring.stop_stiffness)
     if link.mimic is not None:
         leader, ratio, offset = link.mimic
-        _relate(prim, "mimicJoint", [paths.joints[leader]])
-        _set(prim, mimicRatio=ratio, mimicOffset=offset)
+        _add_mimic(prim, kind, paths.joints[leader], ratio, offset)
 
 
-def _add_joint_drive(joint: Any, kind: str, hand: HandDescription, index: int, position: float) -> None:
-    """Add the servo that drives a joint, or else the joint's spring and damper."""
+def _add_state(prim: Usd.Prim, kind: str, position: float) -> None:
+    """Set the position of a joint at the start; of the schemas of Omniverse, which usd-core lacks."""
+    prim.AddAppliedSchema(f"PhysicsJointStateAPI:{kind}")
+    for name, value in (("position", position / _unit(kind)), ("velocity", 0.0)):
+        prim.CreateAttribute(f"state:{kind}:physics:{name}", Sdf.ValueTypeNames.Float, custom=False).Set(value)
+
+
+def _add_mimic(prim: Usd.Prim, kind: str, leader: str, ratio: float, offset: float) -> None:
+    """Couple a joint to its leader, for Newton and Isaac Sim from 6.0, and for earlier ones, which read PhysX's schema.
+
+    PhysX looks for the instances rotX, rotY and rotZ alone, whatever the kind of joint. Offsets are in units of USD.
+    """
+    number, own = Sdf.ValueTypeNames.Float, offset / _unit(kind)
+    prim.AddAppliedSchema("NewtonMimicAPI")
+    prim.AddAppliedSchema("PhysxMimicJointAPI:rotX")
+    for name, value in (
+        ("newton:mimicCoef0", own),
+        ("newton:mimicCoef1", ratio),
+        ("physxMimicJoint:rotX:gearing", -ratio),
+        ("physxMimicJoint:rotX:offset", -own),
+    ):
+        prim.CreateAttribute(name, number, custom=False).Set(value)
+    for name in ("newton:mimicJoint", "physxMimicJoint:rotX:referenceJoint"):
+        prim.CreateRelationship(name, custom=False).SetTargets([leader])
+
+
+def _shares(link: Link) -> bool:
+    """Whether a joint has its own share of the servo of the joint that it follows."""
+    return link.kind == "prismatic" and link.mimic is not None and link.mimic[1] != 0.0
+
+
+def _add_joint_drive(joint: Any, kind: str, hand: HandDescription, index: int, start: Start) -> None:
+    """Add the servo that drives a joint, or else the joint's spring and damper.
+
+    PhysX does not couple sliders: those that follow the joint of a servo have an equal share of it.
+    """
+    own = hand.links[index]
+    leader, ratio, _ = own.mimic if own.mimic is not None and _shares(own) else (index, 1.0, 0.0)
+    sliders = [link for link in hand.moving if link.mimic is not None and link.mimic[0] == leader and _shares(link)]
     for actuator in hand.actuators:
-        if actuator.servo is not None and index in [driven for driven, _, _ in actuator.joints]:
-            _add_drive(joint, kind, actuator.servo, position, actuator.load_limit)
+        if actuator.servo is not None and leader in [driven for driven, _, _ in actuator.joints]:
+            share = 1.0 / (1 + len(sliders))
+            law = (actuator.servo[0] * share / ratio**2, actuator.servo[1] * share / ratio**2)
+            _add_drive(joint, kind, law, start.joints[index], actuator.load_limit * share / abs(ratio))
             return
-    spring = hand.links[index].spring
-    _add_drive(joint, kind, (spring.stiffness, spring.damping), spring.reference)
+    spring, (low, high) = own.spring, own.limits
+    target = min(max(spring.reference, low), high) if spring.damping > 0.0 else spring.reference
+    # A preload beyond the limits is the damper's: readers move a target outside of the limits, without a word.
+    speed = spring.stiffness * (spring.reference - target) / spring.damping if spring.damping > 0.0 else 0.0
+    _add_drive(joint, kind, (spring.stiffness, spring.damping), target, speed=speed)
 
 
 def _set(prim: Usd.Prim, **values: Any) -> None:
