@@ -37,7 +37,10 @@ pub enum MeshError {
     #[error("the mesh has no triangles")]
     Empty,
     /// The ending names no format that we read.
-    #[error("{path} does not end in .stl, .ply, .obj or .off; convert it to one of these")]
+    #[error(
+        "{path} does not end in .stl, .ply, .obj, .off, .glb or .gltf; convert it, for example by `python -c \"import \
+         trimesh; trimesh.load_mesh('{path}').export('mesh.glb')\"` (pip install trimesh, and pycollada for .dae)"
+    )]
     UnknownFormat { path: PathBuf },
     /// The file is larger than the caller allows.
     #[error("the {format} file has {bytes} bytes, more than the limit of {limit}; raise max_bytes or decimate it")]

@@ -16,18 +16,30 @@ pub enum MeshFormat {
     Obj,
     /// Object file format, text.
     Off,
+    /// glTF 2.0, binary (GLB) or JSON.
+    Gltf,
 }
+
+/// The endings of files, and their formats.
+const ENDINGS: [(&str, MeshFormat); 6] = [
+    (".stl", MeshFormat::Stl),
+    (".ply", MeshFormat::Ply),
+    (".obj", MeshFormat::Obj),
+    (".off", MeshFormat::Off),
+    (".glb", MeshFormat::Gltf),
+    (".gltf", MeshFormat::Gltf),
+];
 
 impl MeshFormat {
     /// The format that the ending of `path` names, in any case.
     pub fn from_path(path: &Path) -> Option<Self> {
-        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
-            "stl" => Some(Self::Stl),
-            "ply" => Some(Self::Ply),
-            "obj" => Some(Self::Obj),
-            "off" => Some(Self::Off),
-            _ => None,
-        }
+        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+        ENDINGS.iter().find(|(known, _)| known[1..] == ending).map(|(_, format)| *format)
+    }
+
+    /// The endings of files that are read, in lower case, with the dot.
+    pub fn endings() -> impl Iterator<Item = &'static str> {
+        ENDINGS.iter().map(|(ending, _)| *ending)
     }
 
     /// Its name, as errors spell it.
@@ -37,6 +49,7 @@ impl MeshFormat {
             Self::Ply => "PLY",
             Self::Obj => "OBJ",
             Self::Off => "OFF",
+            Self::Gltf => "glTF",
         }
     }
 }
