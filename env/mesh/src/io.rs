@@ -49,7 +49,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<TriMesh, MeshError> {
     let format = MeshFormat::from_path(path).ok_or_else(|| MeshError::UnknownFormat { path: path.to_path_buf() })?;
     let io = |source| MeshError::Io { path: path.to_path_buf(), source };
     check_size(format, std::fs::metadata(path).map_err(io)?.len(), options)?;
-    parse_in(path.parent(), &read_bounded(path, options.max_bytes).map_err(io)?, format, options)
+    parse_in(Some(path), &read_bounded(path, options.max_bytes).map_err(io)?, format, options)
 }
 
 /// Reads a mesh from the bytes of a file; a glTF file must hold all of its buffers.
@@ -62,7 +62,7 @@ pub fn parse(bytes: &[u8], format: MeshFormat, options: &LoadOptions) -> Result<
 }
 
 fn parse_in(
-    folder: Option<&Path>,
+    path: Option<&Path>,
     bytes: &[u8],
     format: MeshFormat,
     options: &LoadOptions,
@@ -81,19 +81,25 @@ fn parse_in(
         MeshFormat::Ply => ply::parse(content, options),
         MeshFormat::Obj => obj::parse(content, options),
         MeshFormat::Off => off::parse(content, options),
-        MeshFormat::Gltf => gltf::parse(content, folder, options),
+        MeshFormat::Gltf => gltf::parse(content, path.and_then(Path::parent), options),
     };
     // The parsers are not ours, and a hostile file must not end the process.
     let raw = std::panic::catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         Err(MeshError::Malformed { format: format.name(), detail: "the parser gave up on it".into() })
     });
-    raw.and_then(|raw| finish(raw, format, options)).map_err(|error| match sniff::looks_like(content, format) {
+    raw.and_then(|raw| finish(raw, path, format, options)).map_err(|error| match sniff::looks_like(content, format) {
         Some(found) if is_about_format(&error) => MeshError::WrongFormat { format: format.name(), found },
         _ => error,
     })
 }
 
-fn finish(raw: Raw, format: MeshFormat, options: &LoadOptions) -> Result<TriMesh, MeshError> {
+fn finish(mut raw: Raw, path: Option<&Path>, format: MeshFormat, options: &LoadOptions) -> Result<TriMesh, MeshError> {
+    if raw.edges > 0 {
+        raw.notes.push(format!("{} faces with fewer than 3 corners are left out", raw.edges));
+    }
+    for note in &raw.notes {
+        tracing::warn!("{}: {note}", path.map_or_else(|| format.name().into(), |path| path.display().to_string()));
+    }
     check_count(format, "vertices", raw.vertices.len() as u64, options.max_vertices)?;
     check_count(format, "triangles", raw.faces.len() as u64, options.max_faces)?;
     let mesh = TriMesh::new(raw.vertices, raw.faces)?;

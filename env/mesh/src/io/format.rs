@@ -38,8 +38,8 @@ impl MeshFormat {
     }
 
     /// The endings of files that are read, in lower case, with the dot.
-    pub fn endings() -> impl Iterator<Item = &'static str> {
-        ENDINGS.iter().map(|(ending, _)| *ending)
+    pub fn endings() -> [&'static str; ENDINGS.len()] {
+        ENDINGS.map(|(ending, _)| ending)
     }
 
     /// Its name, as errors spell it.
@@ -80,6 +80,10 @@ impl Default for LoadOptions {
 pub(crate) struct Raw {
     pub vertices: Vec<Point3<f64>>,
     pub faces: Vec<[u32; 3]>,
+    /// Faces with fewer than three corners, which are left out.
+    pub edges: usize,
+    /// Sentences for a warning: what was left out of the shape.
+    pub notes: Vec<String>,
 }
 
 impl Raw {
@@ -87,12 +91,12 @@ impl Raw {
     pub fn push_polygon(
         &mut self,
         format: MeshFormat,
-        face: usize,
         corners: &[u32],
         options: &LoadOptions,
     ) -> Result<(), MeshError> {
         if corners.len() < 3 {
-            return Err(MeshError::NotTriangles { format: format.name(), face, corners: corners.len() });
+            self.edges += 1;
+            return Ok(());
         }
         check_count(format, "triangles", (self.faces.len() + corners.len() - 2) as u64, options.max_faces)?;
         self.faces.extend(corners[1..].windows(2).map(|w| [corners[0], w[0], w[1]]));

@@ -37,7 +37,7 @@ pub(super) fn parse(bytes: &[u8], folder: Option<&Path>, options: &LoadOptions) 
         buffers: Buffers::new(&document, binary, folder, options),
         document: &document,
         options,
-        raw: Raw::default(),
+        raw: Raw { notes: document.notes(), ..Raw::default() },
         primitives: 0,
     };
     reader.read()?;

@@ -13,7 +13,7 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
     let points = vertices(bytes, options)?;
     let mut number_of = vec![u32::MAX; points.len()];
     let mut raw = Raw::default();
-    let (mut defined, mut face, mut corners) = (0, 0, Vec::new());
+    let (mut defined, mut corners) = (0, Vec::new());
     for (line, text) in Lines::new(bytes) {
         let mut words = Words::new(MeshFormat::Obj, line, &text);
         match words.next_word() {
@@ -28,8 +28,7 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
                     }
                     corners.push(number_of[vertex]);
                 }
-                raw.push_polygon(MeshFormat::Obj, face, &corners, options)?;
-                face += 1;
+                raw.push_polygon(MeshFormat::Obj, &corners, options)?;
             }
             _ => {}
         }

@@ -65,7 +65,7 @@ fn parse_one<'a>(
             // Ends with an error at the end of the line, however large `count` is.
             corners.push(base.saturating_add(words.number::<u32>()?));
         }
-        raw.push_polygon(MeshFormat::Off, i as usize, &corners, options)?;
+        raw.push_polygon(MeshFormat::Off, &corners, options)?;
     }
     Ok(())
 }

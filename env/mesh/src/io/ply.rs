@@ -16,6 +16,8 @@ use std::io::{BufRead, ErrorKind};
 
 /// Longest header, bytes; a real one has a few hundred (comments included).
 const MAX_HEADER: usize = 1 << 16;
+/// First words of the lines of a header that count.
+const KEYWORDS: [&[u8]; 5] = [b"ply", b"format", b"element", b"property", b"end_header"];
 /// Fewest bytes of a triangle in a binary file. Some writers append a short note; where a face would fit, a count may be wrong.
 const BINARY_FACE: usize = 13;
 
@@ -31,13 +33,8 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
 
 /// Reads the mesh at the start of `bytes`, behind `lines` lines of its file; returns what follows it.
 fn parse_one<'a>(bytes: &'a [u8], lines: usize, raw: &mut Raw, options: &LoadOptions) -> Result<&'a [u8], MeshError> {
-    let head = &bytes[..bytes.len().min(MAX_HEADER)];
-    if !head.windows(10).any(|w| w == b"end_header") {
-        let detail = format!("no end_header within its first {} bytes", head.len());
-        return Err(MeshError::Truncated { format: "PLY", detail });
-    }
-    let mut rest = bytes;
-    let header = Parser::<Corner>::new().read_header(&mut Reader::new(&mut rest)).map_err(explain)?;
+    let (lines_of_header, mut rest) = split(bytes)?;
+    let header = Parser::<Corner>::new().read_header(&mut Reader::new(lines_of_header.as_slice())).map_err(explain)?;
     check_header(&header, bytes.len() as u64, raw, options)?;
     if header.encoding == Encoding::Ascii {
         let before = lines + lines_before(bytes, rest);
@@ -60,6 +57,23 @@ fn parse_one<'a>(bytes: &'a [u8], lines: usize, raw: &mut Raw, options: &LoadOpt
         return Err(malformed(detail));
     }
     Ok(rest)
+}
+
+/// The header, with an empty line for each that begins with no keyword (some writers put notes there), and what follows it.
+fn split(bytes: &[u8]) -> Result<(Vec<u8>, &[u8]), MeshError> {
+    let head = &bytes[..bytes.len().min(MAX_HEADER)];
+    let (mut header, mut size) = (Vec::new(), 0);
+    for line in head.split_inclusive(|&b| b == b'\n') {
+        let word = line.trim_ascii().split(u8::is_ascii_whitespace).next().unwrap_or_default();
+        let known = KEYWORDS.contains(&word);
+        header.extend_from_slice(if known { line } else { b"comment skipped\n" });
+        size += line.len();
+        if word == b"end_header" {
+            return Ok((header, &bytes[size..]));
+        }
+    }
+    let detail = format!("no end_header within its first {} bytes", head.len());
+    Err(MeshError::Truncated { format: "PLY", detail })
 }
 
 /// The number of lines of `bytes` before its part `rest`, which reaches to the end.
@@ -159,7 +173,7 @@ fn read_faces(
             return Err(malformed(format!("face {i} names a negative vertex")));
         }
         face.corners.iter_mut().for_each(|corner| *corner = corner.saturating_add(base));
-        raw.push_polygon(MeshFormat::Ply, i, &face.corners, options)?;
+        raw.push_polygon(MeshFormat::Ply, &face.corners, options)?;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use super::format::MeshFormat;
 
 /// First bytes of common files, in lower case, and their formats.
-const STARTS: [(&[u8], &str); 14] = [
+const STARTS: [(&[u8], &str); 15] = [
     (b"ply\n", "a PLY file"),
     (b"ply\r", "a PLY file"),
     (b"solid", "an ASCII STL file"),
@@ -18,6 +18,7 @@ const STARTS: [(&[u8], &str); 14] = [
     (b"pk\x03\x04", "a ZIP archive"),
     (b"\x1f\x8b", "a gzip archive"),
     (b"\xff\xfe", "text in UTF-16; save it in UTF-8"),
+    (b"\xfe\xff", "text in UTF-16; save it in UTF-8"),
 ];
 /// Number of examined bytes.
 const LENGTH: usize = 4096;

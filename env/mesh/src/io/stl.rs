@@ -55,7 +55,7 @@ fn collect(triangles: &mut dyn TriangleIterator<Item = IoResult<Triangle>>) -> R
     let vertices = mesh.vertices.iter().map(|v| Point3::from(v.0.map(f64::from))).collect();
     // Below 2^32 by the size limits that were checked before.
     let faces = mesh.faces.iter().map(|f| f.vertices.map(|v| v as u32)).collect();
-    Ok(Raw { vertices, faces })
+    Ok(Raw { vertices, faces, ..Raw::default() })
 }
 
 fn explain(error: Error) -> MeshError {

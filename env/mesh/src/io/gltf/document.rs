@@ -126,23 +126,23 @@ impl Document {
         if !version.starts_with("2.") {
             return Err(malformed(format!("it is of version {version}, but only version 2 is read; convert it")));
         }
-        let document = document.map_err(explain)?;
-        document.warn();
-        Ok(document)
+        document.map_err(explain)
     }
 
-    /// Tells which parts of the shape are not read.
-    fn warn(&self) {
-        if self.scenes.len() > 1 {
-            let scenes = self.scenes.len();
-            tracing::warn!("the glTF file has {scenes} scenes; number {} is read", self.scene.unwrap_or(0));
-        }
-        if self.nodes.iter().any(|node| node.skin.is_some()) || self.meshes.iter().any(|mesh| mesh.weights.is_some()) {
-            tracing::warn!("the glTF file has skins or morph targets; the shape without them is read");
-        }
-        if self.nodes.iter().any(|node| node.extensions.contains_key("EXT_mesh_gpu_instancing")) {
-            tracing::warn!("the glTF file repeats meshes by EXT_mesh_gpu_instancing; each is read once");
-        }
+    /// The parts of the shape that are not read, as sentences.
+    pub fn notes(&self) -> Vec<String> {
+        let is_skinned = self.nodes.iter().any(|node| node.skin.is_some());
+        let is_repeated = |node: &Node| node.extensions.contains_key("EXT_mesh_gpu_instancing");
+        let (scenes, number) = (self.scenes.len(), self.scene.unwrap_or(0));
+        let notes = [
+            (scenes > 1, format!("of its {scenes} scenes, number {number} is read")),
+            (
+                is_skinned || self.meshes.iter().any(|mesh| mesh.weights.is_some()),
+                "skins and morph targets are not applied to its shape".into(),
+            ),
+            (self.nodes.iter().any(is_repeated), "meshes that EXT_mesh_gpu_instancing repeats are read once".into()),
+        ];
+        notes.into_iter().filter(|(applies, _)| *applies).map(|(_, note)| note).collect()
     }
 
     /// The nodes of the default scene; without scenes those that are no other's child.

@@ -30,7 +30,7 @@ pub(super) fn read<'a>(
                 "face" => {
                     corners.clear();
                     face(words, element, base, &mut corners)?;
-                    raw.push_polygon(MeshFormat::Ply, row, &corners, options)?;
+                    raw.push_polygon(MeshFormat::Ply, &corners, options)?;
                 }
                 // Its values are not read, but none may be missing: the next element begins behind them.
                 _ => element.properties.iter().try_for_each(|(_, p)| skip(&mut words, &p.data_type))?,
