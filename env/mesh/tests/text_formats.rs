@@ -85,7 +85,7 @@ fn what_follows_a_mesh_is_read_or_refused() {
 #[test]
 fn what_follows_a_binary_ply_is_read_or_refused() {
     let head = ply("", "").replace("ascii", "binary_little_endian");
-    let mut bytes = head[..head.find("end_header\n0").unwrap() + 11].as_bytes().to_vec();
+    let mut bytes = head.as_bytes()[..head.find("end_header\n0").unwrap() + 11].to_vec();
     let corners: Vec<f32> = CORNERS.join(" ").split(' ').map(|word| word.parse().unwrap()).collect();
     bytes.extend(corners.iter().flat_map(|x| x.to_le_bytes()));
     for face in FACES {
