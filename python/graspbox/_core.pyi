@@ -14,6 +14,7 @@ from typing_extensions import disjoint_base
 
 __all__ = [
     "CLEAR_OF_TABLE",
+    "MESH_SUFFIXES",
     "PACKED_ATTEMPTS",
     "REST_TIME",
     "Client",
@@ -67,6 +68,8 @@ __all__ = [
 _Config: TypeAlias = dict[str, Any]
 
 __version__: str
+#: Suffixes of mesh files that are read, in lower case.
+MESH_SUFFIXES: tuple[str, ...]
 #: Attempts to place objects in a packed scene.
 PACKED_ATTEMPTS: int
 #: Once the object has risen this far, it counts as dropped if it is lost, not as slipped, m.

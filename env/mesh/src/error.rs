@@ -1,5 +1,6 @@
 //! Errors of meshes and object sets; each variant is a sentence about the input.
 
+use crate::io::MeshFormat;
 use crate::range::OutOfRange;
 use std::path::PathBuf;
 
@@ -37,7 +38,11 @@ pub enum MeshError {
     #[error("the mesh has no triangles")]
     Empty,
     /// The ending names no format that we read.
-    #[error("{path} does not end in .stl, .ply, .obj or .off; convert it to one of these")]
+    #[error(
+        "{path} does not end in {}; convert it, for example by `python -c \"import trimesh; \
+         trimesh.load_mesh('{path}').export('mesh.glb')\"` (pip install trimesh, and pycollada for .dae)",
+        MeshFormat::endings().join(", ")
+    )]
     UnknownFormat { path: PathBuf },
     /// The file is larger than the caller allows.
     #[error("the {format} file has {bytes} bytes, more than the limit of {limit}; raise max_bytes or decimate it")]
@@ -85,14 +90,6 @@ pub enum MeshError {
         what: &'static str,
         /// The requested size.
         bytes: u64,
-    },
-    /// A face has fewer than three corners, so it is no triangle and cannot be cut into triangles.
-    #[error("face {face} of the {format} file has {corners} corners; at least 3 are needed")]
-    NotTriangles {
-        format: &'static str,
-        face: usize,
-        /// Number of its corners.
-        corners: usize,
     },
     /// `scale` is zero, negative or not finite.
     #[error("scale is {scale}; give the positive number of metres in one unit of the file")]

@@ -1,4 +1,4 @@
-//! Files: STL (binary, ASCII), PLY (ASCII, both binaries), OBJ, OFF to [`TriMesh`], and STL, OBJ back.
+//! Files: STL (binary, ASCII), PLY (ASCII, both binaries), OBJ, OFF, glTF (GLB, JSON) to [`TriMesh`], and STL, OBJ back.
 //!
 //! | module | purpose |
 //! |---|---|
@@ -8,19 +8,24 @@
 //! | `ply` | vertices and polygons, everything else skipped |
 //! | `obj` | geometry of all groups; materials, lines and points ignored |
 //! | `off` | OFF, COFF, NOFF text |
+//! | `gltf` | the triangles of a scene, in their places |
+//! | `text` | lines of numbers, and errors that name the line |
 //! | `sniff` | the apparent format of a file with the wrong ending |
 //! | [`write`] | atomic writers |
 //!
 //! Headers may be wrong: every count is compared with the caller's limits and with the size of the file before anything is
-//! allocated. The parsers run on a bounded copy of the file in memory; a panic inside one becomes an error.
+//! allocated. The parsers run on a bounded copy of the file in memory; a panic inside one becomes an error. Several solids,
+//! objects or meshes of a file become one mesh; data that belongs to none of them is an error.
 
 mod format;
+mod gltf;
 mod obj;
 mod off;
 mod ply;
 mod read;
 mod sniff;
 mod stl;
+mod text;
 mod write;
 
 pub use format::{LoadOptions, MeshFormat};
@@ -44,15 +49,24 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<TriMesh, MeshError> {
     let format = MeshFormat::from_path(path).ok_or_else(|| MeshError::UnknownFormat { path: path.to_path_buf() })?;
     let io = |source| MeshError::Io { path: path.to_path_buf(), source };
     check_size(format, std::fs::metadata(path).map_err(io)?.len(), options)?;
-    parse(&read_bounded(path, options.max_bytes).map_err(io)?, format, options)
+    parse_in(Some(path), &read_bounded(path, options.max_bytes).map_err(io)?, format, options)
 }
 
-/// Reads a mesh from the bytes of a file.
+/// Reads a mesh from the bytes of a file; a glTF file must hold all of its buffers.
 ///
 /// # Errors
 /// A sentence about the problem: too large, truncated, malformed, of another format, empty, not finite, absurdly large or
 /// small, or with faces that are no polygons.
 pub fn parse(bytes: &[u8], format: MeshFormat, options: &LoadOptions) -> Result<TriMesh, MeshError> {
+    parse_in(None, bytes, format, options)
+}
+
+fn parse_in(
+    path: Option<&Path>,
+    bytes: &[u8],
+    format: MeshFormat,
+    options: &LoadOptions,
+) -> Result<TriMesh, MeshError> {
     if !(options.scale.is_finite() && options.scale > 0.0) {
         return Err(MeshError::BadScale { scale: options.scale });
     }
@@ -67,18 +81,25 @@ pub fn parse(bytes: &[u8], format: MeshFormat, options: &LoadOptions) -> Result<
         MeshFormat::Ply => ply::parse(content, options),
         MeshFormat::Obj => obj::parse(content, options),
         MeshFormat::Off => off::parse(content, options),
+        MeshFormat::Gltf => gltf::parse(content, path.and_then(Path::parent), options),
     };
     // The parsers are not ours, and a hostile file must not end the process.
     let raw = std::panic::catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         Err(MeshError::Malformed { format: format.name(), detail: "the parser gave up on it".into() })
     });
-    raw.and_then(|raw| finish(raw, format, options)).map_err(|error| match sniff::looks_like(content, format) {
+    raw.and_then(|raw| finish(raw, path, format, options)).map_err(|error| match sniff::looks_like(content, format) {
         Some(found) if is_about_format(&error) => MeshError::WrongFormat { format: format.name(), found },
         _ => error,
     })
 }
 
-fn finish(raw: Raw, format: MeshFormat, options: &LoadOptions) -> Result<TriMesh, MeshError> {
+fn finish(mut raw: Raw, path: Option<&Path>, format: MeshFormat, options: &LoadOptions) -> Result<TriMesh, MeshError> {
+    if raw.edges > 0 {
+        raw.notes.push(format!("{} faces with fewer than 3 corners are left out", raw.edges));
+    }
+    for note in &raw.notes {
+        tracing::warn!("{}: {note}", path.map_or_else(|| format.name().into(), |path| path.display().to_string()));
+    }
     check_count(format, "vertices", raw.vertices.len() as u64, options.max_vertices)?;
     check_count(format, "triangles", raw.faces.len() as u64, options.max_faces)?;
     let mesh = TriMesh::new(raw.vertices, raw.faces)?;

@@ -53,6 +53,34 @@ fn an_open_mesh_says_that_winding_numbers_decide() {
     assert_near(m.volume, 1e-3, 0.02);
 }
 
+/// A box on a larger one, and the face that they share, which has no volume of its own: by rounding it was turned at one size and not
+/// at another. Where it was, the mesh was no longer closed, and took a hundred times longer.
+#[test]
+fn a_face_that_solids_share_keeps_its_side() {
+    let square = |half: f64, z: f64| [[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]];
+    let corners = [square(2.0, -1.0), square(2.0, 0.0), square(1.0, 0.0), square(1.0, 1.0)].concat();
+    let mut faces: Vec<[u32; 3]> = vec![[0, 2, 1], [0, 3, 2], [12, 13, 14], [12, 14, 15]];
+    // The sides of both boxes, and the ring around the small one.
+    for (low, high) in [(0, 4), (4, 8), (8, 12)] {
+        faces.extend((0..4).flat_map(|i| {
+            let [a, b] = [i, (i + 1) % 4];
+            [[low + a, low + b, high + b], [low + a, high + b, high + a]]
+        }));
+    }
+    // The shared face from both sides, cut along its two diagonals.
+    faces.extend([[8, 9, 10], [8, 10, 11], [8, 11, 9], [9, 11, 10]]);
+    for step in 1..40 {
+        let turn = UnitQuaternion::from_euler_angles(0.1 * f64::from(step), 0.7, 1.3);
+        let points = corners.iter().map(|&p| turn * Point3::from(p) * (0.01 + 1e-4 * f64::from(step))).collect();
+        let given = TriMesh::new(points, faces.clone()).unwrap();
+        let (mesh, report) = graspbox_mesh::clean(&given, &graspbox_mesh::CleanOptions::default()).unwrap();
+        assert_eq!(report.flipped_faces, 0, "{step}");
+        let m = mass_properties(&mesh, Mass::Density(1.0)).unwrap();
+        assert_eq!(m.method, MassMethod::Closed, "{step}");
+        assert_near(m.volume, 20.0 * (0.01 + 1e-4 * f64::from(step)).powi(3), 1e-9);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 

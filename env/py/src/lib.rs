@@ -20,6 +20,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     use pyo3::prelude::*;
+    use pyo3::types::PyTuple;
 
     #[pymodule_export]
     use crate::convert::is_rigid;
@@ -65,6 +66,7 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         crate::log::install();
+        module.add("MESH_SUFFIXES", PyTuple::new(module.py(), graspbox_mesh::MeshFormat::endings())?)?;
         module.add("PACKED_ATTEMPTS", graspbox_episode::layout::PACKED_ATTEMPTS)?;
         module.add("CLEAR_OF_TABLE", graspbox_episode::judge::CLEAR_OF_TABLE)?;
         module.add("REST_TIME", graspbox_episode::judge::REST_TIME)?;

@@ -77,7 +77,9 @@ def load_mesh(
     clean: CleanConfig | None = CleanConfig(),  # noqa: B008 (frozen)
     limits: LoadConfig = LoadConfig(),  # noqa: B008 (frozen)
 ) -> Mesh:
-    """Read a mesh file (.stl, .ply, .obj, .off).
+    """Read a mesh file (.stl, .ply, .obj, .off, .glb, .gltf); all objects in it become one mesh.
+
+    Coordinates stay those of the file, as in trimesh: in glTF the y axis is vertical, and is not turned to z.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ A set is named by a string, or by a sequence of strings whose objects are combin
 | ``ycb:graspable``                           | those that the ReFlex hand can grasp: at present all |
 | ``ycb:025_mug``                             | one of them |
 | ``dir:PATH``                                | a folder of meshes; also the layouts of YCB, APC 2015 and Princeton |
-| any other string                            | a mesh file: .stl, .ply, .obj, .off |
+| any other string                            | a mesh file: .stl, .ply, .obj, .off, .glb, .gltf |
 
 Meshes of a folder are named without their suffix, except those that would share a name: ``mug.obj`` and ``mug.stl``.
 A file ``masses.csv`` in the folder, with the columns ``name`` and ``mass``, lists their masses in kilograms.
@@ -37,7 +37,7 @@ from typing import Literal, get_args, overload
 from graspbox import _core
 from graspbox._common.refusals import errors_of
 from graspbox._core import Mesh
-from graspbox.errors import FileError, MissingExtraError, ObjectSetError
+from graspbox.errors import FileError, MeshError, MissingExtraError, ObjectSetError
 from graspbox.meshes import load_mesh
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES, masses_in, meshes_in
 
@@ -284,6 +284,11 @@ def _file(name: str, scale: float) -> tuple[ObjectSpec, ...]:
         if not there:
             raise ObjectSetError(f"there is no mesh file {name!r}")
         return (_from_file(path.stem, path, scale),)
+    if there:
+        try:
+            load_mesh(path)  # refuses the suffix, with a way to convert the file
+        except MeshError as error:
+            raise ObjectSetError(str(error)) from None
     raise ObjectSetError(f"{name!r} names no object set; use 'procedural', 'ycb', 'dir:PATH' or a mesh file")
 
 
@@ -394,7 +399,7 @@ def _folder(folder: Path, scale: float) -> tuple[ObjectSpec, ...]:
             error.errno, f"{error.strerror}, in a folder of meshes", error.filename or str(folder)
         ) from None
     if not found:
-        raise ObjectSetError(f"there are no meshes (.stl, .ply, .obj, .off) in {str(folder)!r}")
+        raise ObjectSetError(f"there are no meshes ({', '.join(MESH_SUFFIXES)}) in {str(folder)!r}")
     count = Counter(name for name, _ in found)
     names = [_text(name if count[name] == 1 else f"{name}{path.suffix}") for name, path in found]
     masses = masses_in(folder, names)

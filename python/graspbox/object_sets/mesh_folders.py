@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from graspbox._common.files import read_bounded
+from graspbox._core import MESH_SUFFIXES
 from graspbox.errors import ObjectSetError
 
 __all__ = ["MASSES", "MESH_SUFFIXES", "masses_in", "meshes_in"]
@@ -20,8 +21,11 @@ _MAX_TABLE = 1 << 26
 #: Greatest mass that a hand can hold, kilograms: a greater number is in grams.
 _MAX_MASS = 25.0
 
-#: Supported suffixes of mesh files.
-MESH_SUFFIXES = frozenset({".stl", ".ply", ".obj", ".off"})
+#: Suffixes of meshes and scenes that are not read; files with them are named when a folder is searched.
+_NOT_READ = frozenset(f".{name}" for name in ("3ds", "3mf", "blend", "dae", "fbx", "iges", "igs", "step", "stp", "usd"))
+_NOT_READ |= {".usda", ".usdc", ".usdz", ".wrl", ".x3d"}
+#: Files that the warning names.
+_NAMED = 5
 #: Files that represent their folder, best first: YCB (two reconstructions, and the scanner's), APC 2015.
 _LAYOUTS = (
     "meshes/tsdf_mesh.stl",
@@ -37,22 +41,39 @@ _log = logging.getLogger(__name__)
 def meshes_in(folder: Path) -> list[tuple[str, Path]]:
     """Find the meshes of a folder with their names; a subfolder in a known layout is one object with its name.
 
-    A warning names a dangling link, which is left out.
+    A warning names what is left out: dangling links, and files of formats that are not read.
     """
     found: list[tuple[str, Path]] = []
+    others: list[Path] = []
     for entry in sorted(folder.iterdir()):
         if entry.is_file() and entry.suffix.lower() in MESH_SUFFIXES:
             found.append((entry.stem, entry))
         elif entry.is_dir():
             layout = next((entry / file for file in _LAYOUTS if (entry / file).is_file()), None)
-            found += [(entry.name, layout)] if layout else _meshes_below(folder, entry)
+            found += [(entry.name, layout)] if layout else _meshes_below(folder, entry, others)
+        elif entry.suffix.lower() in _NOT_READ:
+            others.append(entry)
         elif entry.suffix.lower() in MESH_SUFFIXES or not entry.suffix:
             _warn_of_dangling(entry)
+    if others:
+        names = ", ".join(str(path.relative_to(folder)) for path in others[:_NAMED])
+        _log.warning(
+            "%d files of %s are left out, because their formats are not read: %s%s; convert them, for example with "
+            "trimesh or Blender, to one of %s",
+            len(others),
+            folder,
+            names,
+            ", ..." if len(others) > _NAMED else "",
+            ", ".join(MESH_SUFFIXES),
+        )
     return found
 
 
-def _meshes_below(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
-    """Find the meshes in a folder and its subfolders, named by their path from `root`; does not follow links."""
+def _meshes_below(root: Path, folder: Path, others: list[Path]) -> Iterator[tuple[str, Path]]:
+    """Find the meshes in a folder and its subfolders, named by their path from `root`; does not follow links.
+
+    Files of formats that are not read are added to `others`.
+    """
 
     def fail(error: OSError) -> None:
         raise error
@@ -63,7 +84,9 @@ def _meshes_below(root: Path, folder: Path) -> Iterator[tuple[str, Path]]:
         seen += len(names)
         if seen > _MAX_FILES:
             raise ObjectSetError(f"there are more than {_MAX_FILES} files in {str(folder)!r}; name a smaller folder")
-        paths += [Path(parent, name) for name in names if Path(name).suffix.lower() in MESH_SUFFIXES]
+        files = [Path(parent, name) for name in names]
+        paths += [path for path in files if path.suffix.lower() in MESH_SUFFIXES]
+        others += sorted(path for path in files if path.suffix.lower() in _NOT_READ)
     for path in sorted(paths):
         if path.is_file():
             yield path.relative_to(root).with_suffix("").as_posix(), path

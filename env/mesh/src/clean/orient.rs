@@ -15,16 +15,20 @@ const SURROUNDED: f64 = 0.9;
 /// Surfaces nearer than this share of the mesh's longest side touch each other: ten times the rounding of f32.
 const TOUCHING: f64 = 1e-6;
 
+/// Share of its area times its size below which the signed volume of a set of neighbours is rounding of f32: it is a plane.
+const PLANE: f64 = 1e-6;
+
 /// Flips faces in place; returns their number.
 ///
 /// Neighbours are faces that share an edge with exactly two faces. Each set of neighbours is then turned as a whole so that its
 /// signed volume is positive, or negative when it is a cavity: when an odd number of other components surround it. A component surrounds
-/// those wholly inside it; one that touches its surface, or reaches through it, is a solid that overlaps it.
+/// those wholly inside it; one that touches its surface, or reaches through it, is a solid that overlaps it. A plane set, such as the
+/// face that two touching solids share, has no volume; it stays as most of its area was.
 pub(super) fn orient(vertices: &[Point3<f64>], faces: &mut [[u32; 3]]) -> usize {
     let before = faces.to_vec();
     let patches = agree(faces);
     for patch in &patches {
-        if signed_volume(vertices, faces, patch) < 0.0 {
+        if is_turned(vertices, faces, &before, patch) {
             patch.iter().for_each(|&f| faces[f].swap(1, 2));
         }
     }
@@ -104,14 +108,18 @@ fn agree(faces: &mut [[u32; 3]]) -> Vec<Vec<usize>> {
     patches
 }
 
-fn signed_volume(vertices: &[Point3<f64>], faces: &[[u32; 3]], patch: &[usize]) -> f64 {
-    let center = patch.iter().flat_map(|&f| faces[f]).map(|v| vertices[v as usize].coords).sum::<Vector3<f64>>()
-        / (3 * patch.len()) as f64;
-    patch
-        .iter()
-        .map(|&f| {
-            let [a, b, c] = faces[f].map(|v| vertices[v as usize].coords - center);
-            a.dot(&b.cross(&c))
-        })
-        .sum()
+/// Whether a set of neighbours faces inward; of a plane one, whether most of its area faces the other way than it did `before`.
+fn is_turned(vertices: &[Point3<f64>], faces: &[[u32; 3]], before: &[[u32; 3]], patch: &[usize]) -> bool {
+    let mean = patch.iter().flat_map(|&f| faces[f]).map(|v| vertices[v as usize].coords).sum::<Vector3<f64>>();
+    let center = mean / (3 * patch.len()) as f64;
+    let (mut volume, mut area, mut kept, mut size) = (0.0, 0.0, 0.0, 0.0_f64);
+    for &f in patch {
+        let [a, b, c] = faces[f].map(|v| vertices[v as usize].coords - center);
+        volume += a.dot(&b.cross(&c));
+        let own = (b - a).cross(&(c - a)).norm();
+        area += own;
+        kept += if faces[f] == before[f] { own } else { -own };
+        size = size.max(a.amax()).max(b.amax()).max(c.amax());
+    }
+    if volume.abs() <= PLANE * area * size { kept < 0.0 } else { volume < 0.0 }
 }

@@ -16,18 +16,30 @@ pub enum MeshFormat {
     Obj,
     /// Object file format, text.
     Off,
+    /// glTF 2.0, binary (GLB) or JSON.
+    Gltf,
 }
+
+/// The endings of files, and their formats.
+const ENDINGS: [(&str, MeshFormat); 6] = [
+    (".stl", MeshFormat::Stl),
+    (".ply", MeshFormat::Ply),
+    (".obj", MeshFormat::Obj),
+    (".off", MeshFormat::Off),
+    (".glb", MeshFormat::Gltf),
+    (".gltf", MeshFormat::Gltf),
+];
 
 impl MeshFormat {
     /// The format that the ending of `path` names, in any case.
     pub fn from_path(path: &Path) -> Option<Self> {
-        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
-            "stl" => Some(Self::Stl),
-            "ply" => Some(Self::Ply),
-            "obj" => Some(Self::Obj),
-            "off" => Some(Self::Off),
-            _ => None,
-        }
+        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+        ENDINGS.iter().find(|(known, _)| known[1..] == ending).map(|(_, format)| *format)
+    }
+
+    /// The endings of files that are read, in lower case, with the dot.
+    pub fn endings() -> [&'static str; ENDINGS.len()] {
+        ENDINGS.map(|(ending, _)| ending)
     }
 
     /// Its name, as errors spell it.
@@ -37,6 +49,7 @@ impl MeshFormat {
             Self::Ply => "PLY",
             Self::Obj => "OBJ",
             Self::Off => "OFF",
+            Self::Gltf => "glTF",
         }
     }
 }
@@ -67,6 +80,10 @@ impl Default for LoadOptions {
 pub(crate) struct Raw {
     pub vertices: Vec<Point3<f64>>,
     pub faces: Vec<[u32; 3]>,
+    /// Faces with fewer than three corners, which are left out.
+    pub edges: usize,
+    /// Sentences for a warning: what was left out of the shape.
+    pub notes: Vec<String>,
 }
 
 impl Raw {
@@ -74,12 +91,12 @@ impl Raw {
     pub fn push_polygon(
         &mut self,
         format: MeshFormat,
-        face: usize,
         corners: &[u32],
         options: &LoadOptions,
     ) -> Result<(), MeshError> {
         if corners.len() < 3 {
-            return Err(MeshError::NotTriangles { format: format.name(), face, corners: corners.len() });
+            self.edges += 1;
+            return Ok(());
         }
         check_count(format, "triangles", (self.faces.len() + corners.len() - 2) as u64, options.max_faces)?;
         self.faces.extend(corners[1..].windows(2).map(|w| [corners[0], w[0], w[1]]));

@@ -1,76 +1,107 @@
-//! OBJ: the geometry of all objects and groups; materials are ignored.
+//! OBJ: the vertices and faces of all objects and groups; points, lines and everything else are skipped.
+//!
+//! Own code: `tobj` reads materials, texture coordinates and lines too, and refuses a file for them or takes a line for a face.
 
 use super::format::{LoadOptions, MeshFormat, Raw, check_count};
+use super::text::{Words, quote, without_comment};
 use crate::error::MeshError;
 use nalgebra::Point3;
 use std::borrow::Cow;
-use std::io::Cursor;
 
+/// Vertices come in the order of their first use, without those that no face uses.
 pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshError> {
-    let bytes: &[u8] = &joined(bytes);
-    check_lines(bytes, options)?;
-    let settings = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
-    let (models, _) = tobj::load_obj_buf(&mut Cursor::new(bytes), &settings, |_| Ok(Default::default()))
-        .map_err(|e| MeshError::Malformed { format: "OBJ", detail: e.to_string() })?;
+    let points = vertices(bytes, options)?;
+    let mut number_of = vec![u32::MAX; points.len()];
     let mut raw = Raw::default();
-    let mut face = 0;
-    for model in models {
-        let mesh = model.mesh;
-        let base = raw.vertices.len() as u32;
-        let (points, rest) = mesh.positions.as_chunks::<3>();
-        if !rest.is_empty() {
-            return Err(MeshError::Malformed { format: "OBJ", detail: "a vertex has fewer than 3 coordinates".into() });
-        }
-        check_count(MeshFormat::Obj, "vertices", (raw.vertices.len() + points.len()) as u64, options.max_vertices)?;
-        raw.vertices.extend(points.iter().map(|&p| Point3::from(p)));
-        let mut rest = mesh.indices.as_slice();
-        let mut corners = Vec::new();
-        let triangles_only = mesh.face_arities.is_empty();
-        let mut arities = mesh.face_arities.iter();
-        while !rest.is_empty() {
-            let arity = if triangles_only { 3 } else { arities.next().map_or(0, |&a| a as usize) };
-            let Some((head, tail)) = (arity > 0).then(|| rest.split_at_checked(arity)).flatten() else {
-                return Err(MeshError::Malformed { format: "OBJ", detail: "a face lists too few corners".into() });
-            };
-            corners.clear();
-            corners.extend(head.iter().map(|&i| base.saturating_add(i)));
-            raw.push_polygon(MeshFormat::Obj, face, &corners, options)?;
-            rest = tail;
-            face += 1;
+    let (mut defined, mut corners) = (0, Vec::new());
+    for (line, text) in Lines::new(bytes) {
+        let mut words = Words::new(MeshFormat::Obj, line, &text);
+        match words.next_word() {
+            Some(b"v") => defined += 1,
+            Some(b"f") => {
+                corners.clear();
+                while let Some(corner) = words.next_word() {
+                    let vertex = vertex(corner, &words, defined, points.len())?;
+                    if number_of[vertex] == u32::MAX {
+                        number_of[vertex] = raw.vertices.len() as u32;
+                        raw.vertices.push(points[vertex]);
+                    }
+                    corners.push(number_of[vertex]);
+                }
+                raw.push_polygon(MeshFormat::Obj, &corners, options)?;
+            }
+            _ => {}
         }
     }
     Ok(raw)
 }
 
-/// The text with continued lines joined: a backslash at the end of a line that is no comment continues it on the next one.
-fn joined(bytes: &[u8]) -> Cow<'_, [u8]> {
-    let lines = || bytes.split(|&b| b == b'\n');
-    let before_backslash = |line: &'_ [u8]| line.trim_ascii_end().strip_suffix(b"\\").map(<[u8]>::len);
-    if !lines().any(|line| before_backslash(line).is_some()) {
-        return Cow::Borrowed(bytes);
-    }
-    let mut text = Vec::with_capacity(bytes.len() + 1);
-    let mut continued = false;
-    for line in lines() {
-        let comment = !continued && line.trim_ascii_start().starts_with(b"#");
-        let end = before_backslash(line).filter(|_| !comment);
-        text.extend_from_slice(&line[..end.unwrap_or(line.len())]);
-        continued = end.is_some();
-        text.push(if continued { b' ' } else { b'\n' });
-    }
-    Cow::Owned(text)
-}
-
-/// Counts `v` and `f` lines before the parser allocates for them.
-fn check_lines(bytes: &[u8], options: &LoadOptions) -> Result<(), MeshError> {
-    let (mut vertices, mut faces) = (0, 0);
-    for line in bytes.split(|&b| b == b'\n') {
-        match line.trim_ascii_start() {
-            [b'v', b' ' | b'\t', ..] => vertices += 1,
-            [b'f', b' ' | b'\t', ..] => faces += 1,
-            _ => {}
+/// All vertices: a face may name one that is defined behind it. Weights and colours behind the coordinates are skipped.
+fn vertices(bytes: &[u8], options: &LoadOptions) -> Result<Vec<Point3<f64>>, MeshError> {
+    let mut points = Vec::new();
+    for (line, text) in Lines::new(bytes) {
+        let mut words = Words::new(MeshFormat::Obj, line, &text);
+        if words.next_word() == Some(b"v") {
+            check_count(MeshFormat::Obj, "vertices", points.len() as u64 + 1, options.max_vertices)?;
+            points.push(words.point::<f64>()?);
         }
     }
-    check_count(MeshFormat::Obj, "vertices", vertices, options.max_vertices)?;
-    check_count(MeshFormat::Obj, "faces", faces, options.max_faces)
+    Ok(points)
+}
+
+/// The vertex of a corner such as `7/3/7`: counted from 1, or backwards from the last of the `defined` ones before this line.
+fn vertex(corner: &[u8], words: &Words, defined: usize, count: usize) -> Result<usize, MeshError> {
+    let number: i64 = words.parse(corner.split(|&b| b == b'/').next().unwrap_or_default())?;
+    let vertex = if number < 0 { (defined as i64).checked_add(number) } else { number.checked_sub(1) };
+    let found = vertex.and_then(|v| usize::try_from(v).ok()).filter(|&v| v < count);
+    found.ok_or_else(|| {
+        words.error(format!("the face names vertex {}, which is none of the {count} vertices", quote(corner)))
+    })
+}
+
+/// The lines without comments, with their numbers; a backslash at the end of a line continues it on the next one.
+struct Lines<'a> {
+    rest: Option<&'a [u8]>,
+    line: usize,
+}
+
+impl<'a> Lines<'a> {
+    fn new(text: &'a [u8]) -> Self {
+        Self { rest: Some(text), line: 0 }
+    }
+
+    fn physical(&mut self) -> Option<&'a [u8]> {
+        let text = self.rest?;
+        self.line += 1;
+        let end = text.iter().position(|&b| b == b'\n');
+        self.rest = end.map(|end| &text[end + 1..]);
+        Some(without_comment(&text[..end.unwrap_or(text.len())]))
+    }
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = (usize, Cow<'a, [u8]>);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let before_backslash = |line: &'a [u8]| line.trim_ascii_end().strip_suffix(b"\\");
+        let first = self.physical()?;
+        let number = self.line;
+        let Some(mut part) = before_backslash(first) else {
+            return Some((number, Cow::Borrowed(first)));
+        };
+        let mut whole = Vec::new();
+        loop {
+            whole.extend_from_slice(part);
+            whole.push(b' ');
+            let Some(next) = self.physical() else { break };
+            match before_backslash(next) {
+                Some(continued) => part = continued,
+                None => {
+                    whole.extend_from_slice(next);
+                    break;
+                }
+            }
+        }
+        Some((number, Cow::Owned(whole)))
+    }
 }

@@ -3,81 +3,96 @@
 //! Own code: `off-rs` rounds to f32, and refuses `COFF` and counts on the line of the keyword.
 
 use super::format::{LoadOptions, MeshFormat, Raw, check_count};
+use super::text::{Words, numbered, quote, without_comment};
 use crate::error::MeshError;
-use nalgebra::Point3;
-use std::str::{FromStr, SplitAsciiWhitespace};
 
 /// Fewest bytes of a vertex line ("0 0 0\n").
 const VERTEX_BYTES: u64 = 6;
 /// Fewest bytes of a face line ("0\n"; such a face is refused later).
 const FACE_BYTES: u64 = 2;
+const KEYWORDS: [&[u8]; 4] = [b"COFF", b"NOFF", b"CNOFF", b"OFF"];
 
+/// Reads one mesh after the other, into one.
 pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshError> {
-    let text = std::str::from_utf8(bytes).map_err(|_| malformed("it is not text (binary OFF is not read)".into()))?;
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .map(|(n, line)| (n + 1, line.split('#').next().unwrap_or_default().trim()))
-        .filter(|(_, line)| !line.is_empty());
-    let (vertices, faces) = header(&mut lines)?;
-    check_count(MeshFormat::Off, "vertices", vertices, options.max_vertices)?;
-    check_count(MeshFormat::Off, "faces", faces, options.max_faces)?;
-    // The last line may lack its newline.
-    let least = (vertices * VERTEX_BYTES + faces * FACE_BYTES).saturating_sub(1);
-    if least > bytes.len() as u64 {
-        let detail = format!("{vertices} vertices and {faces} faces cannot fit into {} bytes", bytes.len());
-        return Err(MeshError::Truncated { format: "OFF", detail });
-    }
-    let mut raw = Raw { vertices: Vec::with_capacity(vertices as usize), faces: Vec::with_capacity(faces as usize) };
-    for i in 0..vertices {
-        let (n, line) = lines.next().ok_or_else(|| truncated("vertices", i, vertices))?;
-        let mut words = line.split_ascii_whitespace();
-        let (x, y, z) = (number(&mut words, n)?, number(&mut words, n)?, number(&mut words, n)?);
-        raw.vertices.push(Point3::new(x, y, z));
-    }
-    let mut corners = Vec::new();
-    for i in 0..faces {
-        let (n, line) = lines.next().ok_or_else(|| truncated("faces", i, faces))?;
-        let mut words = line.split_ascii_whitespace();
-        let count: usize = number(&mut words, n)?;
-        corners.clear();
-        for _ in 0..count {
-            // Ends with an error at the end of the line, however large `count` is.
-            corners.push(number::<u32>(&mut words, n)?);
+    let mut lines = numbered(bytes)
+        .map(|(n, line)| (n, without_comment(line).trim_ascii()))
+        .filter(|(_, line)| !line.is_empty())
+        .peekable();
+    let mut raw = Raw::default();
+    parse_one(&mut lines, bytes.len() as u64, &mut raw, options)?;
+    while let Some((n, line)) = lines.peek() {
+        if !KEYWORDS.iter().any(|keyword| line.starts_with(keyword)) {
+            let detail = format!(
+                "\"{}\" follows the vertices and faces that the counts announce; correct the counts or delete it",
+                quote(line)
+            );
+            return Err(Words::new(MeshFormat::Off, *n, line).error(detail));
         }
-        raw.push_polygon(MeshFormat::Off, i as usize, &corners, options)?;
+        parse_one(&mut lines, bytes.len() as u64, &mut raw, options)?;
     }
     Ok(raw)
 }
 
+fn parse_one<'a>(
+    lines: &mut impl Iterator<Item = (usize, &'a [u8])>,
+    bytes: u64,
+    raw: &mut Raw,
+    options: &LoadOptions,
+) -> Result<(), MeshError> {
+    let (vertices, faces) = header(lines)?;
+    let base = raw.vertices.len() as u32;
+    check_count(MeshFormat::Off, "vertices", u64::from(base) + vertices, options.max_vertices)?;
+    check_count(MeshFormat::Off, "faces", raw.faces.len() as u64 + faces, options.max_faces)?;
+    // The last line may lack its newline.
+    let least = (vertices * VERTEX_BYTES + faces * FACE_BYTES).saturating_sub(1);
+    if least > bytes {
+        let detail = format!("{vertices} vertices and {faces} faces cannot fit into {bytes} bytes");
+        return Err(MeshError::Truncated { format: "OFF", detail });
+    }
+    raw.vertices.reserve(vertices as usize);
+    raw.faces.reserve(faces as usize);
+    for i in 0..vertices {
+        let (n, line) = lines.next().ok_or_else(|| truncated("vertices", i, vertices))?;
+        raw.vertices.push(Words::new(MeshFormat::Off, n, line).point::<f64>()?);
+    }
+    let mut corners = Vec::new();
+    for i in 0..faces {
+        let (n, line) = lines.next().ok_or_else(|| truncated("faces", i, faces))?;
+        let mut words = Words::new(MeshFormat::Off, n, line);
+        let count: usize = words.number()?;
+        corners.clear();
+        for _ in 0..count {
+            // Ends with an error at the end of the line, however large `count` is.
+            corners.push(base.saturating_add(words.number::<u32>()?));
+        }
+        raw.push_polygon(MeshFormat::Off, &corners, options)?;
+    }
+    Ok(())
+}
+
 /// Vertex and face count; the counts may follow the keyword on its line, even without a blank ("OFF490 518 0").
-fn header<'a>(lines: &mut impl Iterator<Item = (usize, &'a str)>) -> Result<(u64, u64), MeshError> {
-    let (n, first) = lines.next().ok_or_else(|| malformed("it has no line".into()))?;
-    let rest = ["COFF", "NOFF", "CNOFF", "OFF"]
+fn header<'a>(lines: &mut impl Iterator<Item = (usize, &'a [u8])>) -> Result<(u64, u64), MeshError> {
+    let (n, first) = lines.next().ok_or_else(|| malformed("it has no line"))?;
+    let rest = KEYWORDS
         .iter()
-        .find_map(|keyword| first.strip_prefix(keyword))
-        .ok_or_else(|| malformed("its first line does not begin with OFF".into()))?
-        .trim();
+        .find_map(|keyword| first.strip_prefix(*keyword))
+        .ok_or_else(|| malformed("its first line does not begin with OFF"))?
+        .trim_ascii();
+    if rest.starts_with(b"BINARY") {
+        return Err(malformed("it is binary OFF, which is not read; save it as text"));
+    }
     let (n, counts) = if rest.is_empty() {
         lines.next().ok_or_else(|| MeshError::Truncated { format: "OFF", detail: "it has no counts".into() })?
     } else {
         (n, rest)
     };
-    let mut words = counts.split_ascii_whitespace();
+    let mut words = Words::new(MeshFormat::Off, n, counts);
     // u32, so that no product of a count overflows.
-    Ok((number::<u32>(&mut words, n)?.into(), number::<u32>(&mut words, n)?.into()))
+    Ok((words.number::<u32>()?.into(), words.number::<u32>()?.into()))
 }
 
-fn number<T: FromStr>(words: &mut SplitAsciiWhitespace, line: usize) -> Result<T, MeshError> {
-    let word = words.next().ok_or_else(|| malformed(format!("line {line} has too few numbers")))?;
-    word.parse().map_err(|_| {
-        let shown: String = word.chars().take(40).collect();
-        malformed(format!("line {line}: \"{shown}\" is not the number expected there"))
-    })
-}
-
-fn malformed(detail: String) -> MeshError {
-    MeshError::Malformed { format: "OFF", detail }
+fn malformed(detail: &str) -> MeshError {
+    MeshError::Malformed { format: "OFF", detail: detail.into() }
 }
 
 fn truncated(what: &str, found: u64, expected: u64) -> MeshError {

@@ -1,48 +1,120 @@
 //! PLY: `vertex` x, y, z and `face` vertex_indices (or vertex_index); other elements and properties are skipped.
+//!
+//! `ply-rs-bw` reads headers and binary values.
+
+mod text;
 
 use super::format::{LoadOptions, MeshFormat, Raw, check_count};
+use super::text::{Words, numbered, quote};
 use crate::error::MeshError;
 use nalgebra::Point3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
 };
-use std::io::{BufRead, Cursor, ErrorKind};
+use std::io::{BufRead, ErrorKind};
 
 /// Longest header, bytes; a real one has a few hundred (comments included).
 const MAX_HEADER: usize = 1 << 16;
+/// First words of the lines of a header that count.
+const KEYWORDS: [&[u8]; 5] = [b"ply", b"format", b"element", b"property", b"end_header"];
+/// Fewest bytes of a triangle in a binary file. Some writers append a short note; where a face would fit, a count may be wrong.
+const BINARY_FACE: usize = 13;
 
+/// Reads one mesh after the other, into one.
 pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshError> {
-    let head = &bytes[..bytes.len().min(MAX_HEADER)];
-    if !head.windows(10).any(|w| w == b"end_header") {
-        let detail = format!("no end_header within its first {} bytes", head.len());
-        return Err(MeshError::Truncated { format: "PLY", detail });
-    }
-    let mut reader = Reader::new(Cursor::new(bytes));
-    let header = Parser::<Corner>::new().read_header(&mut reader).map_err(explain)?;
-    check_header(&header, bytes.len() as u64, options)?;
     let mut raw = Raw::default();
-    for (name, element) in &header.elements {
-        match name.as_str() {
-            "vertex" => raw.vertices = read_vertices(&mut reader, element, &header)?,
-            "face" => read_faces(&mut reader, element, &header, &mut raw, options)?,
-            _ => {
-                // Parsed only to skip it.
-                let skipped: Vec<Skipped> = read_element(&mut reader, element, &header)?;
-                drop(skipped);
-            }
-        }
+    let mut rest = parse_one(bytes, 0, &mut raw, options)?;
+    while rest.starts_with(b"ply") {
+        rest = parse_one(rest, lines_before(bytes, rest), &mut raw, options)?;
     }
     Ok(raw)
 }
 
+/// Reads the mesh at the start of `bytes`, behind `lines` lines of its file; returns what follows it.
+fn parse_one<'a>(bytes: &'a [u8], lines: usize, raw: &mut Raw, options: &LoadOptions) -> Result<&'a [u8], MeshError> {
+    let (lines_of_header, mut rest) = split(bytes)?;
+    let header = Parser::<Corner>::new().read_header(&mut Reader::new(lines_of_header.as_slice())).map_err(explain)?;
+    check_header(&header, bytes.len() as u64, raw, options)?;
+    if header.encoding == Encoding::Ascii {
+        let before = lines + lines_before(bytes, rest);
+        let mut values = numbered(rest).map(|(n, line)| (n + before, line));
+        text::read(&mut values, &header, raw, options)?;
+        return match values.find(|(_, line)| !line.trim_ascii().is_empty()) {
+            None => Ok(&[]),
+            // A header begins.
+            Some((n, line)) if line.trim_ascii() == b"ply" => Ok(from_line(rest, n - before)),
+            Some((n, line)) => Err(Words::new(MeshFormat::Ply, n, line).error(format!(
+                "\"{}\" follows the elements that the header names; correct its counts or delete it",
+                quote(line.trim_ascii())
+            ))),
+        };
+    }
+    read_binary(&mut rest, &header, raw, options)?;
+    let rest = rest.trim_ascii_start();
+    if rest.len() >= BINARY_FACE && !rest.starts_with(b"ply") {
+        let detail = format!("{} bytes follow the elements that its header names; export it again", rest.len());
+        return Err(malformed(detail));
+    }
+    Ok(rest)
+}
+
+/// The header, with an empty line for each that begins with no keyword (some writers put notes there), and what follows it.
+fn split(bytes: &[u8]) -> Result<(Vec<u8>, &[u8]), MeshError> {
+    let head = &bytes[..bytes.len().min(MAX_HEADER)];
+    let (mut header, mut size) = (Vec::new(), 0);
+    for line in head.split_inclusive(|&b| b == b'\n') {
+        let word = line.trim_ascii().split(u8::is_ascii_whitespace).next().unwrap_or_default();
+        let known = KEYWORDS.contains(&word);
+        header.extend_from_slice(if known { line } else { b"comment skipped\n" });
+        size += line.len();
+        if word == b"end_header" {
+            return Ok((header, &bytes[size..]));
+        }
+    }
+    let detail = format!("no end_header within its first {} bytes", head.len());
+    Err(MeshError::Truncated { format: "PLY", detail })
+}
+
+/// The number of lines of `bytes` before its part `rest`, which reaches to the end.
+fn lines_before(bytes: &[u8], rest: &[u8]) -> usize {
+    bytes[..bytes.len() - rest.len()].iter().filter(|&&b| b == b'\n').count()
+}
+
+/// The text from line `line` on, counted from 1.
+fn from_line(text: &[u8], line: usize) -> &[u8] {
+    let mut breaks = text.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(at, _)| at + 1);
+    line.checked_sub(2).and_then(|n| breaks.nth(n)).map_or(text, |at| &text[at..])
+}
+
+fn read_binary(bytes: &mut &[u8], header: &Header, raw: &mut Raw, options: &LoadOptions) -> Result<(), MeshError> {
+    let mut reader = Reader::new(bytes);
+    let base = raw.vertices.len() as u32;
+    for (name, element) in &header.elements {
+        match name.as_str() {
+            "vertex" => {
+                let corners: Vec<Corner> = read_element(&mut reader, element, header)?;
+                raw.vertices.extend(corners.into_iter().map(|c| Point3::from(c.0)));
+            }
+            "face" => read_faces(&mut reader, element, header, base, raw, options)?,
+            _ => {
+                // Parsed only to skip it.
+                let skipped: Vec<Skipped> = read_element(&mut reader, element, header)?;
+                drop(skipped);
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Holds every count against the limits and against the bytes that its element needs at least.
-fn check_header(header: &Header, bytes: u64, options: &LoadOptions) -> Result<(), MeshError> {
+fn check_header(header: &Header, bytes: u64, raw: &Raw, options: &LoadOptions) -> Result<(), MeshError> {
     for (name, element) in &header.elements {
         let count = element.count as u64;
+        let all = |before: usize| count.saturating_add(before as u64);
         match name.as_str() {
-            "vertex" => check_count(MeshFormat::Ply, "vertices", count, options.max_vertices)?,
-            "face" => check_count(MeshFormat::Ply, "faces", count, options.max_faces)?,
+            "vertex" => check_count(MeshFormat::Ply, "vertices", all(raw.vertices.len()), options.max_vertices)?,
+            "face" => check_count(MeshFormat::Ply, "faces", all(raw.faces.len()), options.max_faces)?,
             _ => {}
         }
         let each: u64 = element.properties.iter().map(|(_, p)| least_bytes(&p.data_type, header.encoding)).sum();
@@ -87,30 +159,28 @@ fn read_element<E: PropertyAccess>(
     Parser::<E>::new().read_payload_for_element(reader, element, header).map_err(explain)
 }
 
-fn read_vertices(
-    reader: &mut Reader<impl BufRead>,
-    element: &ElementDef,
-    header: &Header,
-) -> Result<Vec<Point3<f64>>, MeshError> {
-    let corners: Vec<Corner> = read_element(reader, element, header)?;
-    Ok(corners.into_iter().map(|c| Point3::from(c.0)).collect())
-}
-
 fn read_faces(
     reader: &mut Reader<impl BufRead>,
     element: &ElementDef,
     header: &Header,
+    base: u32,
     raw: &mut Raw,
     options: &LoadOptions,
 ) -> Result<(), MeshError> {
-    let faces: Vec<Polygon> = read_element(reader, element, header)?;
-    for (i, face) in faces.iter().enumerate() {
+    let mut faces: Vec<Polygon> = read_element(reader, element, header)?;
+    for (i, face) in faces.iter_mut().enumerate() {
         if face.bad_index {
             return Err(malformed(format!("face {i} names a negative vertex")));
         }
-        raw.push_polygon(MeshFormat::Ply, i, &face.corners, options)?;
+        face.corners.iter_mut().for_each(|corner| *corner = corner.saturating_add(base));
+        raw.push_polygon(MeshFormat::Ply, &face.corners, options)?;
     }
     Ok(())
+}
+
+/// Whether a property of this name holds the corners of a face.
+fn is_corners(name: &str) -> bool {
+    name == "vertex_indices" || name == "vertex_index"
 }
 
 /// A vertex; properties other than x, y, z are ignored.
@@ -172,7 +242,7 @@ impl PropertyAccess for Polygon {
     }
 
     fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        if name != "vertex_indices" && name != "vertex_index" {
+        if !is_corners(name) {
             return PropertyAccessResult::Ignored;
         }
         match value {

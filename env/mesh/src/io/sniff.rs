@@ -3,14 +3,14 @@
 use super::format::MeshFormat;
 
 /// First bytes of common files, in lower case, and their formats.
-const STARTS: [(&[u8], &str); 14] = [
+const STARTS: [(&[u8], &str); 15] = [
     (b"ply\n", "a PLY file"),
     (b"ply\r", "a PLY file"),
     (b"solid", "an ASCII STL file"),
     (b"off\n", "an OFF file"),
     (b"off\r", "an OFF file"),
     (b"off ", "an OFF file"),
-    (b"gltf", "a binary glTF file"),
+    (b"gltf", "a binary glTF file (.glb)"),
     (b"version https://git-lfs", "a Git LFS pointer; fetch the file itself with `git lfs pull`"),
     (b"<!doctype html", "a web page (HTML)"),
     (b"<html", "a web page (HTML)"),
@@ -18,6 +18,7 @@ const STARTS: [(&[u8], &str); 14] = [
     (b"pk\x03\x04", "a ZIP archive"),
     (b"\x1f\x8b", "a gzip archive"),
     (b"\xff\xfe", "text in UTF-16; save it in UTF-8"),
+    (b"\xfe\xff", "text in UTF-16; save it in UTF-8"),
 ];
 /// Number of examined bytes.
 const LENGTH: usize = 4096;
@@ -27,8 +28,9 @@ pub(super) fn looks_like(bytes: &[u8], expected: MeshFormat) -> Option<&'static 
     let head = &bytes[..bytes.len().min(LENGTH)];
     let start = head.trim_ascii_start().to_ascii_lowercase();
     let known = STARTS.iter().find(|(magic, _)| start.starts_with(magic)).map(|(_, what)| *what);
-    // OBJ and OFF are text; the parser's own error names their problems.
-    let other = || if matches!(expected, MeshFormat::Obj | MeshFormat::Off) { None } else { text(head) };
+    // OBJ, OFF and glTF are text; the parser's own error names their problems.
+    let is_text = matches!(expected, MeshFormat::Obj | MeshFormat::Off | MeshFormat::Gltf);
+    let other = || if is_text { None } else { text(head) };
     let found = known.or_else(other)?;
     (!found.contains(&format!(" {} ", expected.name()))).then_some(found)
 }

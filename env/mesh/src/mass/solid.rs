@@ -2,7 +2,7 @@
 //! surfaces with holes.
 
 use super::moments::Moments;
-use crate::mass::face_tree::FaceTree;
+use crate::mass::face_tree::{FaceTree, Triangle};
 use crate::trimesh::{Aabb, TriMesh};
 use crate::voxel::lines::{crossings, off_lines};
 use nalgebra::{Point3, Vector3};
@@ -18,6 +18,11 @@ const CELLS: usize = 64;
 const BLOCK: usize = 4;
 /// Distance from [`INSIDE`] that the winding number of such a block's middle has.
 const CLEAR: f64 = 0.2;
+/// Share of the mesh's longest side above which a triangle is long. The tree has to visit long ones for most points.
+const LONG: f64 = 1.0 / 16.0;
+/// Fewest long triangles that are worth cutting, and most pieces per triangle that they may leave.
+const MANY_LONG: usize = 1000;
+const MOST_PIECES: usize = 16;
 /// Winding number of a point that is taken as inside: that of a plane sheet on itself.
 const INSIDE: f64 = 0.5;
 /// Least mean winding number of the inside: a box without a lid has 0.8, the hollows of a wavy sheet hardly more than [`INSIDE`].
@@ -73,7 +78,7 @@ impl Lines {
 /// Integrals over the cells of a grid that an oriented surface with holes winds around; `None` for a sheet, which encloses nothing.
 pub(super) fn enclosed(mesh: &TriMesh) -> Option<Moments> {
     let frame = Frame::new(mesh, CELLS)?;
-    let tree = FaceTree::new((0..mesh.faces().len()).map(|face| mesh.triangle(face)).collect());
+    let tree = FaceTree::new(short_triangles(mesh));
     let blocks = CELLS / BLOCK;
     let inside: Vec<(Vector3<f64>, f64)> = (0..blocks.pow(3))
         .into_par_iter()
@@ -85,6 +90,32 @@ pub(super) fn enclosed(mesh: &TriMesh) -> Option<Moments> {
     inside.iter().for_each(|(center, _)| all.add_box(center, &frame.cell, 1.0));
     let sum: f64 = inside.iter().map(|(_, winding)| winding).sum();
     (sum > ENCLOSED * inside.len() as f64).then_some(all)
+}
+
+/// The triangles of a mesh; if many of them are long, these are cut in pieces, which wind around a point as the whole does.
+fn short_triangles(mesh: &TriMesh) -> Vec<Triangle> {
+    let longest = |[a, b, c]: &Triangle| [(b - a).norm(), (c - b).norm(), (a - c).norm()];
+    let limit = LONG * mesh.extent();
+    let is_long = |triangle: &Triangle| longest(triangle).into_iter().any(|edge| edge > limit);
+    let whole: Vec<Triangle> = (0..mesh.faces().len()).map(|face| mesh.triangle(face)).collect();
+    if whole.iter().filter(|triangle| is_long(triangle)).count() < MANY_LONG {
+        return whole;
+    }
+    let (mut short, mut left) = (Vec::with_capacity(whole.len()), whole.clone());
+    while let Some(triangle) = left.pop() {
+        if !is_long(&triangle) {
+            short.push(triangle);
+        } else if short.len() + left.len() > MOST_PIECES * whole.len() {
+            return whole;
+        } else {
+            // In the middle of its longest edge.
+            let longest = Vector3::from(longest(&triangle)).imax();
+            let [a, b, c] = [0, 1, 2].map(|k| triangle[(longest + k) % 3]);
+            let middle = nalgebra::center(&a, &b);
+            left.extend([[a, middle, c], [middle, b, c]]);
+        }
+    }
+    short
 }
 
 /// The cells of a block that lie inside: their centres from the frame's, and their winding numbers.

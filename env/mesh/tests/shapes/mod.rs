@@ -87,3 +87,19 @@ fn tube(vertices: Vec<Point3<f64>>, n: u32) -> TriMesh {
         .collect();
     TriMesh::new(vertices, faces).unwrap()
 }
+
+/// A GLB of a JSON chunk and a binary one.
+pub fn glb(json: &str, bytes: &[u8]) -> Vec<u8> {
+    let padded = |chunk: &[u8], fill: u8| {
+        let mut chunk = chunk.to_vec();
+        chunk.resize(chunk.len().next_multiple_of(4), fill);
+        chunk
+    };
+    let chunks = [(padded(json.as_bytes(), b' '), b"JSON"), (padded(bytes, 0), b"BIN\0")];
+    let length: usize = 12 + chunks.iter().map(|(chunk, _)| 8 + chunk.len()).sum::<usize>();
+    let mut file = [b"glTF".as_slice(), &2_u32.to_le_bytes(), &(length as u32).to_le_bytes()].concat();
+    for (chunk, kind) in chunks {
+        file.extend([(chunk.len() as u32).to_le_bytes().as_slice(), kind, &chunk].concat());
+    }
+    file
+}

@@ -47,7 +47,7 @@ class ObjectArguments(_Arguments):
 
     object: Text = Field(
         description="An offered object set that names one object (procedural:mug:3), or the path of a mesh file "
-        "(.stl, .ply, .obj, .off) in the folder."
+        "(.stl, .ply, .obj, .off, .glb, .gltf) in the folder."
     )
     name: Text | None = Field(None, description="Name of one object, if the set has several.")
     scale: float = Field(1.0, gt=0, le=1e4, description="Metres per unit of a mesh file: 0.001 for millimetres.")

@@ -1,5 +1,6 @@
 """Objects, files and hands that an agent names: nothing outside the folder and the offer of the server."""
 
+from collections.abc import Collection
 from pathlib import Path, PurePath
 
 from graspbox.captures.files import DEPTH_SUFFIXES, RECORDING_SUFFIXES
@@ -28,7 +29,7 @@ class Workspace:
         self.settings = settings
         self._catalog = Catalog(settings.objects, settings.hands)
 
-    def file(self, name: str, suffixes: frozenset[str], kind: str) -> Path:
+    def file(self, name: str, suffixes: Collection[str], kind: str) -> Path:
         """Find a file by its path relative to the folder; links are followed, unless they lead out of it.
 
         `kind` describes a file with one of the `suffixes` in errors.
@@ -86,7 +87,7 @@ class Workspace:
             raise ConfigError(f"{name[:100]!r} leads out of the folder of this server; name a {kind} in it")
         return path
 
-    def _listed(self, suffixes: frozenset[str]) -> str:
+    def _listed(self, suffixes: Collection[str]) -> str:
         """List files of the folder, for an error."""
         names = []
         for count, entry in enumerate(self.settings.folder.iterdir()):
