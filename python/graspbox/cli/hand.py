@@ -45,6 +45,12 @@ def _load(words: list[str]) -> Hand:
         _refuse(error)
 
 
+def _print_assumptions(assumed: Sequence[str]) -> None:
+    """Print what the URDF does not state."""
+    for sentence in assumed:
+        typer.echo(f"assumed: {sentence}")
+
+
 def _print_fits(fits: Mapping[str, MeshFit]) -> None:
     """Print which shapes replace each collision mesh, and their distance from it."""
     for name, fit in fits.items():
@@ -103,8 +109,10 @@ def check(
         report = check_hand(loaded, trials=trials, seed=seed)
     fits = _fits_of(hand)
     if as_json:
-        print_json({**report.table(), "meshes": {name: _fit_table(fit) for name, fit in fits.items()}})
+        meshes = {name: _fit_table(fit) for name, fit in fits.items()}
+        print_json({**report.table(), "assumptions": list(loaded.assumptions), "meshes": meshes})
     else:
+        _print_assumptions(loaded.assumptions)
         _print_fits(fits)
         _print_report(report)
     if picture is not None:
@@ -174,14 +182,17 @@ def _check_new(path: Path, force: bool) -> None:
 
 
 def _print_guessed(guessed: GuessedHand, urdf: FittedUrdf, files: Sequence[Path], as_json: bool) -> None:
-    """Print the new files, the fits of meshes and loops, and the guesses to review."""
+    """Print the new files, what was assumed, the fits of meshes and loops, and the guesses to review."""
+    assumed = Hand(urdf.text, guessed.text, (urdf.name, "hand.toml"), urdf.assumptions).assumptions
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
         loops = {name: asdict(fit) for name, fit in urdf.loops.items()}
         review = list(guessed.review)
-        print_json({"hand": guessed.name, "out": str(files[-1]), "review": review, "meshes": meshes, "loops": loops})
+        done = {"hand": guessed.name, "out": str(files[-1]), "assumptions": list(assumed), "review": review}
+        print_json({**done, "meshes": meshes, "loops": loops})
         return
     console.print(f"wrote {' and '.join(map(str, files))}")
+    _print_assumptions(assumed)
     _print_fits(urdf.fits)
     for name, fit in urdf.loops.items():
         typer.echo(
