@@ -1,6 +1,7 @@
 """Check the files of your hand, or make them from a URDF or MJCF file."""
 
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -38,7 +39,8 @@ def _load(words: list[str]) -> Hand:
         raise ConfigError(f"{len(words)} arguments; give the name of a hand, or its URDF and its hand.toml")
     urdf = words[0].partition(",")[0]
     try:
-        return load_hand((words[0], words[1])) if len(words) == 2 else find_hand(words[0])
+        with warnings.catch_warnings(action="ignore"):  # all assumptions are printed
+            return load_hand((words[0], words[1])) if len(words) == 2 else find_hand(words[0])
     except HandError as error:
         _refuse(error, unit_findings(urdf))
     except FileError as error:

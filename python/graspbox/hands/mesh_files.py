@@ -1,5 +1,6 @@
 """The mesh files of robot descriptions: those that the core reads, and COLLADA (``.dae``; extra ``urdf``)."""
 
+import warnings
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -55,10 +56,11 @@ def _collada(content: bytes) -> tuple[Array, NDArray[np.uint32]]:
     """
     collada: Any = imported("collada", "reading COLLADA needs the package pycollada", "urdf")
     try:
-        document = collada.Collada(BytesIO(content), ignore=[collada.common.DaeError])
-        parts = [] if document.scene is None else list(document.scene.objects("geometry"))
-        sets = [_triangles(primitive) for part in parts for primitive in part.primitives()]
-        unit = float(document.assetInfo.unitmeter or 1.0)
+        with warnings.catch_warnings(action="ignore"):  # pycollada uses parts of numpy that are old
+            document = collada.Collada(BytesIO(content), ignore=[collada.common.DaeError])
+            parts = [] if document.scene is None else list(document.scene.objects("geometry"))
+            sets = [_triangles(primitive) for part in parts for primitive in part.primitives()]
+            unit = float(document.assetInfo.unitmeter or 1.0)
     except Exception as error:  # pycollada raises whatever a damaged file leads to
         raise MeshError(f"is no COLLADA file that pycollada reads: {error}") from None
     found = [one for one in sets if one is not None and len(one[1])]
@@ -66,7 +68,7 @@ def _collada(content: bytes) -> tuple[Array, NDArray[np.uint32]]:
         raise MeshError("has no triangles in its scene")
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in found)])
     vertices = np.concatenate([vertices for vertices, _ in found])
-    faces = np.concatenate([faces + start for (_, faces), start in zip(found, starts, strict=False)])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(found, starts, strict=False)]).astype(np.uint32)
     return unit * vertices, faces
 
 
