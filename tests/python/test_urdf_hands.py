@@ -215,7 +215,7 @@ def test_more_shapes_must_be_worth_their_time() -> None:
 def collada_cube(collada: Any) -> bytes:
     """Write the cube in millimetres, 10 cm up."""
     document = collada.Collada()
-    document.assetInfo.unitmeter = 0.001
+    document.assetInfo.unitname, document.assetInfo.unitmeter = "millimeter", 0.001
     corners = 20.0 * np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=float)
     source = collada.source.FloatSource("points", corners.ravel(), ("X", "Y", "Z"))
     geometry = collada.geometry.Geometry(document, "cube", "cube", [source])

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from graspbox._common.files import check_output, write_text
-from graspbox.cli.common import Json, Seed, check_files, console, find_hand, print_json
+from graspbox.cli.common import Json, Seed, check_files, console, hand_like, print_json
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
 from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand, guess_hand
 from graspbox.hand_tools.checking import unit_findings
@@ -28,7 +28,7 @@ _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 def _refuse(error: GraspboxError, hints: Sequence[Finding] = ()) -> NoReturn:
     """Print why files describe no hand, and end with the status of a wrong call."""
     console.print(f"graspbox: {error}", soft_wrap=True)
-    for hint in hints:
+    for hint in (hint for hint in hints if hint.severity != "note"):
         console.print(f"{hint.subject}: {hint.value}: {hint.message}; {hint.remedy}", soft_wrap=True)
     raise typer.Exit(2)
 
@@ -40,7 +40,7 @@ def _load(words: list[str]) -> Hand:
     urdf = words[0].partition(",")[0]
     try:
         with warnings.catch_warnings(action="ignore"):  # all assumptions are printed
-            return load_hand((words[0], words[1])) if len(words) == 2 else find_hand(words[0])
+            return load_hand((words[0], words[1]) if len(words) == 2 else hand_like(words[0]))
     except HandError as error:
         _refuse(error, unit_findings(urdf))
     except FileError as error:
@@ -128,7 +128,7 @@ def check(
 
 @hand_app.command("new")
 def new(
-    urdf: Annotated[Path, typer.Argument(help="The URDF.")],
+    urdf: Annotated[Path, typer.Argument(help="The URDF, xacro or MJCF file.")],
     out: Annotated[Path, typer.Option(help="Write this file.")] = Path("hand.toml"),
     name: Annotated[str | None, typer.Option(help="Name of the hand; that of the URDF's file by default.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
@@ -136,12 +136,14 @@ def new(
 ) -> None:
     """Begin a hand.toml for a URDF: a servo for each joint, pads and grasp frame are guessed, and the file loads.
 
+    A xacro is expanded (extra urdf), an MJCF file converted (extra mjcf) each time that the hand is loaded.
     The file begins with a list of guesses to review. Nothing is random here, so there is no --seed.
     """
     _check_new(out, force)
     try:
+        fitted = fitted_urdf(urdf)  # shows its own progress
         with console.status("guessing"):
-            fitted, guessed = fitted_urdf(urdf), guess_hand(urdf, name)
+            guessed = guess_hand(urdf, name)
     except (HandError, FileError) as error:
         _refuse(error, unit_findings(urdf))
     write_text(out, guessed.text)
