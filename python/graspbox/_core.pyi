@@ -220,7 +220,7 @@ class Hand:
     """A hand, held in Rust: immutable, pickled and compared by the text of its URDF and its ``hand.toml``."""
 
     def __new__(
-        cls, urdf: str, toml: str, names: tuple[str, str] | None = None, assumptions: Sequence[str] = ()
+        cls, urdf: str, toml: str, names: tuple[str, str] | None = None, assumptions: Sequence[str] = ...
     ) -> Hand:
         """Read a hand from the text of its files; `names` are those of the files in errors.
 

@@ -129,7 +129,11 @@ fn check_format(root: &Element, report: &mut Report<'_>) -> Option<()> {
     let macros = root.children.iter().find(|child| child.name.starts_with("xacro:"));
     let (line, what, remedy) = match (root.name.as_str(), macros) {
         ("robot", None) => return Some(()),
-        ("robot", Some(first)) => (first.line, "the file is a xacro", "expand it: `xacro hand.urdf.xacro > hand.urdf`"),
+        ("robot", Some(first)) => (
+            first.line,
+            "the file is a xacro",
+            "expand it: `xacro hand.urdf.xacro > hand.urdf`, or install graspbox[urdf], which does so",
+        ),
         ("mujoco", _) => {
             let remedy = "`graspbox hand convert` makes the two files of a hand from it";
             (root.line, "the file is an MJCF file", remedy)

@@ -337,7 +337,7 @@ fn texts_that_are_no_hand_are_refused() {
         ("<sdf/>", "the file is an SDF file; give the URDF or the MJCF file of this hand"),
         (
             "<robot xmlns:xacro=\"x\"><xacro:include/></robot>",
-            "the file is a xacro; expand it: `xacro hand.urdf.xacro > hand.urdf`",
+            "the file is a xacro; expand it: `xacro hand.urdf.xacro > hand.urdf`, or install graspbox[urdf], which does so",
         ),
         ("<html/>", "the file is no URDF: its root element is <html>; a URDF has <robot>"),
         ("<robot><link></robot>", "ill-formed document: expected `</link>`, but `</robot>` was found"),

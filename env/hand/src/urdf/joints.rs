@@ -42,8 +42,8 @@ pub(super) fn read(
     };
     let fixed = kind == JointKind::Fixed;
     let range = if fixed { Some([0.0; 2]) } else { range(written, &name, found == "continuous", report) };
-    let limit =
-        |attribute| written.child("limit").map_or(0.0, |limit| limit.number(attribute, 0.0).max(0.0).min(f64::MAX));
+    let stated = |attribute| written.child("limit").map_or(0.0, |limit| limit.number(attribute, 0.0));
+    let limit = |attribute| Some(stated(attribute)).filter(|number| number.is_finite()).unwrap_or_default();
     let joint = Joint {
         kind,
         parent,
