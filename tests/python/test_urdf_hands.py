@@ -15,10 +15,12 @@ import pytest
 import graspbox
 from command_line import invoke
 from graspbox import errors
+from graspbox.cli.common import find_hand
 from graspbox.errors import HandError
 from graspbox.hand_tools import guess_hand
 from graspbox.hands import MeshFit, Primitive, fitted_urdf, load_hand, mesh_fits, urdf_meshes
 from graspbox.hands.description import Link, describe_urdf
+from graspbox.tools import scene_export
 
 ASSETS = Path(__file__).parents[2] / "env/hand/assets/panda_gripper"
 #: The text of a cube's mesh with sides of 2 cm, as OBJ.
@@ -117,17 +119,25 @@ def test_a_frame_changes_nothing(tmp_path: Path) -> None:
     assert [frame for frame in framed.assumptions if 'link "tool": has no <inertial>' in frame]
     mesh = graspbox.object_sets.load("procedural:box:1")[0].load()
     plan = graspbox.plan(mesh, hand=plain, world_from_object=graspbox.Scene(mesh, hand=plain).world_from_object).best(8)
+    scene = graspbox.Scene(mesh, hand=framed)
+    for file in scene_export.export_scene(scene, tmp_path / "out", "mjcf", plan[0]).files:
+        if file.suffix == ".xml" and find_spec("mujoco") is not None:
+            model = pytest.importorskip("mujoco").MjModel.from_xml_path(str(file))
+            assert float(model.body("tool").mass[0]) == 0.0
     outcomes = graspbox.simulate(mesh, plan, hand=framed)
     assert outcomes.success.any()
     assert outcomes == graspbox.simulate(mesh, plan, hand=plain)
 
 
-def test_assumptions_are_told_once_and_kept(tmp_path: Path) -> None:
+def test_assumptions_are_told_once_and_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = with_toml(written(tmp_path, GRIPPER))
     with pytest.warns(UserWarning, match=r'hand.urdf:3: link "left": has no <inertial>.*; 1 more in Hand.assumptions'):
         hand = load_hand(files)
     assert [sentence.split(": ")[0] for sentence in hand.assumptions] == [f"{files[0]}:3", f"{files[0]}:9"]
     assert load_hand(files) == hand  # without another warning
+    other = written(tmp_path, GRIPPER, "other.urdf")
+    assert find_hand(f"{other},{files[1]}") == hand
+    assert f"warning: {other}:3: " in capsys.readouterr().err
     assert pickle.loads(pickle.dumps(hand)).assumptions == hand.assumptions
     made = graspbox.Hand(*hand.files, None, ["made from a drawing"])
     assert pickle.loads(pickle.dumps(made)).assumptions[0] == "made from a drawing"
