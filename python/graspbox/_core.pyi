@@ -61,6 +61,7 @@ __all__ = [
     "sampled_objects",
     "save_binvox",
     "solids",
+    "urdf_meshes",
     "views",
     "voxelize",
 ]
@@ -221,9 +222,14 @@ class Mesh:
 class Hand:
     """A hand, held in Rust: immutable, pickled and compared by the text of its URDF and its ``hand.toml``."""
 
-    def __new__(cls, urdf: str, toml: str, names: tuple[str, str] | None = None) -> Hand:
-        """Read a hand from the text of its files; `names` are those of the files in errors."""
-    def __getnewargs__(self) -> tuple[str, str]: ...
+    def __new__(
+        cls, urdf: str, toml: str, names: tuple[str, str] | None = None, assumptions: Sequence[str] = ...
+    ) -> Hand:
+        """Read a hand from the text of its files; `names` are those of the files in errors.
+
+        `assumptions` are those about the source of the URDF.
+        """
+    def __getnewargs__(self) -> tuple[str, str, tuple[str, str], list[str]]: ...
     def __copy__(self) -> Hand: ...
     def __deepcopy__(self, _memo: object, /) -> Hand: ...
     def __eq__(self, other: object, /) -> bool: ...
@@ -241,6 +247,9 @@ class Hand:
     @property
     def files(self) -> tuple[str, str]:
         """The text of its URDF and of its ``hand.toml``."""
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What its URDF does not state and was assumed: a sentence each, with file, line and element."""
     @property
     def description(self) -> dict[str, Any]:
         """All that the files say, as plain values: see `graspbox.hands.description.HandDescription`."""
@@ -508,6 +517,13 @@ def describe_urdf(urdf: str, name: str, *, anyway: bool = False) -> list[dict[st
     """Links and joints of the text of a URDF, as in `Hand.description`; errors call the file `name`.
 
     With `anyway`, also where numbers are wrong, such as millimetres; None where there is no tree of links.
+    """
+
+def urdf_meshes(urdf: str, name: str) -> tuple[list[dict[str, Any]], list[tuple[int, str]]]:
+    """Collision meshes of the text of a URDF, and the names that shapes beside them need.
+
+    A mesh has ``name``, ``line``, ``file``, ``scale``, ``link_from_mesh``, and its ``element`` from byte ``start`` to
+    ``end``. A name is inserted at a byte, as an attribute.
     """
 
 def is_rigid(poses: NDArray[np.float64]) -> NDArray[np.bool_]:

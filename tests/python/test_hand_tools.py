@@ -305,8 +305,7 @@ def test_status_of_check(tmp_path: Path) -> None:
     ("pattern", "replacement", "line"),
     [
         (r'xyz="0 0 0.0584"', 'xyz="0 0 58.4"', "58.4 m: its origin is farther"),
-        (r'iyy="0.0025"', 'iyy="-0.0025"', "least principal moment of inertia"),
-        (r'iyy="0.0025"', 'iyy="0.025"', "at most the sum of the other two"),
+        (r'<mass value="0.73"/>', '<mass value="-1"/>', "it must be greater than 0 kg"),
         (r'lower="0" upper="0.04"', 'lower="0.05" upper="0.04"', "the upper end must be greater"),
     ],
 )
@@ -413,18 +412,18 @@ def test_new_keeps_files(tmp_path: Path) -> None:
     assert out.read_text() == "mine"
     result = run("new", urdf, "--out", out, "--force", "--json")
     assert result.exit_code == 0
-    assert set(json.loads(result.stdout)) == {"hand", "out", "review", "meshes", "loops"}
+    assert set(json.loads(result.stdout)) == {"hand", "out", "assumptions", "review", "meshes", "loops"}
     assert tomllib.loads(out.read_text())["name"] == "panda_gripper"
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no root element"),
+        ("", "there is no element"),
         ("<robot/>", "there are no links"),
         ("<!DOCTYPE a [<!ENTITY b 'c'>]><robot/>", "document type"),
         (f'<robot name="r"><link name="a">{INERTIAL}</link></robot>', "no joint that moves"),
-        ('<robot><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>', r"hand\.urdf:1: link \"a\" has no inertial"),  # noqa: E501
+        ('<robot><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>', "no link that a joint moves has a collision shape"),  # noqa: E501
     ],
 )  # fmt: skip
 def test_urdfs_that_are_no_hand(text: str, message: str, tmp_path: Path) -> None:
@@ -480,6 +479,7 @@ def mutated(text: str, numbers: random.Random) -> str:
     return text[: found.start()] + new + text[found.end() :]
 
 
+@pytest.mark.filterwarnings("ignore")  # many say less than they must
 @pytest.mark.parametrize("seed", range(60))
 def test_mutated_urdfs_never_break_it(seed: int, tmp_path: Path) -> None:
     """A file that loads, or an error of graspbox; a loaded hand can be checked."""

@@ -27,7 +27,7 @@ const MAX_PARTS: usize = 32;
 /// Largest number of names in a list of joints.
 const MAX_NAMES: usize = 64;
 /// Largest number of pads: one per collider that a URDF may have.
-const MAX_PADS: usize = 256;
+const MAX_PADS: usize = 1024;
 /// Largest number of tactile sensors.
 const MAX_SENSORS: usize = 1024;
 
@@ -50,6 +50,7 @@ pub(crate) fn assemble(tree: Tree, table: &HandTable, reader: &mut Reader<'_, '_
             pad: reader.not_negative(("material", "pad"), "friction", &table.friction.pad, "1"),
             bare: reader.not_negative(("material", "bare"), "friction", &table.friction.bare, "1"),
         },
+        assumptions: Vec::new(),
     };
     set_pads(&mut hand, &table.pads, reader);
     read_sensors(&mut hand, table, reader);

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use crate::urdf::assumption::{Assumption, AssumptionKind};
+
 /// Why a hand could not be loaded or used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -42,6 +44,33 @@ pub enum HandError {
     /// A position, command or load is NaN or infinite.
     #[error("the {what} is {value}; give a finite number")]
     NotFinite { what: &'static str, value: f64 },
+}
+
+/// Collects the problems of one file, and what is assumed about it.
+#[derive(Default)]
+pub(crate) struct Report<'a> {
+    pub file: &'a str,
+    /// Problems so far.
+    pub problems: Vec<Problem>,
+    /// Assumptions so far.
+    pub assumptions: Vec<Assumption>,
+}
+
+impl<'a> Report<'a> {
+    /// An empty report about a file.
+    pub fn new(file: &'a str) -> Self {
+        Self { file, ..Self::default() }
+    }
+
+    /// Records a problem at a line.
+    pub fn add(&mut self, line: usize, kind: ProblemKind) {
+        self.problems.push(Problem { file: self.file.to_owned(), line, kind });
+    }
+
+    /// Records an assumption at a line.
+    pub fn assume(&mut self, line: usize, kind: AssumptionKind) {
+        self.assumptions.push(Assumption { file: self.file.to_owned(), line, kind });
+    }
 }
 
 /// Every problem, in the order of the files' lines; never empty.
@@ -95,9 +124,14 @@ pub enum ProblemKind {
     /// The XML reader refused the text.
     #[error("{0}")]
     Xml(String),
-    /// The URDF reader refused the text.
-    #[error("not a URDF: {0}")]
-    Urdf(String),
+    /// A file of another format.
+    #[error("{what}; {remedy}")]
+    OtherFormat {
+        /// What the file is.
+        what: String,
+        /// What reads it.
+        remedy: &'static str,
+    },
     /// A document type declaration.
     #[error("a document type declaration is not allowed; remove it")]
     Doctype,
@@ -166,8 +200,13 @@ pub enum ProblemKind {
     #[error("no link is a root: the joints form a cycle")]
     NoRoot,
     /// An unsupported joint type.
-    #[error("joint \"{name}\" is {found}; only revolute, prismatic and fixed joints are supported")]
-    JointType { name: String, found: String },
+    #[error("joint \"{name}\" is {found}; {remedy}")]
+    JointType {
+        name: String,
+        found: String,
+        /// What to use instead.
+        remedy: &'static str,
+    },
     /// A joint that is fixed, or follows another one, where an independent one is needed.
     #[error("joint \"{name}\" {is}; name an independent joint instead")]
     NotIndependent { name: String, is: String },
@@ -256,9 +295,6 @@ pub enum ProblemKind {
         "collider \"{name}\" is the mesh \"{file}\"; replace it by boxes, cylinders and spheres: `graspbox.hands.fitted_urdf` does so"
     )]
     CollisionMesh { name: String, file: String },
-    /// A collision capsule.
-    #[error("collider \"{name}\" is a capsule; replace it by a cylinder and two spheres")]
-    Capsule { name: String },
     /// A unit other than that of the quantity.
     #[error("{quantity} is in \"{found}\"; give it in \"{expected}\"")]
     Unit {

@@ -6,7 +6,7 @@
 //! | [`grasp`] | how the hand grasps: closing actuators, preshapes, and the faces that these suit |
 //! | `opening` | positions of actuators and joints of the open and the closed hand |
 //! | [`chains`] | results of the tree of joints: coordinates, chains, drivers |
-//! | [`load`] | reads the two files (`scan` and `urdf`, `table`) and checks them together (`assemble` and its parts) |
+//! | [`load`] | reads the two files ([`urdf`], `table`) and checks them together (`assemble` and its parts) |
 //! | [`error`] | errors in these files, with file and line |
 //! | [`assets`] | the hands that come with the project, embedded |
 //! | [`kinematics`] | from joint positions to the poses of links and shapes |
@@ -43,19 +43,20 @@ pub mod load;
 pub mod model;
 mod opening;
 pub mod pose;
-mod scan;
 mod table;
 pub mod tendon;
-mod urdf;
+pub mod urdf;
 
 pub use actuator::{ActuatorCommand, ActuatorState, Hold};
 pub use chains::Chain;
 pub use error::{HandError, Problem, ProblemKind, Problems};
 pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, QuarterTurn};
 pub use kinematics::PlacedShape;
-pub use load::{read_urdf, read_urdf_anyway};
+pub use load::{UrdfMeshes, read_urdf, read_urdf_anyway, urdf_meshes};
 pub use model::{
     Actuator, Collider, Drive, DrivenJoint, Friction, Hand, Joint, JointGroup, JointKind, Link, Material, Mimic, Shape,
     TactileSensor, Tendon, Transmission,
 };
 pub use pose::{GraspPose, rigid_motion};
+pub use urdf::MeshShape;
+pub use urdf::assumption::{Assumption, AssumptionKind};

@@ -5,11 +5,11 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::assemble::assemble;
-use crate::error::{HandError, Problem, ProblemKind, Problems};
+use crate::error::{HandError, Problem, ProblemKind, Problems, Report};
 use crate::model::{Hand, Joint, Link};
-use crate::scan::Report;
 use crate::table::{HandTable, Reader};
-use crate::urdf;
+use crate::urdf::assumption::Assumption;
+use crate::urdf::{self, MeshShape, Tree};
 
 /// Largest size of each file, bytes; those of the ReFlex have 20 kB.
 pub const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -48,9 +48,9 @@ impl Hand {
     /// # Errors
     /// [`HandError::Invalid`] with every problem, each with its file and line.
     pub fn from_strs(urdf: &str, toml: &str, names: [&str; 2]) -> Result<Self, HandError> {
-        let mut links = Report { file: names[0], problems: Vec::new() };
-        let mut tables = Report { file: names[1], problems: Vec::new() };
-        let tree = bounded(urdf, &mut links).then(|| urdf::read(urdf, &mut links)).flatten();
+        let mut links = Report::new(names[0]);
+        let mut tables = Report::new(names[1]);
+        let tree = read_tree(urdf, &mut links);
         let table = bounded(toml, &mut tables).then(|| Reader::new(toml, &mut tables).parse::<HandTable>()).flatten();
         let mut hand = None;
         if let (Some(tree), Some(table)) = (tree, table) {
@@ -64,7 +64,7 @@ impl Hand {
         tables.problems.sort_by_key(|p| p.line);
         links.problems.append(&mut tables.problems);
         match hand.filter(|_| links.problems.is_empty()) {
-            Some(hand) => Ok(hand),
+            Some(hand) => Ok(Self { assumptions: sorted(links.assumptions), ..hand }),
             None => Err(HandError::Invalid(Problems(links.problems))),
         }
     }
@@ -77,13 +77,31 @@ impl Hand {
 /// # Errors
 /// [`HandError::Invalid`] with every problem, each with its line.
 pub fn read_urdf(urdf: &str, name: &str) -> Result<(Vec<Link>, Vec<Joint>), HandError> {
-    let mut report = Report { file: name, problems: Vec::new() };
+    let mut report = Report::new(name);
+    let tree = read_tree(urdf, &mut report);
+    finished(tree, report).map(|tree| (tree.links, tree.joints))
+}
+
+/// The collision shapes of a URDF that are meshes, which primitives must replace before a hand is made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct UrdfMeshes {
+    /// The meshes, in the order of the links.
+    pub meshes: Vec<MeshShape>,
+    /// Bytes of the text at which ` name="NAME"` must be inserted, and NAME: shapes without a name, on links with meshes, are numbered,
+    /// and would get other numbers.
+    pub unnamed: Vec<(usize, String)>,
+}
+
+/// Finds the collision meshes of a URDF that has no other problem.
+///
+/// * `name`: name of the file in errors.
+///
+/// # Errors
+/// As [`read_urdf`].
+pub fn urdf_meshes(urdf: &str, name: &str) -> Result<UrdfMeshes, HandError> {
+    let mut report = Report::new(name);
     let tree = bounded(urdf, &mut report).then(|| urdf::read(urdf, &mut report)).flatten();
-    report.problems.sort_by_key(|problem| problem.line);
-    match tree.filter(|_| report.problems.is_empty()) {
-        Some(tree) => Ok((tree.links, tree.joints)),
-        None => Err(HandError::Invalid(Problems(report.problems))),
-    }
+    finished(tree, report).map(|tree| UrdfMeshes { meshes: tree.meshes, unnamed: tree.unnamed })
 }
 
 /// As [`read_urdf`], with numbers that no hand has, such as millimetres; `None` where the file has no tree of links.
@@ -91,6 +109,26 @@ pub fn read_urdf(urdf: &str, name: &str) -> Result<(Vec<Link>, Vec<Joint>), Hand
 pub fn read_urdf_anyway(urdf: &str) -> Option<(Vec<Link>, Vec<Joint>)> {
     let tree = (urdf.len() as u64 <= MAX_FILE_BYTES).then(|| urdf::read_anyway(urdf)).flatten()?;
     Some((tree.links, tree.joints))
+}
+
+/// Reads a URDF whose collision shapes are primitives.
+fn read_tree(urdf: &str, report: &mut Report<'_>) -> Option<Tree> {
+    let tree = bounded(urdf, report).then(|| urdf::read(urdf, report)).flatten()?;
+    for mesh in &tree.meshes {
+        report.add(mesh.line, ProblemKind::CollisionMesh { name: mesh.name.clone(), file: mesh.file.clone() });
+    }
+    Some(tree)
+}
+
+/// The tree, or the problems by line.
+fn finished(tree: Option<Tree>, mut report: Report<'_>) -> Result<Tree, HandError> {
+    report.problems.sort_by_key(|problem| problem.line);
+    tree.filter(|_| report.problems.is_empty()).ok_or(HandError::Invalid(Problems(report.problems)))
+}
+
+fn sorted(mut assumptions: Vec<Assumption>) -> Vec<Assumption> {
+    assumptions.sort_by_key(|assumption| assumption.line);
+    assumptions
 }
 
 /// Every independent joint must be held by something: a spring, a tendon or an actuator.

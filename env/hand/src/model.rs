@@ -4,6 +4,7 @@
 //! pull them, actuators wind tendons or drive joints. How the hand is used to grasp is in [`crate::grasp`].
 
 use crate::grasp::Grasp;
+use crate::urdf::assumption::Assumption;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 /// Material of a surface of the hand; it determines the friction factor.
@@ -86,7 +87,7 @@ pub struct Collider {
 pub struct Link {
     /// Name in the URDF.
     pub name: String,
-    /// Mass, kg.
+    /// Mass, kg; 0 for a frame that is fixed to others, which have mass.
     pub mass: f64,
     /// Centre of mass in the link's frame, metres.
     pub center_of_mass: Point3<f64>,
@@ -333,4 +334,6 @@ pub struct Hand {
     pub grasp: Grasp,
     /// Friction factors of its surfaces.
     pub friction: Friction,
+    /// What its URDF does not say and was assumed.
+    pub assumptions: Vec<Assumption>,
 }

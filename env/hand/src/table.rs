@@ -6,9 +6,8 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
 
-use crate::error::ProblemKind;
+use crate::error::{ProblemKind, Report};
 use crate::grasp::QuarterTurn;
-use crate::scan::Report;
 
 /// A number (or a list of them), its unit, and where it comes from.
 #[derive(Debug, Clone, Deserialize)]

@@ -3,7 +3,7 @@
 use crate::errors::CoreError;
 use graspbox_hand::{
     Actuator as CoreActuator, Collider, Drive, Hand, Joint as CoreJoint, JointKind, Link as CoreLink, Material,
-    Shape as Primitive, Transmission, read_urdf, read_urdf_anyway,
+    Shape as Primitive, Transmission, read_urdf, read_urdf_anyway, urdf_meshes as find_meshes,
 };
 use nalgebra::Isometry3;
 use pyo3::prelude::*;
@@ -106,6 +106,36 @@ struct Sensor {
 pub fn describe_urdf(urdf: &str, name: &str, anyway: bool) -> PyResult<Option<Vec<Link>>> {
     let found = if anyway { read_urdf_anyway(urdf) } else { Some(read_urdf(urdf, name).map_err(CoreError::from)?) };
     Ok(found.map(|(links, joints)| described(&links, &joints, |_| 0.0)))
+}
+
+/// A collision mesh of a URDF; `start` and `end` are bytes of its element in the text.
+#[derive(IntoPyObject)]
+pub struct MeshShape {
+    name: String,
+    line: usize,
+    file: String,
+    scale: (f64, f64, f64),
+    link_from_mesh: Pose,
+    element: String,
+    start: usize,
+    end: usize,
+}
+
+/// Collision meshes of the text of a URDF, which errors call `name`, and where shapes beside them get names: byte and name.
+#[pyfunction]
+pub fn urdf_meshes(urdf: &str, name: &str) -> PyResult<(Vec<MeshShape>, Vec<(usize, String)>)> {
+    let found = find_meshes(urdf, name).map_err(CoreError::from)?;
+    let mesh = |mesh: graspbox_hand::MeshShape| MeshShape {
+        name: mesh.name,
+        line: mesh.line,
+        file: mesh.file,
+        scale: mesh.scale.into(),
+        link_from_mesh: pose(&mesh.link_from_mesh),
+        element: mesh.element,
+        start: mesh.span.start,
+        end: mesh.span.end,
+    };
+    Ok((found.meshes.into_iter().map(mesh).collect(), found.unnamed))
 }
 
 /// All of a hand.

@@ -8,6 +8,7 @@ use graspbox_hand::{Hand as Core, JointKind, Material};
 use graspbox_plan::closing_center;
 use nalgebra::{UnitQuaternion, Vector3};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
 use std::path::PathBuf;
@@ -15,16 +16,28 @@ use std::sync::Arc;
 
 /// Poses (n, 4, 4), half extents (n, 3), pad flags (n,), and joints (n,).
 type Shapes<'py> = (Array<'py, f64>, Array<'py, f64>, Array<'py, bool>, Array<'py, i64>);
+/// The arguments of [`Hand::new`].
+type NewArguments<'a> = (&'a str, &'a str, (&'a str, &'a str), &'a [String]);
 /// Frames (j, 4, 4), chains (j,), and revolute flags (j,).
 type JointFrames<'py> = (Array<'py, f64>, Array<'py, i64>, Array<'py, bool>);
 
-/// A handle on a hand, with the text of its two files, by which it is pickled and compared.
+/// What a hand was made from: by the texts it is compared, by all of it pickled.
+struct Source {
+    /// Its URDF and its `hand.toml`.
+    texts: [String; 2],
+    /// Names of the two files in errors and assumptions.
+    names: [String; 2],
+    /// What was assumed before the URDF was made.
+    assumptions: Vec<String>,
+}
+
+/// A handle on a hand, with what it was made from.
 #[pyclass(frozen, eq, hash, module = "graspbox._core")]
-pub struct Hand(pub Arc<Core>, Arc<[String; 2]>);
+pub struct Hand(pub Arc<Core>, Arc<Source>);
 
 impl PartialEq for Hand {
     fn eq(&self, other: &Self) -> bool {
-        self.1 == other.1
+        self.1.texts == other.1.texts
     }
 }
 
@@ -32,7 +45,15 @@ impl Eq for Hand {}
 
 impl Hash for Hand {
     fn hash<H: Hasher>(&self, state: &mut H) {
-        self.1.hash(state);
+        self.1.texts.hash(state);
+    }
+}
+
+impl Hand {
+    fn read(texts: [String; 2], names: [String; 2], assumptions: Vec<String>) -> PyResult<Self> {
+        let hand =
+            Core::from_strs(&texts[0], &texts[1], names.each_ref().map(String::as_str)).map_err(CoreError::from)?;
+        Ok(Self(Arc::new(hand), Arc::new(Source { texts, names, assumptions })))
     }
 }
 
@@ -40,19 +61,18 @@ impl Hash for Hand {
 impl Hand {
     /// Reads a hand from the text of its two files.
     #[new]
-    #[pyo3(signature = (urdf, toml, names=None))]
-    fn new(urdf: String, toml: String, names: Option<(String, String)>) -> PyResult<Self> {
-        let (first, second) = names.as_ref().map_or(("URDF", "hand.toml"), |(u, t)| (u.as_str(), t.as_str()));
-        let hand = Core::from_strs(&urdf, &toml, [first, second]).map_err(CoreError::from)?;
-        Ok(Self(Arc::new(hand), Arc::new([urdf, toml])))
+    #[pyo3(signature = (urdf, toml, names=None, assumptions=Vec::new()))]
+    fn new(urdf: String, toml: String, names: Option<(String, String)>, assumptions: Vec<String>) -> PyResult<Self> {
+        let (first, second) = names.unwrap_or_else(|| ("URDF".to_owned(), "hand.toml".to_owned()));
+        Self::read([urdf, toml], [first, second], assumptions)
     }
 
     /// A hand that comes with the package.
     #[staticmethod]
     fn named(name: &str) -> PyResult<Self> {
         let found = asset(name).map_err(CoreError::from)?;
-        let hand = found.read().map_err(CoreError::from)?;
-        Ok(Self(Arc::new(hand), Arc::new([found.urdf.to_owned(), found.toml.to_owned()])))
+        let names = [format!("{name}.urdf"), "hand.toml".to_owned()];
+        Self::read([found.urdf.to_owned(), found.toml.to_owned()], names, Vec::new())
     }
 
     /// Names of the hands that come with the package.
@@ -64,7 +84,14 @@ impl Hand {
     /// The text of its URDF and of its `hand.toml`.
     #[getter]
     fn files(&self) -> (&str, &str) {
-        (&self.1[0], &self.1[1])
+        (&self.1.texts[0], &self.1.texts[1])
+    }
+
+    /// What its URDF does not say and was assumed, a sentence each, with file and line.
+    #[getter]
+    fn assumptions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let own = self.0.assumptions.iter().map(ToString::to_string);
+        PyTuple::new(py, self.1.assumptions.iter().cloned().chain(own).collect::<Vec<_>>())
     }
 
     /// Reads a hand from its URDF and its `hand.toml`.
@@ -72,12 +99,12 @@ impl Hand {
     fn load(urdf: PathBuf, toml: PathBuf) -> PyResult<Self> {
         let [u, t] = Core::read_files(&urdf, &toml).map_err(CoreError::from)?;
         let names = [urdf.display().to_string(), toml.display().to_string()];
-        let hand = Core::from_strs(&u, &t, names.each_ref().map(String::as_str)).map_err(CoreError::from)?;
-        Ok(Self(Arc::new(hand), Arc::new([u, t])))
+        Self::read([u, t], names, Vec::new())
     }
 
-    fn __getnewargs__(&self) -> (&str, &str) {
-        (&self.1[0], &self.1[1])
+    fn __getnewargs__(&self) -> NewArguments<'_> {
+        let Source { texts: [urdf, toml], names: [first, second], assumptions } = &*self.1;
+        (urdf, toml, (first, second), assumptions)
     }
 
     /// Hands are immutable: copies are the same object.

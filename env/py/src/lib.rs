@@ -25,7 +25,7 @@ mod _core {
     #[pymodule_export]
     use crate::convert::is_rigid;
     #[pymodule_export]
-    use crate::description::describe_urdf;
+    use crate::description::{describe_urdf, urdf_meshes};
     #[pymodule_export]
     use crate::environments::client::{Client, PolicyClient};
     #[pymodule_export]

@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -137,8 +138,13 @@ def hand_like(name: str) -> str | tuple[str, str]:
 
 
 def find_hand(name: str) -> Hand:
-    """Load the hand that the command line names, by its name or its two files."""
-    return load_hand(hand_like(name))
+    """Load the hand that the command line names, by its name or its two files; print what its URDF does not state."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        hand = load_hand(hand_like(name))
+    for warning in told:
+        console.print(f"warning: {warning.message}", style="yellow", soft_wrap=True)
+    return hand
 
 
 def find_one(mesh: str, scale: float) -> object_sets.ObjectSpec:

@@ -1,6 +1,7 @@
 """Check the files of your hand, or make them from a URDF or MJCF file."""
 
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from graspbox._common.files import check_output, write_text
-from graspbox.cli.common import Json, Seed, check_files, console, find_hand, print_json
+from graspbox.cli.common import Json, Seed, check_files, console, hand_like, print_json
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
 from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand, guess_hand
 from graspbox.hand_tools.checking import unit_findings
@@ -27,7 +28,7 @@ _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 def _refuse(error: GraspboxError, hints: Sequence[Finding] = ()) -> NoReturn:
     """Print why files describe no hand, and end with the status of a wrong call."""
     console.print(f"graspbox: {error}", soft_wrap=True)
-    for hint in hints:
+    for hint in (hint for hint in hints if hint.severity != "note"):
         console.print(f"{hint.subject}: {hint.value}: {hint.message}; {hint.remedy}", soft_wrap=True)
     raise typer.Exit(2)
 
@@ -38,11 +39,18 @@ def _load(words: list[str]) -> Hand:
         raise ConfigError(f"{len(words)} arguments; give the name of a hand, or its URDF and its hand.toml")
     urdf = words[0].partition(",")[0]
     try:
-        return load_hand((words[0], words[1])) if len(words) == 2 else find_hand(words[0])
+        with warnings.catch_warnings(action="ignore"):  # all assumptions are printed
+            return load_hand((words[0], words[1]) if len(words) == 2 else hand_like(words[0]))
     except HandError as error:
         _refuse(error, unit_findings(urdf))
     except FileError as error:
         _refuse(error)
+
+
+def _print_assumptions(assumed: Sequence[str]) -> None:
+    """Print what the URDF does not state."""
+    for sentence in assumed:
+        typer.echo(f"assumed: {sentence}")
 
 
 def _print_fits(fits: Mapping[str, MeshFit]) -> None:
@@ -103,8 +111,10 @@ def check(
         report = check_hand(loaded, trials=trials, seed=seed)
     fits = _fits_of(hand)
     if as_json:
-        print_json({**report.table(), "meshes": {name: _fit_table(fit) for name, fit in fits.items()}})
+        meshes = {name: _fit_table(fit) for name, fit in fits.items()}
+        print_json({**report.table(), "assumptions": list(loaded.assumptions), "meshes": meshes})
     else:
+        _print_assumptions(loaded.assumptions)
         _print_fits(fits)
         _print_report(report)
     if picture is not None:
@@ -118,7 +128,7 @@ def check(
 
 @hand_app.command("new")
 def new(
-    urdf: Annotated[Path, typer.Argument(help="The URDF.")],
+    urdf: Annotated[Path, typer.Argument(help="The URDF, xacro or MJCF file.")],
     out: Annotated[Path, typer.Option(help="Write this file.")] = Path("hand.toml"),
     name: Annotated[str | None, typer.Option(help="Name of the hand; that of the URDF's file by default.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
@@ -126,12 +136,14 @@ def new(
 ) -> None:
     """Begin a hand.toml for a URDF: a servo for each joint, pads and grasp frame are guessed, and the file loads.
 
+    A xacro is expanded (extra urdf), an MJCF file converted (extra mjcf) each time that the hand is loaded.
     The file begins with a list of guesses to review. Nothing is random here, so there is no --seed.
     """
     _check_new(out, force)
     try:
+        fitted = fitted_urdf(urdf)  # shows its own progress
         with console.status("guessing"):
-            fitted, guessed = fitted_urdf(urdf), guess_hand(urdf, name)
+            guessed = guess_hand(urdf, name)
     except (HandError, FileError) as error:
         _refuse(error, unit_findings(urdf))
     write_text(out, guessed.text)
@@ -174,14 +186,17 @@ def _check_new(path: Path, force: bool) -> None:
 
 
 def _print_guessed(guessed: GuessedHand, urdf: FittedUrdf, files: Sequence[Path], as_json: bool) -> None:
-    """Print the new files, the fits of meshes and loops, and the guesses to review."""
+    """Print the new files, what was assumed, the fits of meshes and loops, and the guesses to review."""
+    assumed = Hand(urdf.text, guessed.text, (urdf.name, "hand.toml"), urdf.assumptions).assumptions
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
         loops = {name: asdict(fit) for name, fit in urdf.loops.items()}
         review = list(guessed.review)
-        print_json({"hand": guessed.name, "out": str(files[-1]), "review": review, "meshes": meshes, "loops": loops})
+        done = {"hand": guessed.name, "out": str(files[-1]), "assumptions": list(assumed), "review": review}
+        print_json({**done, "meshes": meshes, "loops": loops})
         return
     console.print(f"wrote {' and '.join(map(str, files))}")
+    _print_assumptions(assumed)
     _print_fits(urdf.fits)
     for name, fit in urdf.loops.items():
         typer.echo(

@@ -85,8 +85,7 @@ def guess_hand(urdf: str | os.PathLike[str], name: str | None = None) -> Guessed
     path = Path(urdf)
     read_bounded(path, LARGEST)  # raises if it cannot be read
     fitted = fitted_urdf(path)
-    # Lines of the text without meshes are not those of the file.
-    names = (f"{path} (meshes replaced)" if fitted.fits else str(path), "hand.toml")
+    names = (fitted.name, "hand.toml")
     links = describe_urdf(fitted.text, names[0])
     joints = independent(links)
     if not joints:

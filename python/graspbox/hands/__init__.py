@@ -8,7 +8,8 @@ from graspbox.hands.loading import HandLike, load_hand
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
 from graspbox.hands.mjcf import urdf_of_mjcf
 from graspbox.hands.mjcf_loops import LoopFit
-from graspbox.hands.urdf_meshes import FittedUrdf, fitted_urdf
+from graspbox.hands.reading import fitted_urdf
+from graspbox.hands.urdf_meshes import FittedUrdf
 
 __all__ = [
     "FittedUrdf",

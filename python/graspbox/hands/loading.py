@@ -1,12 +1,15 @@
 """Loading hands by name or from their two files."""
 
 import os
+import warnings
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
 from graspbox._core import Hand
-from graspbox.errors import ConfigError
-from graspbox.hands.urdf_meshes import fitted_urdf, read_text
+from graspbox.errors import ConfigError, HandError
+from graspbox.hands.reading import read_hand
+from graspbox.hands.urdf_meshes import read_text
 
 __all__ = ["HandLike", "load_hand"]
 
@@ -21,7 +24,8 @@ def load_hand(hand: HandLike = "reflex") -> Hand:
     ----------
     hand : str, Hand, or pair of paths
         A name of `graspbox.Hand.names`, or (URDF, ``hand.toml``). Collision meshes are replaced by primitives
-        (`graspbox.hands.fitted_urdf`).
+        (`graspbox.hands.fitted_urdf`). A warning, once per file, says how much the URDF does not state and was assumed;
+        `Hand.assumptions` lists it.
 
     Raises
     ------
@@ -44,9 +48,28 @@ def load_hand(hand: HandLike = "reflex") -> Hand:
     raise ConfigError(f"there is no hand {hand!r}; choose from {known}, or pass the paths of a URDF and a hand.toml")
 
 
+#: Files about whose assumptions a warning was given.
+_TOLD: set[str] = set()
+
+
 def _loaded(urdf: Path, toml: Path) -> Hand:
-    """Load a hand from its files; the core reads those without collision meshes, and names their lines in errors."""
-    if not urdf.is_file() or not (fitted := fitted_urdf(urdf)).fits:
-        return Hand.load(urdf, toml)
-    # Lines of the text without meshes are not those of the file.
-    return Hand(fitted.text, read_text(toml), (f"{urdf} (meshes replaced)", str(toml)))
+    """Load a hand from its files; both are checked together before meshes are fitted."""
+    if not urdf.is_file() or not toml.is_file():
+        return Hand.load(urdf, toml)  # raises
+    text = read_text(toml)
+    fitted = read_hand(urdf, partial(_check, text, str(toml)))
+    hand = Hand(fitted.text, text, (fitted.name, str(toml)), fitted.assumptions)
+    if (assumed := hand.assumptions) and fitted.name not in _TOLD:
+        _TOLD.add(fitted.name)
+        more = f"; {len(assumed) - 1} more in Hand.assumptions" if len(assumed) > 1 else ""
+        warnings.warn(f"{assumed[0]}{more}", UserWarning, stacklevel=3)
+    return hand
+
+
+def _check(toml: str, toml_name: str, urdf: str, urdf_name: str) -> None:
+    """Raise the errors of the two files with a box in place of each mesh, but for names of shapes that come later."""
+    try:
+        Hand(urdf, toml, (urdf_name, toml_name))
+    except HandError as error:
+        if any("there is no collider" not in line for line in str(error).splitlines()[1:]):
+            raise

@@ -1,11 +1,15 @@
 """Boxes, cylinders and spheres in place of a mesh, chosen by the distance of their surface from that of the mesh.
 
-Decompositions into one box and more are compared; each box may become the cylinder or the sphere inside it. The fewest
-primitives whose surface is near enough are taken.
+Decompositions into one box and more are compared; each box may become the cylinder or the sphere inside it. A further
+primitive must be worth its time in simulation: it must bring the surface nearer by a share of the mesh's size.
 """
 
-from collections.abc import Iterator, Sequence
+import hashlib
+import json
+import logging
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -13,13 +17,19 @@ from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox._common.arguments import config_dict
+from graspbox._common.files import write_text
 from graspbox._common.rotations import poses_from
 from graspbox._core import Mesh
 from graspbox.configs import DecomposeConfig
+from graspbox.hands.caching import cache_folder
 
-__all__ = ["MeshFit", "Primitive", "fit_mesh"]
+__all__ = ["MeshFit", "MeshFits", "Primitive", "cached_fits", "chosen", "fit_mesh", "fits_of"]
 
 Array = NDArray[np.float64]
+
+_LOG = logging.getLogger(__name__)
+#: Changes with the method, so that cached fits of another one are not used.
+_METHOD = "2"
 
 #: Numbers of boxes that are tried.
 _BOXES = (1, 2, 3, 4, 6, 8)
@@ -27,8 +37,11 @@ _BOXES = (1, 2, 3, 4, 6, 8)
 _SAMPLES, _PRIMITIVE_SAMPLES = 4000, 600
 #: Mean distance that is near enough, metres.
 _NEAR = 1e-3
-#: More primitives must bring the mean distance below this share of that of fewer.
-_WORTH = 0.85
+#: A further primitive must lower the mean distance by this share of the mesh's diagonal, times one of these factors:
+#: the least one with which the primitives of all meshes of a hand are within the budget, if any is.
+_WORTH, _FACTORS, _BUDGET = 0.005, (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, float("inf")), 64
+#: Fits without a better one after which no more primitives are tried.
+_PATIENCE = 2
 #: Share of the area below which a cut is worth trying: every cut that helps at all.
 _AREA_GAIN = 0.98
 #: Sides of a box that differ by less than this share are equal.
@@ -115,8 +128,44 @@ class MeshFit:
     most: float
 
 
+@dataclass(frozen=True, eq=False)
+class MeshFits:
+    """Fits of a mesh with more and more primitives, and the diagonal of the box around it, metres."""
+
+    fits: tuple[MeshFit, ...]
+    diagonal: float
+
+    def best(self, factor: float) -> MeshFit:
+        """Return the fit whose last primitives are worth their number."""
+        if factor == float("inf"):
+            return self.fits[0]
+        price = factor * _WORTH * self.diagonal
+        return min(self.fits, key=lambda fit: fit.mean + price * len(fit.primitives))
+
+
 def fit_mesh(mesh: Mesh) -> MeshFit:
-    """Fit primitives to a mesh.
+    """Fit primitives to a mesh; fits are cached in `graspbox.hands.cache_folder`.
+
+    Raises
+    ------
+    PlanError
+        If the mesh is flat.
+    """
+    content = mesh.vertices.tobytes() + mesh.faces.tobytes()
+    return chosen([cached_fits(hashlib.sha256(content).hexdigest(), lambda: fits_of(mesh))])[0]
+
+
+def chosen(meshes: Sequence[MeshFits]) -> list[MeshFit]:
+    """Return the fits of the meshes of a hand, with few primitives altogether."""
+    for factor in _FACTORS:
+        best = [each.best(factor) for each in meshes]
+        if sum(len(fit.primitives) for fit in best) <= _BUDGET:
+            break
+    return best
+
+
+def fits_of(mesh: Mesh) -> MeshFits:
+    """Fit ever more primitives to a mesh, until they are near enough, or more do not help.
 
     Raises
     ------
@@ -124,17 +173,65 @@ def fit_mesh(mesh: Mesh) -> MeshFit:
         If the mesh is flat.
     """
     points = mesh.sample(_SAMPLES, 0)[0]
-    best = _rounded(_boxes(mesh, 1), points)
-    tried = 1
+    fits = MeshFits((_rounded(_boxes(mesh, 1), points),), float(np.linalg.norm(np.ptp(points, axis=0))))
+    tried, in_vain = 1, 0
     for most in _BOXES[1:]:
-        if best.mean <= _NEAR:
+        if fits.fits[-1].mean <= _NEAR or in_vain == _PATIENCE:
             break
         boxes = _boxes(mesh, most)
         if len(boxes) > tried:
             tried = len(boxes)
-            fit = _rounded(boxes, points)
-            best = fit if fit.mean < _WORTH * best.mean else best
-    return best
+            fits = replace(fits, fits=(*fits.fits, _rounded(boxes, points)))
+            in_vain = 0 if fits.best(1.0) is fits.fits[-1] else in_vain + 1
+    return fits
+
+
+def cached_fits(key: str, make: Callable[[], MeshFits]) -> MeshFits:
+    """Return the fits of a key from the cache, or make and cache them."""
+    folder = cache_folder()
+    if folder is None:
+        return make()
+    stored = folder / "hand_meshes" / f"{key}-{_METHOD}.json"
+    if (known := _read(stored)) is not None:
+        return known
+    made = make()
+    try:
+        stored.parent.mkdir(parents=True, exist_ok=True)
+        write_text(stored, _dump(made))
+    except OSError as error:
+        _LOG.warning("the fit of a mesh is not cached, and will be made again: %s", error)
+    return made
+
+
+def _dump(fits: MeshFits) -> str:
+    rows = [
+        {
+            "mean": fit.mean,
+            "most": fit.most,
+            "primitives": [
+                {"kind": one.kind, "pose": one.pose.tolist(), "size": list(one.size)} for one in fit.primitives
+            ],
+        }
+        for fit in fits.fits
+    ]
+    return json.dumps({"diagonal": fits.diagonal, "fits": rows})
+
+
+def _read(path: Path) -> MeshFits | None:
+    """Read cached fits; None if there are none, or their file is damaged."""
+    try:
+        stored = json.loads(path.read_text())
+        fits = [
+            MeshFit(
+                tuple(Primitive(p["kind"], np.array(p["pose"]), tuple(p["size"])) for p in row["primitives"]),
+                float(row["mean"]),
+                float(row["most"]),
+            )
+            for row in stored["fits"]
+        ]
+        return MeshFits(tuple(fits), float(stored["diagonal"])) if fits else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def _rounded(boxes: tuple[Primitive, ...], points: Array) -> MeshFit:

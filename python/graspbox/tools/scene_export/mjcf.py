@@ -99,6 +99,9 @@ def _placed(pose: Array) -> dict[str, Array]:
 
 
 def _add_inertial(body: ET.Element, mass: float, center: Array, inertia: Array) -> None:
+    if mass == 0.0:  # a frame: MuJoCo refuses zeros as fullinertia
+        add(body, "inertial", pos=center, mass=mass, diaginertia=np.zeros(3))
+        return
     i = inertia
     full = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
     add(body, "inertial", pos=center, mass=mass, fullinertia=full)

@@ -28,6 +28,8 @@ from graspbox.tools.scene_export.usd_prims import Materials, add_collision, add_
 LIFT_DRIVE = (1e5, 1e3)
 #: How far the hand can be lifted, metres.
 LIFT_RANGE = 1.0
+#: Mass (kg) and moments of inertia (kg m2) of a frame without mass.
+_FRAME_MASS, _FRAME_INERTIA = 1e-6, 1e-10
 _PAD_COLOR, _BARE_COLOR = (0.1, 0.33, 0.4), (0.78, 0.8, 0.84)
 
 
@@ -77,7 +79,9 @@ def add_hand(stage: Usd.Stage, path: str, start: Start, materials: Materials) ->
 def _add_link(stage: Usd.Stage, path: str, link: Link, pose: Array, materials: Materials) -> None:
     body = UsdGeom.Xform.Define(stage, path)
     set_pose(body, pose)
-    add_mass(body.GetPrim(), link.mass, link.center, link.inertia)
+    # A mass of 0 means "unknown" in USD.
+    mass, inertia = (link.mass, link.inertia) if link.mass > 0.0 else (_FRAME_MASS, np.eye(3) * _FRAME_INERTIA)
+    add_mass(body.GetPrim(), mass, link.center, inertia)
     for name, shape in zip(identifiers(shape.name for shape in link.shapes), link.shapes, strict=True):
         prim = _add_shape(stage, f"{path}/{name}", shape)
         color(prim, _PAD_COLOR if shape.friction >= 1.0 else _BARE_COLOR)

@@ -1,0 +1,66 @@
+"""Descriptions of hands as URDFs without collision meshes: URDF, xacro (extra ``urdf``) and MJCF (extra ``mjcf``)."""
+
+import os
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from graspbox._common.imports import imported
+from graspbox.errors import HandError
+from graspbox.hands.mjcf import urdf_of_mjcf
+from graspbox.hands.urdf_meshes import FittedUrdf, read_text, with_primitives
+
+__all__ = ["fitted_urdf", "read_hand"]
+
+#: The first element of an XML file, after declaration and comments.
+_ROOT = re.compile(r"\s*(?:<\?.*?\?>\s*|<!--.*?-->\s*)*<\s*([\w:.-]+)", re.DOTALL)
+
+
+def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> FittedUrdf:
+    """Read a URDF, and fit primitives to its collision meshes; without any, its text stays the same.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        The URDF; a xacro is expanded (extra ``urdf``), an MJCF file converted (`urdf_of_mjcf`). Meshes are STL, OBJ,
+        PLY or COLLADA files in metres, named relative to its folder, by ``file://``, or by ``package://NAME/...``,
+        where a folder NAME above the URDF holds them.
+    text : str, optional
+        A URDF to use instead of the file's content, with the same lines.
+
+    Raises
+    ------
+    HandError
+        If the file cannot be read, describes no tree of links, or a mesh is missing, cannot be read or is flat; the
+        message names every wrong line.
+    MissingExtraError
+        Without a package that the file needs.
+    """
+    path = Path(path)
+    return read_hand(path) if text is None else with_primitives(text, path, str(path))
+
+
+def read_hand(path: Path, check: Callable[[str, str], object] | None = None) -> FittedUrdf:
+    """Do as `fitted_urdf`; `check` is called with a text and its name before meshes are fitted, and may raise."""
+    text = read_text(path)
+    root = _ROOT.match(text)
+    if root is not None and root[1] == "mujoco":
+        return replace(urdf_of_mjcf(path), name=f"{path} (converted)")
+    name = str(path)
+    if re.search(r"<\s*xacro:", text) and find_spec("xacrodoc") is not None:
+        text, name = _expanded(path), f"{path} (expanded)"
+    return with_primitives(text, path, name, None if check is None else lambda simple: check(simple, name))
+
+
+def _expanded(path: Path) -> str:
+    """Expand a xacro; xacrodoc finds packages without ROS, in the folders above it."""
+    packages: Any = imported("xacrodoc.packages", "reading a xacro needs the package xacrodoc", "urdf")
+    xacro: Any = imported("xacro", "reading a xacro needs the package xacro", "urdf")
+    try:
+        packages.walk_up_from(path)
+        return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
+    except Exception as error:  # xacro raises whatever its expressions do
+        raise HandError(f"{path}: xacro cannot expand it: {' '.join(str(error).split())}") from None
