@@ -55,7 +55,7 @@ pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, QuarterTurn};
 pub use kinematics::PlacedShape;
 pub use load::{read_urdf, read_urdf_anyway};
 pub use model::{
-    Actuator, Collider, Drive, DrivenJoint, Friction, Hand, Joint, JointGroup, JointKind, Link, Material, Mimic, Shape,
-    TactileSensor, Tendon, Transmission,
+    Actuator, Collider, Drive, DrivenJoint, Friction, Hand, Joint, JointGroup, JointKind, Link, Material, Mimic,
+    NoContact, Shape, ShapeIndex, TactileSensor, Tendon, Transmission,
 };
 pub use pose::{GraspPose, rigid_motion};

@@ -23,8 +23,8 @@ from graspbox._core import Mesh
 from graspbox.configs import CleanConfig, LoadConfig
 from graspbox.errors import FileError, GraspboxError, HandError
 from graspbox.hands.caching import cache_folder
+from graspbox.hands.loop_fits import LoopFit
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
-from graspbox.hands.mjcf_loops import LoopFit
 
 __all__ = ["FittedUrdf", "add_origin", "collisions", "fitted_urdf", "numbers_text", "read_text"]
 
@@ -52,11 +52,17 @@ class FittedUrdf:
         named ``NAME.0``, ``NAME.1``, ...; ``pads`` in ``hand.toml`` takes NAME for all of them.
     loops : dict of str to LoopFit
         The mimic joints in place of closed loops of an MJCF file, by their names.
+    assumptions : tuple of str
+        What was assumed where the file leaves something open, one sentence each, with file and line.
+    no_contact : tuple of tuple of str
+        Links or colliders that do not touch each other in an MJCF file, for ``no_contact`` in ``hand.toml``.
     """
 
     text: str
     fits: dict[str, MeshFit]
     loops: dict[str, LoopFit] = field(default_factory=dict)
+    assumptions: tuple[str, ...] = ()
+    no_contact: tuple[tuple[str, ...], ...] = ()
 
 
 def fitted_urdf(path: str | os.PathLike[str]) -> FittedUrdf:
