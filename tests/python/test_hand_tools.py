@@ -211,8 +211,9 @@ def test_overlaps() -> None:
         r"\g<1>0.12",
     )
     hand = broken("panda_gripper", wide)
-    found = one(hand, "self-collision", "warning", "'open', open: they overlap in the open hand")
-    assert found.subject == "leftfinger_body and rightfinger_body"
+    found = one(hand, "self-collision", "note", "they overlap in the open hand, so the simulation lets them pass")
+    assert found.subject == "leftfinger and rightfinger"
+    assert [f.severity for f in findings(hand, "self-collision")] == ["note"]
     wide = (wide[0], r"\g<1>0.07")
     found = one(
         broken("panda_gripper", wide),
@@ -413,7 +414,7 @@ def test_new_keeps_files(tmp_path: Path) -> None:
     assert out.read_text() == "mine"
     result = run("new", urdf, "--out", out, "--force", "--json")
     assert result.exit_code == 0
-    assert set(json.loads(result.stdout)) == {"hand", "out", "review", "meshes", "loops"}
+    assert set(json.loads(result.stdout)) == {"hand", "out", "review", "assumptions", "meshes", "loops"}
     assert tomllib.loads(out.read_text())["name"] == "panda_gripper"
 
 

@@ -1,7 +1,7 @@
 //! Slides and servos against closed forms: the force at the limit, the speed, and the stops.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_hand::ActuatorCommand;
+use graspbox_hand::{ActuatorCommand, Shape};
 use graspbox_hand::assets::asset;
 use graspbox_sim::{EngineKind, Geometry, PhysicsConfig, SimError, Template, World};
 use graspbox_tests::bench::{at, away, closing, palm_down, run, template, two_servos};
@@ -75,6 +75,33 @@ fn closes(engine: EngineKind) {
     let half: Vec<_> = (0..2).map(|_| ActuatorCommand::Position { target: 0.02, speed: None }).collect();
     run(&mut world, &hand, &half, 1.0);
     assert!(positions(&world).iter().all(|position| (position - 0.02).abs() < 1e-4));
+}
+
+/// Fingers with wide blocks at their sides meet half closed, unless the hand's file says that they pass through each other.
+#[test]
+fn shapes_without_contact_pass_through_each_other() {
+    for (engine, passes) in ENGINES.into_iter().flat_map(|engine| [(engine, false), (engine, true)]) {
+        let mut hand = two_servos();
+        let mut shapes = Vec::new();
+        for (link, data) in hand.links.iter_mut().enumerate() {
+            for (index, collider) in data.colliders.iter_mut().enumerate().filter(|(_, c)| c.name.ends_with("finger_body")) {
+                collider.shape = Shape::Cuboid(Vector3::new(0.01, 0.035, 0.02));
+                shapes.push((link, index));
+            }
+        }
+        assert_eq!(shapes.len(), 2);
+        if passes {
+            hand.no_contact.shapes = vec![[shapes[0], shapes[1]]];
+        }
+        let config = PhysicsConfig { engine, ..PhysicsConfig::default() };
+        let template = template(hand, &Geometry::Ball { radius: 0.02 }, 0.1, config);
+        let mut world = template.spawn(&away(), &at(0.0, 0.0, 0.02), 0.0);
+        let close = closing(world.hand(), 0.0);
+        run(&mut world, &away(), &close, 1.5);
+        let reached = positions(&world);
+        println!("{engine:?}, without contact {passes}: the fingers reach {reached:?}");
+        assert!(reached.iter().all(|position| (*position < 1e-3) == passes), "{engine:?}, {passes}: {reached:?}");
+    }
 }
 
 /// The shipped gripper moves both fingers with one servo: each presses with half of its force, 70 N, wherever the block is.

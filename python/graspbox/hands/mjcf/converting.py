@@ -171,7 +171,8 @@ class _Converted:
         if len(joints) > 1:
             names = ", ".join(name_of(model, "joint", j) for j in joints)
             raise HandError(
-                f"body {name_of(model, 'body', body)!r} has several joints ({names}); put a body between them"
+                f"body {name_of(model, 'body', body)!r} has several joints ({names}); put a body between them, or "
+                "cut the hand out of what moves it (`--base`)"
             )
         if int(model.jnt_type[joints[0]]) not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
             raise HandError(f"joint {name_of(model, 'joint', joints[0])!r} is a ball; use hinges and slides")
@@ -354,7 +355,7 @@ class _Converted:
 
 def _exact(value: float) -> str:
     """Write a number with all its digits."""
-    return repr(float(value) + 0.0)
+    return repr(float(value) + 0.0).removesuffix(".0")
 
 
 def _pose(position: Array, rotation: Array) -> Array:

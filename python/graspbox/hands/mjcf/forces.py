@@ -124,15 +124,12 @@ class _Drives:
         """Return the forces that commands ask for, at any position within the limits of joints, and what says so."""
         model, kinds, biases = self._model, self._mujoco.mjtGain, self._mujoco.mjtBias
         gain, bias = model.actuator_gainprm[actuator], model.actuator_biasprm[actuator]
-        kind, bias_kind = model.actuator_gaintype[actuator], model.actuator_biastype[actuator]
+        kind, bias_kind = int(model.actuator_gaintype[actuator]), int(model.actuator_biastype[actuator])
         if kind == kinds.mjGAIN_MUSCLE:
             peak = float(gain[2]) if gain[2] >= 0 else float(gain[3]) / max(float(model.actuator_acc0[actuator]), 1e-9)
             return -peak, 0.0, "peak of the muscle"
-        known = kind in (kinds.mjGAIN_FIXED, kinds.mjGAIN_AFFINE) and bias_kind in (
-            biases.mjBIAS_NONE,
-            biases.mjBIAS_AFFINE,
-        )
-        if not known:
+        linear = {int(kinds.mjGAIN_FIXED), int(kinds.mjGAIN_AFFINE)}
+        if kind not in linear or bias_kind not in {int(biases.mjBIAS_NONE), int(biases.mjBIAS_AFFINE)}:
             return -np.inf, np.inf, "whose gain is none that is known"
         lengths = self._lengths(actuator)
         offset, slope = (float(bias[0]), float(bias[1])) if bias_kind == biases.mjBIAS_AFFINE else (0.0, 0.0)

@@ -59,7 +59,7 @@ def actuated_joints(mujoco: Any, model: Any) -> set[int]:
     """Return the joints that actuators drive, directly or by a tendon along joints."""
     kinds, joints = mujoco.mjtTrn, set[int]()
     for kind, (index, _) in zip(model.actuator_trntype, model.actuator_trnid.tolist(), strict=True):
-        if kind in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
+        if int(kind) in {int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT)}:
             joints.add(index)
         if kind == kinds.mjTRN_TENDON:
             wraps = slice(model.tendon_adr[index], model.tendon_adr[index] + model.tendon_num[index])

@@ -111,11 +111,7 @@ class _Tree:
         tops = self._children[0]
         moving = [body for body in tops if self._moves(body)]
         # Things that lie about are free, unless the hand itself floats.
-        fixed = [body for body in moving if not self._is_free(body)]
-        for body in moving if fixed else ():
-            if body not in fixed:
-                self._note(body, "moves freely beside the hand; it is left out")
-        moving = fixed or moving
+        moving = [body for body in moving if not self._is_free(body)] or moving
         if not moving:
             raise HandError("has no hinge or slide; a hand needs joints that move")
         if len(moving) == 1 and any(self._moves(child) for child in self._children[moving[0]]):
@@ -124,7 +120,10 @@ class _Tree:
         else:
             held, root, bodies = [0], 0, [body for top in moving for body in self._subtree(top)]
             self._note_beside(moving)
-        statics = [body for body in tops if body not in moving and not self._moves(body)]
+        statics = [body for body in tops if body not in moving and not self._is_free(body)]
+        for body in tops:
+            if body not in moving and body not in statics:
+                self._note(body, "moves freely beside the hand; it is left out")
         welded, geoms = self._beside(bodies, statics)
         shaped = [body for body in welded if self._model.body_geomnum[body]]
         if root == 0 and len(shaped) == 1:
