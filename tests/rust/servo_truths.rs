@@ -1,8 +1,8 @@
 //! Slides and servos against closed forms: the force at the limit, the speed, and the stops.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_hand::{ActuatorCommand, Shape};
 use graspbox_hand::assets::asset;
+use graspbox_hand::{ActuatorCommand, Shape};
 use graspbox_sim::{EngineKind, Geometry, PhysicsConfig, SimError, Template, World};
 use graspbox_tests::bench::{at, away, closing, palm_down, run, template, two_servos};
 use nalgebra::Vector3;
@@ -82,16 +82,16 @@ fn closes(engine: EngineKind) {
 fn shapes_without_contact_pass_through_each_other() {
     for (engine, passes) in ENGINES.into_iter().flat_map(|engine| [(engine, false), (engine, true)]) {
         let mut hand = two_servos();
-        let mut shapes = Vec::new();
-        for (link, data) in hand.links.iter_mut().enumerate() {
-            for (index, collider) in data.colliders.iter_mut().enumerate().filter(|(_, c)| c.name.ends_with("finger_body")) {
+        for data in &mut hand.links {
+            for collider in data.colliders.iter_mut().filter(|collider| collider.name.ends_with("finger_body")) {
                 collider.shape = Shape::Cuboid(Vector3::new(0.01, 0.035, 0.02));
-                shapes.push((link, index));
             }
         }
-        assert_eq!(shapes.len(), 2);
         if passes {
-            hand.no_contact.shapes = vec![[shapes[0], shapes[1]]];
+            let [left, right] = [0, 1].map(|joint| hand.joints[joint].child);
+            let others: Vec<_> = hand.shapes_of_body(right).collect();
+            let pairs = hand.shapes_of_body(left).flat_map(|one| others.iter().map(move |two| [one, *two]));
+            hand.no_contact.shapes = pairs.collect();
         }
         let config = PhysicsConfig { engine, ..PhysicsConfig::default() };
         let template = template(hand, &Geometry::Ball { radius: 0.02 }, 0.1, config);

@@ -83,7 +83,8 @@ struct Placed {
 /// Bodies that overlap in the open hand with any preshape, but for shapes that are `apart` already.
 fn overlapping(hand: &Hand, apart: &Pairs) -> Vec<[usize; 2]> {
     let meeting = hand.meeting_bodies();
-    let bodies: Vec<Vec<ShapeIndex>> = (0..hand.links.len()).map(|first| hand.shapes_of_body(first).collect()).collect();
+    let bodies: Vec<Vec<ShapeIndex>> =
+        (0..hand.links.len()).map(|first| hand.shapes_of_body(first).collect()).collect();
     let mut found = BTreeSet::new();
     let named = hand.preshapes().iter().map(|preshape| preshape.value);
     for preshape in named.chain(hand.preshape_limits()) {

@@ -16,7 +16,9 @@ impl PhysicsHooks for NoContact<'_> {
     fn filter_contact_pair(&self, context: &PairFilterContext) -> Option<SolverFlags> {
         let parts = [context.collider1, context.collider2].map(|handle| part_of(&context.colliders[handle]));
         let passes = match parts {
-            [Part::Link { link: a, shape: i }, Part::Link { link: b, shape: j }] => !self.0.shapes_touch((a, i), (b, j)),
+            [Part::Link { link: a, shape: i }, Part::Link { link: b, shape: j }] => {
+                !self.0.shapes_touch((a, i), (b, j))
+            }
             _ => false,
         };
         (!passes).then_some(SolverFlags::default())
