@@ -1,8 +1,8 @@
 //! Slides and servos against closed forms: the force at the limit, the speed, and the stops.
 #![allow(clippy::unwrap_used)]
 
-use graspbox_hand::ActuatorCommand;
 use graspbox_hand::assets::asset;
+use graspbox_hand::{ActuatorCommand, Shape};
 use graspbox_sim::{EngineKind, Geometry, PhysicsConfig, SimError, Template, World};
 use graspbox_tests::bench::{at, away, closing, palm_down, run, template, two_servos};
 use nalgebra::Vector3;
@@ -75,6 +75,33 @@ fn closes(engine: EngineKind) {
     let half: Vec<_> = (0..2).map(|_| ActuatorCommand::Position { target: 0.02, speed: None }).collect();
     run(&mut world, &hand, &half, 1.0);
     assert!(positions(&world).iter().all(|position| (position - 0.02).abs() < 1e-4));
+}
+
+/// Fingers with wide blocks at their sides meet half closed, unless the hand's file says that they pass through each other.
+#[test]
+fn shapes_without_contact_pass_through_each_other() {
+    for (engine, passes) in ENGINES.into_iter().flat_map(|engine| [(engine, false), (engine, true)]) {
+        let mut hand = two_servos();
+        for data in &mut hand.links {
+            for collider in data.colliders.iter_mut().filter(|collider| collider.name.ends_with("finger_body")) {
+                collider.shape = Shape::Cuboid(Vector3::new(0.01, 0.035, 0.02));
+            }
+        }
+        if passes {
+            let [left, right] = [0, 1].map(|joint| hand.joints[joint].child);
+            let others: Vec<_> = hand.shapes_of_body(right).collect();
+            let pairs = hand.shapes_of_body(left).flat_map(|one| others.iter().map(move |two| [one, *two]));
+            hand.no_contact.shapes = pairs.collect();
+        }
+        let config = PhysicsConfig { engine, ..PhysicsConfig::default() };
+        let template = template(hand, &Geometry::Ball { radius: 0.02 }, 0.1, config);
+        let mut world = template.spawn(&away(), &at(0.0, 0.0, 0.02), 0.0);
+        let close = closing(world.hand(), 0.0);
+        run(&mut world, &away(), &close, 1.5);
+        let reached = positions(&world);
+        println!("{engine:?}, without contact {passes}: the fingers reach {reached:?}");
+        assert!(reached.iter().all(|position| (*position < 1e-3) == passes), "{engine:?}, {passes}: {reached:?}");
+    }
 }
 
 /// The shipped gripper moves both fingers with one servo: each presses with half of its force, 70 N, wherever the block is.

@@ -5,9 +5,11 @@
 //! | `joints` | springs and losses of joints, tendons |
 //! | `actuators` | transmission of each actuator; nothing is moved twice |
 //! | `grasp` | closing actuators and preshapes |
+//! | `contact` | shapes that pass through each other |
 //! | `names` | indices of names |
 
 mod actuators;
+mod contact;
 mod grasp;
 mod joints;
 mod names;
@@ -17,7 +19,7 @@ use toml::Spanned;
 
 use crate::error::ProblemKind;
 use crate::grasp::Grasp;
-use crate::model::{Friction, Hand, Material, TactileSensor};
+use crate::model::{Friction, Hand, Material, NoContact, TactileSensor};
 use crate::table::{HandTable, Number, Reader};
 use crate::urdf::Tree;
 use names::find;
@@ -28,6 +30,8 @@ const MAX_PARTS: usize = 32;
 const MAX_NAMES: usize = 64;
 /// Largest number of pads: one per collider that a URDF may have.
 const MAX_PADS: usize = 1024;
+/// Largest number of names in all lists of `no_contact` together: two for every pair of links.
+const MAX_APART: usize = 4096;
 /// Largest number of tactile sensors.
 const MAX_SENSORS: usize = 1024;
 
@@ -51,6 +55,7 @@ pub(crate) fn assemble(tree: Tree, table: &HandTable, reader: &mut Reader<'_, '_
             bare: reader.not_negative(("material", "bare"), "friction", &table.friction.bare, "1"),
         },
         assumptions: Vec::new(),
+        no_contact: NoContact::default(),
     };
     set_pads(&mut hand, &table.pads, reader);
     read_sensors(&mut hand, table, reader);
@@ -62,6 +67,7 @@ pub(crate) fn assemble(tree: Tree, table: &HandTable, reader: &mut Reader<'_, '_
     }
     actuators::read(&mut hand, table, reader)?;
     grasp::read(&mut hand, table, reader)?;
+    contact::read(&mut hand, table, reader);
     Some(hand)
 }
 
@@ -76,6 +82,7 @@ fn check_counts(table: &HandTable, reader: &mut Reader<'_, '_>) -> Option<()> {
     }));
     let counts = [
         ("pads", table.pads.len(), MAX_PADS),
+        ("names in `no_contact`", table.no_contact.iter().map(|names| names.get_ref().len()).sum(), MAX_APART),
         ("tables of joints", table.joints.len(), MAX_NAMES),
         ("joints in a table", named, MAX_NAMES),
         ("tendons", table.tendons.len(), MAX_PARTS),

@@ -1,6 +1,6 @@
 //! Results of the tree of joints: coordinates, chains, and the driver of each joint.
 
-use crate::model::{Drive, DrivenJoint, Hand, Transmission};
+use crate::model::{Drive, DrivenJoint, Hand, ShapeIndex, Transmission};
 
 /// A branch of moving joints that leaves the base: a finger, in most hands.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -98,6 +98,37 @@ impl Hand {
             }
         }
         false
+    }
+
+    /// Pairs of rigid bodies that may touch, by their first links: those of different chains, and the palm with those that
+    /// [`Hand::meets_palm`].
+    #[must_use]
+    pub fn meeting_bodies(&self) -> Vec<[usize; 2]> {
+        let links = self.touch_links();
+        let chains: Vec<Option<usize>> = links.iter().map(|link| self.chain_of_link(*link)).collect();
+        let chain = |number: usize| {
+            links.iter().zip(&chains).filter(move |(_, own)| **own == Some(number)).map(|(link, _)| *link)
+        };
+        let mut pairs = Vec::new();
+        for number in 0..self.chain_count() {
+            pairs.extend(chain(number).filter(|link| self.meets_palm(*link)).map(|link| [link, 0]));
+            for other in number + 1..self.chain_count() {
+                pairs.extend(chain(number).flat_map(|a| chain(other).map(move |b| [a, b])));
+            }
+        }
+        pairs
+    }
+
+    /// Shapes of a rigid body, given by its first link.
+    pub fn shapes_of_body(&self, first: usize) -> impl Iterator<Item = ShapeIndex> + '_ {
+        let links = (0..self.links.len()).filter(move |link| self.carrier(*link) == first);
+        links.flat_map(|link| (0..self.links[link].colliders.len()).map(move |shape| (link, shape)))
+    }
+
+    /// False for shapes that pass through each other.
+    #[must_use]
+    pub fn shapes_touch(&self, a: ShapeIndex, b: ShapeIndex) -> bool {
+        self.no_contact.shapes.binary_search(&[a.min(b), a.max(b)]).is_err()
     }
 
     /// True if no moving joint follows on a link: the tip of a chain.

@@ -147,6 +147,9 @@ pub enum ProblemKind {
         /// Largest number allowed.
         limit: usize,
     },
+    /// A list that needs more names.
+    #[error("a list of `no_contact` has {0} name(s); give at least two, which do not touch each other")]
+    TooFewApart(usize),
     /// Fewer parts than a hand needs.
     #[error("there are no {0}; a hand needs at least one")]
     Empty(&'static str),

@@ -54,8 +54,8 @@ pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, QuarterTurn};
 pub use kinematics::PlacedShape;
 pub use load::{UrdfMeshes, read_urdf, read_urdf_anyway, urdf_meshes};
 pub use model::{
-    Actuator, Collider, Drive, DrivenJoint, Friction, Hand, Joint, JointGroup, JointKind, Link, Material, Mimic, Shape,
-    TactileSensor, Tendon, Transmission,
+    Actuator, Collider, Drive, DrivenJoint, Friction, Hand, Joint, JointGroup, JointKind, Link, Material, Mimic,
+    NoContact, Shape, ShapeIndex, TactileSensor, Tendon, Transmission,
 };
 pub use pose::{GraspPose, rigid_motion};
 pub use urdf::MeshShape;

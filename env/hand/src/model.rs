@@ -313,6 +313,18 @@ pub struct TactileSensor {
     pub normal: Unit<Vector3<f64>>,
 }
 
+/// A collision shape of the hand: its link, and its index within the link.
+pub type ShapeIndex = (usize, usize);
+
+/// Shapes that pass through each other although [`Hand::meeting_bodies`] has their links.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct NoContact {
+    /// Pairs of shapes, sorted; in each pair the lesser index is first.
+    pub shapes: Vec<[ShapeIndex; 2]>,
+    /// Pairs of rigid bodies, by their first links, that overlap in the open hand; `shapes` has all pairs of their shapes.
+    pub overlapping: Vec<[usize; 2]>,
+}
+
 /// A whole hand. Link 0 is the base.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hand {
@@ -336,4 +348,5 @@ pub struct Hand {
     pub friction: Friction,
     /// What its URDF does not say and was assumed.
     pub assumptions: Vec<Assumption>,
+    pub no_contact: NoContact,
 }

@@ -35,6 +35,9 @@ tables! {
         pub name: Spanned<String>,
         #[serde(default)]
         pub pads: Vec<Spanned<String>>,
+        /// Lists of links or shapes that do not touch each other.
+        #[serde(default)]
+        pub no_contact: Vec<Spanned<Vec<Spanned<String>>>>,
         pub friction: FrictionTable,
         #[serde(default)]
         pub joints: Named<JointTable>,

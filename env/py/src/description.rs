@@ -3,7 +3,7 @@
 use crate::errors::CoreError;
 use graspbox_hand::{
     Actuator as CoreActuator, Collider, Drive, Hand, Joint as CoreJoint, JointKind, Link as CoreLink, Material,
-    Shape as Primitive, Transmission, read_urdf, read_urdf_anyway, urdf_meshes as find_meshes,
+    Shape as Primitive, ShapeIndex, Transmission, read_urdf, read_urdf_anyway, urdf_meshes as find_meshes,
 };
 use nalgebra::Isometry3;
 use pyo3::prelude::*;
@@ -26,6 +26,10 @@ pub struct Description {
     named: Vec<Vec<(usize, f64)>>,
     /// Of pads, and of all other shapes.
     friction: (f64, f64),
+    /// Names of each two shapes that pass through each other.
+    no_contact: Vec<(String, String)>,
+    /// First links of each two rigid bodies that overlap in the open hand.
+    overlapping: Vec<(usize, usize)>,
 }
 
 /// A link, with the joint that moves it; the base has the parent -1, a joint without a name, and identity as its pose.
@@ -152,6 +156,7 @@ pub fn describe(hand: &Hand) -> Description {
         position: sensor.position.into(),
         normal: sensor.normal.into_inner().into(),
     };
+    let shape_name = |(link, shape): ShapeIndex| hand.links[link].colliders[shape].name.clone();
     let actuators = hand.actuators.iter().enumerate();
     let mut links = described(&hand.links, &hand.joints, |material| hand.friction.of(material));
     for joint in hand.groups.iter().filter(|group| group.encoder).flat_map(|group| &group.joints) {
@@ -168,6 +173,8 @@ pub fn describe(hand: &Hand) -> Description {
         preshape_limits: hand.preshape_limits().into(),
         named: hand.grasp.preshapes.iter().map(|preshape| preshape.positions.clone()).collect(),
         friction: (hand.friction.pad, hand.friction.bare),
+        no_contact: hand.no_contact.shapes.iter().map(|pair| pair.map(shape_name).into()).collect(),
+        overlapping: hand.no_contact.overlapping.iter().map(|&pair| pair.into()).collect(),
     }
 }
 

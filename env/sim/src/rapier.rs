@@ -146,7 +146,7 @@ impl Engine for Rapier {
         let config = &self.shared.config.rapier;
         self.physics.integration_parameters.num_solver_iterations =
             if self.idles(input) { config.idle_iterations } else { config.solver_iterations };
-        self.physics.step();
+        self.physics.step_with_events(&contacts::NoContact(&self.shared.hand), &());
     }
 
     fn tension(&self, tendon: usize) -> f64 {

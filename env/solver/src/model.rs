@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::bounding_volume::Aabb;
 use parry3d::math::{Pose, Vector};
 use parry3d::shape::SharedShape;
+use std::collections::HashSet;
 use std::ops::Range;
 
 use crate::config::ImplicitConfig;
@@ -94,6 +95,8 @@ pub struct Model {
     pub(crate) center: Vec<Vector3<f64>>,
     pub(crate) radius: Vec<f64>,
     pub(crate) pairs: Vec<Pair>,
+    /// Shapes that pass through each other, by their indices in `shapes`.
+    pub(crate) apart: HashSet<[usize; 2]>,
     /// Free coordinates that move each body of the tree, as a range.
     pub(crate) columns: Vec<Range<usize>>,
     /// Range of coordinates that each free coordinate is coupled with in the mass matrix.
@@ -145,6 +148,7 @@ impl Model {
         let objects = with_directions(objects, shapes.len());
         let (pairs, columns) = (pairs(&tree, objects.len()), columns(&tree));
         let (blocks, levers) = (blocks(&tree, &columns), levers(&tree));
+        let apart = apart(&tree, &shapes_of);
         Ok(Self {
             tree,
             objects,
@@ -157,10 +161,16 @@ impl Model {
             center,
             radius,
             pairs,
+            apart,
             columns,
             blocks,
             levers,
         })
+    }
+
+    /// Whether two shapes of the hand touch where they meet.
+    pub(crate) fn shapes_touch(&self, first: usize, second: usize) -> bool {
+        self.apart.is_empty() || !self.apart.contains(&[first.min(second), first.max(second)])
     }
 
     /// The hand.
@@ -309,6 +319,16 @@ fn pairs(tree: &Tree, objects: usize) -> Vec<Pair> {
         push(BodyKind::Hand(a), BodyKind::Hand(b));
     }
     pairs
+}
+
+/// Shapes that pass through each other, by the range of shapes of each body; the lesser index is first.
+fn apart(tree: &Tree, shapes_of: &[Range<usize>]) -> HashSet<[usize; 2]> {
+    let index = |(body, within): (usize, usize)| shapes_of[body].start + within;
+    let sorted = |pair: &[(usize, usize); 2]| {
+        let [a, b] = pair.map(index);
+        [a.min(b), a.max(b)]
+    };
+    tree.apart.iter().map(sorted).collect()
 }
 
 /// For each body, the smallest range that contains the free coordinates between it and the base.

@@ -129,6 +129,8 @@ pub struct Tree {
     pub cables: Vec<Cable>,
     /// Pairs of bodies that may touch each other.
     pub pairs: Vec<(usize, usize)>,
+    /// Shapes of such pairs that pass through each other, each by its body and its index within it.
+    pub apart: Vec<[(usize, usize); 2]>,
 }
 
 /// Most free coordinates of a tree: beyond that, sparse methods are faster than dense matrices.
@@ -166,6 +168,10 @@ impl Tree {
         let beyond = |c: &Cable| c.arms.iter().any(|(i, _)| *i >= self.coordinates.len());
         if let Some(index) = self.cables.iter().position(beyond) {
             return bad("a cable acts on a coordinate that is not free", index);
+        }
+        let exists = |(body, shape): &(usize, usize)| self.bodies.get(*body).is_some_and(|b| *shape < b.shapes.len());
+        if let Some(index) = self.apart.iter().position(|pair| !pair.iter().all(exists)) {
+            return bad("a pair of shapes without contact refers to one that does not exist", index);
         }
         match self.pairs.iter().position(|(a, b)| a == b || (*a).max(*b) >= self.bodies.len()) {
             Some(index) => bad("a pair repeats a body, or refers to one that does not exist", index),

@@ -152,9 +152,16 @@ def new(
 
 @hand_app.command("convert")
 def convert(
-    mjcf: Annotated[Path, typer.Argument(help="The MJCF file, with one tree of bodies.")],
+    mjcf: Annotated[Path, typer.Argument(help="The MJCF file.")],
     out: Annotated[Path, typer.Option(help="Folder of the new hand.urdf and hand.toml.")] = Path("hand"),
     name: Annotated[str | None, typer.Option(help="Name of the hand; that of the file by default.")] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            help="The body that becomes the root link, such as the palm of a hand on an arm; all that is not "
+            "below it is left out."
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -168,10 +175,10 @@ def convert(
         _check_new(path, force)
     try:
         with console.status("converting"):
-            converted = urdf_of_mjcf(mjcf)
+            converted = urdf_of_mjcf(mjcf, base)
             out.mkdir(parents=True, exist_ok=True)
             write_text(urdf, converted.text)
-            guessed = guess_hand(urdf, name or mjcf.stem)
+            guessed = guess_hand(urdf, name or mjcf.stem, converted.no_contact)
     except (HandError, FileError) as error:
         _refuse(error)
     write_text(toml, guessed.text)

@@ -1,6 +1,7 @@
 """A first ``hand.toml`` for a URDF: joints, actuators, pads and grasp frame, guessed from its geometry."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from graspbox.hand_tools.bodies import Floats, inertia_of
 from graspbox.hand_tools.closing import Closing, Fingers, guess_closing, middle
 from graspbox.hand_tools.tables import Drive, Frame
 from graspbox.hands import Hand, fitted_urdf
-from graspbox.hands.description import describe_urdf, independent
+from graspbox.hands.description import describe_urdf, independent, passing_links
 from graspbox.hands.geometry import box_corners
 from graspbox.hands.urdf_meshes import LARGEST
 
@@ -62,7 +63,9 @@ class GuessedHand:
     review: tuple[str, ...]
 
 
-def guess_hand(urdf: str | os.PathLike[str], name: str | None = None) -> GuessedHand:
+def guess_hand(
+    urdf: str | os.PathLike[str], name: str | None = None, no_contact: Sequence[Sequence[str]] = ()
+) -> GuessedHand:
     """Guess a ``hand.toml`` for a URDF.
 
     Every number states its source; those that begin with "guess" come from geometry or experience. Tendons are not
@@ -74,6 +77,8 @@ def guess_hand(urdf: str | os.PathLike[str], name: str | None = None) -> Guessed
         The URDF.
     name : str, optional
         Name of the hand; by default that of the file.
+    no_contact : sequence of sequences of str
+        Lists of links and colliders that do not touch each other, such as `FittedUrdf.no_contact`.
 
     Raises
     ------
@@ -109,8 +114,10 @@ def guess_hand(urdf: str | os.PathLike[str], name: str | None = None) -> Guessed
     drives = tuple(_drive(fingers, closing, index) for index in range(len(joints)))
     chosen = (path.stem if name is None else name).encode(errors="replace").decode()
     review = _review(fingers, closing, drives, frame)
-    text = tables.write(chosen, path.name, tuple(pads), drives, frame, review)
-    Hand(fitted.text, text, names)
+    text = tables.write(chosen, path.name, tuple(pads), drives, frame, review, no_contact)
+    if passing := passing_links(Hand(fitted.text, text, names)):
+        review += (f"links that overlap in the open hand, and pass through each other: {', '.join(passing)}",)
+        text = tables.write(chosen, path.name, tuple(pads), drives, frame, review, no_contact)
     return GuessedHand(chosen, text, review)
 
 
@@ -274,7 +281,9 @@ def _review(fingers: Fingers, closing: Closing, drives: tuple[Drive, ...], frame
         review.append(
             "the fingers do not face each other: no width is stated; add one to [[grasp.preshapes]] of a gripper"
         )
-    if not all(drive.load_stated for drive in drives):
-        review.append("load_limit: the URDF states no believable effort; take it from the data sheet")
+    unknown = [drive.link.joint for drive in drives if not drive.load_stated]
+    if unknown:
+        joints = "" if len(unknown) == len(drives) else f" of {', '.join(unknown)}"
+        review.append(f"load_limit{joints}: the URDF states no believable effort; take it from the data sheet")
     pads = "pads: the shapes that touch objects and are rubber"
     return *review, pads, "friction, damping, armature, stop_stiffness: numbers of experience"

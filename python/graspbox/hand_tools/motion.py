@@ -10,6 +10,7 @@ from graspbox.hand_tools.bodies import Floats
 from graspbox.hand_tools.boxes import gaps
 from graspbox.hand_tools.findings import CheckedHand, Finding, Severity
 from graspbox.hands import asymmetries_of, reach_of, symmetries_of
+from graspbox.hands.description import passing_links
 
 __all__ = ["extent", "meeting", "open_width", "overlaps", "pads"]
 
@@ -27,8 +28,8 @@ _MIRRORS = {(1.0, -1.0, 1.0): "mirror y = 0", (-1.0, 1.0, 1.0): "mirror x = 0", 
 
 
 def _pairs(checked: CheckedHand) -> Ints:
-    """Return pairs (n, 2) of shapes on bodies that are no neighbours; bodies without shapes count as joints."""
-    described, bodies = checked.described, checked.bodies.tolist()
+    """Return pairs (n, 2) of shapes that touch on bodies that are no neighbours; bodies without shapes are joints."""
+    described, bodies, names = checked.described, checked.bodies.tolist(), checked.shape_names
     shaped = {-1, *bodies}
 
     def parent(body: int) -> int:
@@ -39,7 +40,9 @@ def _pairs(checked: CheckedHand) -> Ints:
     pairs = [
         (i, j)
         for i, j in combinations(range(len(bodies)), 2)
-        if bodies[i] != bodies[j] and frozenset((bodies[i], bodies[j])) not in adjacent
+        if bodies[i] != bodies[j]
+        and frozenset((bodies[i], bodies[j])) not in adjacent
+        and frozenset((names[i], names[j])) not in described.no_contact
     ]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
@@ -58,6 +61,10 @@ def _motion(checked: CheckedHand, preshape: float, pairs: Ints) -> Floats:
 
 def overlaps(checked: CheckedHand) -> Iterator[Finding]:
     """Find shapes that run into each other, per pair of chains and preshape at the first share at which any two do."""
+    for links in passing_links(checked.hand):
+        message = "they overlap in the open hand, so the simulation lets them pass through each other"
+        remedy = "shrink or move one of their shapes if they should stop each other"
+        yield Finding("note", "self-collision", links, "", message, remedy)
     pairs = _pairs(checked)
     if not len(pairs):
         return

@@ -102,12 +102,25 @@ def minimal(links: tuple[Link, ...]) -> str:
 
 
 def write(
-    name: str, urdf: str, pads: Sequence[str], drives: Sequence[Drive], frame: Frame, review: Sequence[str]
+    name: str,
+    urdf: str,
+    pads: Sequence[str],
+    drives: Sequence[Drive],
+    frame: Frame,
+    review: Sequence[str],
+    no_contact: Sequence[Sequence[str]] = (),
 ) -> str:
-    """Return the file of the hand `name`, whose URDF has the name `urdf`; `pads` are shapes, `review` lists guesses."""
+    """Return the file of the hand `name`, whose URDF has the name `urdf`; `pads` are shapes, `review` lists guesses.
+
+    `no_contact` has lists of links and shapes that do not touch each other.
+    """
     lines = _head(urdf, review)
     lines += [f"name = {quoted(name)}", "", "# guess: the shapes that touch objects; all others are bare."]
-    lines += ["pads = [", *(f"    {quoted(pad)}," for pad in pads), "]", "", "[friction]"]
+    lines += ["pads = [", *(f"    {quoted(pad)}," for pad in pads), "]", ""]
+    if no_contact:
+        lines += ["# Links and shapes that pass through each other.", "no_contact = ["]
+        lines += [*(f"    [{', '.join(map(quoted, names))}]," for names in no_contact), "]", ""]
+    lines.append("[friction]")
     lines.append(f"pad = {_quantity(_PAD, '1', 'guess: rubber on a dry object')}")
     lines.append(f"bare = {_quantity(_BARE, '1', 'guess: plastic or metal on a dry object')}")
     for drive in drives:
@@ -152,9 +165,11 @@ def _actuator(drive: Drive) -> list[str]:
     usual, limit = min(span / _CLOSES, fastest), "lower" if drive.offset == low else "upper"
     key = f"servo.joints.{_key(joint)}"
     direction = "this direction brings fingertips together" if drive.closes else "it does not close the hand"
-    effort = "guess: the URDF states no believable effort; 30 N at the fingertip"
-    if drive.load_stated:
-        effort = "URDF: effort of the joint"
+    effort = "URDF: effort of the joint"
+    if not drive.load_stated:
+        stated = drive.link.effort
+        said = f"an effort of {stated:.4g} {force}, which is not believable" if stated else "no effort"
+        effort = f"guess: the URDF states {said}; 30 N at the fingertip"
     gives = f"guess: gives by {_GIVES[unit]} {unit} under the load"
     zero = "open" if drive.closes else "position 0"
     speed = "guess: twice the usual speed" if drive.speed is None else "URDF: velocity of the joint"

@@ -5,9 +5,9 @@ from graspbox._core import Hand
 from graspbox.hands.caching import cache_folder
 from graspbox.hands.geometry import asymmetries_of, corners_of, reach_of, symmetries_of
 from graspbox.hands.loading import HandLike, load_hand
+from graspbox.hands.loop_fits import LoopFit
 from graspbox.hands.mesh_fits import MeshFit, Primitive, fit_mesh
 from graspbox.hands.mjcf import urdf_of_mjcf
-from graspbox.hands.mjcf_loops import LoopFit
 from graspbox.hands.reading import fitted_urdf
 from graspbox.hands.urdf_meshes import FittedUrdf
 

@@ -147,6 +147,11 @@ class HandDescription:
     #: Friction factors of pads and of all other shapes.
     pad_friction: float
     bare_friction: float
+    #: Names of each two shapes that pass through each other.
+    no_contact: frozenset[frozenset[str]]
+    #: Rigid bodies that overlap in the open hand, each two by the indices of their first links: all of their shapes
+    #: pass through each other.
+    overlapping: tuple[tuple[int, int], ...]
 
     @property
     def moving(self) -> tuple[Link, ...]:
@@ -209,6 +214,12 @@ def independent(links: tuple[Link, ...]) -> tuple[Link, ...]:
     return tuple(link for link in links if link.moves and link.mimic is None)
 
 
+def passing_links(hand: Hand) -> tuple[str, ...]:
+    """Return the links that overlap in the open hand, as "A and B": they pass through each other."""
+    described = describe(hand)
+    return tuple(f"{described.links[a].name} and {described.links[b].name}" for a, b in described.overlapping)
+
+
 @lru_cache(maxsize=64)
 def describe(hand: Hand) -> HandDescription:
     """Return all that the files of a hand say; arrays are read-only."""
@@ -219,6 +230,8 @@ def describe(hand: Hand) -> HandDescription:
     rows["actuators"] = tuple(Actuator(**{**one, "joints": tuple(one["joints"])}) for one in rows["actuators"])
     rows["sensors"] = tuple(Sensor(s["link"], _array(s["position"]), _array(s["normal"])) for s in rows["sensors"])
     rows["named"] = tuple(map(dict, rows["named"]))
+    rows["no_contact"] = frozenset(map(frozenset, rows["no_contact"]))
+    rows["overlapping"] = tuple(rows["overlapping"])
     rows["base_from_hand"] = _array(rows["base_from_hand"])
     return HandDescription(**rows)
 

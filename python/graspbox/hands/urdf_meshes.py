@@ -23,7 +23,7 @@ from graspbox._common.rotations import euler_from_rotation
 from graspbox.errors import FileError, GraspboxError, HandError, MissingExtraError
 from graspbox.hands.mesh_files import LARGEST_MESH, check_reader, read_mesh
 from graspbox.hands.mesh_fits import MeshFit, MeshFits, Primitive, cached_fits, chosen, fits_of
-from graspbox.hands.mjcf_loops import LoopFit
+from graspbox.hands.loop_fits import LoopFit
 
 __all__ = ["FittedUrdf", "add_origin", "collisions", "numbers_text", "read_text", "with_primitives"]
 
@@ -62,6 +62,7 @@ class FittedUrdf:
     loops: dict[str, LoopFit] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
     name: str = "URDF"
+    no_contact: tuple[tuple[str, ...], ...] = ()
 
 
 def with_primitives(text: str, path: Path, name: str, check: Callable[[str], object] | None = None) -> FittedUrdf:

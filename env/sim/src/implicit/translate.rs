@@ -83,6 +83,7 @@ pub(crate) fn hand(hand: &Hand) -> (solver::Tree, Translation) {
     tree.cables = cables(hand, &coordinate_of);
     let translation = bodies(hand, &mut tree, coordinate_of, rigid);
     tree.pairs = pairs(hand, &translation);
+    tree.apart = apart(hand, &translation);
     (tree, translation)
 }
 
@@ -211,20 +212,24 @@ fn primitive(shape: &Shape) -> solver::Primitive {
     }
 }
 
-/// Pairs of bodies that may touch: links of different chains, and links with the palm unless they are next to it.
+/// Pairs of bodies that may touch, without those all of whose shapes pass through each other.
 fn pairs(hand: &Hand, translation: &Translation) -> Vec<(usize, usize)> {
-    let links = hand.touch_links();
-    let chain = |number: usize| links.iter().copied().filter(move |link| hand.chain_of_link(*link) == Some(number));
-    let body = |link: usize| translation.body[link];
-    let mut pairs = Vec::new();
-    for number in 0..hand.chain_count() {
-        pairs.extend(chain(number).filter(|link| hand.meets_palm(*link)).map(|link| (body(link), 0)));
-        for other in number + 1..hand.chain_count() {
-            pairs
-                .extend(chain(number).flat_map(|a| chain(other).map(move |b| (a, b))).map(|(a, b)| (body(a), body(b))));
-        }
-    }
-    pairs
+    let touch = |[a, b]: &[usize; 2]| {
+        let bodies = [translation.body[*a], translation.body[*b]];
+        let [some, others] = bodies.map(|body| &translation.shapes[body]);
+        some.iter().any(|one| others.iter().any(|two| hand.shapes_touch(*one, *two)))
+    };
+    let meeting = hand.meeting_bodies().into_iter().filter(touch);
+    meeting.map(|[a, b]| (translation.body[a], translation.body[b])).collect()
+}
+
+/// Shapes that pass through each other, each by its body and its index within it.
+fn apart(hand: &Hand, translation: &Translation) -> Vec<[(usize, usize); 2]> {
+    let place = |shape: &(usize, usize)| {
+        let body = translation.body[shape.0];
+        translation.shapes[body].iter().position(|own| own == shape).map(|within| (body, within))
+    };
+    hand.no_contact.shapes.iter().filter_map(|[a, b]| Some([place(a)?, place(b)?])).collect()
 }
 
 pub(crate) fn object(object: &ObjectModel, friction: f64) -> solver::Object {

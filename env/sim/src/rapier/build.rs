@@ -250,6 +250,10 @@ fn insert_colliders(
             let pose = carrier_from_link * shape::link_from_engine(collider);
             let part = Part::Link { link: *link, shape: index };
             let built = surface(engine_shape, factor, part, member, filter).position(frames::pose(&pose));
+            let own = (*link, index);
+            let passes = hand.no_contact.shapes.iter().flatten().any(|shape| *shape == own);
+            let hooks = if passes { ActiveHooks::FILTER_CONTACT_PAIRS } else { ActiveHooks::empty() };
+            let built = built.active_hooks(hooks);
             world.colliders.insert_with_parent(built, body, &mut world.bodies);
         }
     }

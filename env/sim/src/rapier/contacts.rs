@@ -3,10 +3,27 @@
 use super::build::{Handles, part_of};
 use super::frames;
 use crate::engine::{Contact, ContactSide, Part};
+use graspbox_hand::Hand;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rapier3d::geometry::{Contact as EnginePoint, ContactManifold};
 use rapier3d::math::{Pose, Vector};
-use rapier3d::prelude::{Collider, PhysicsWorld};
+use rapier3d::prelude::{Collider, PairFilterContext, PhysicsHooks, PhysicsWorld, SolverFlags};
+
+/// Leaves out contacts between shapes of a hand that pass through each other.
+pub(crate) struct NoContact<'a>(pub &'a Hand);
+
+impl PhysicsHooks for NoContact<'_> {
+    fn filter_contact_pair(&self, context: &PairFilterContext) -> Option<SolverFlags> {
+        let parts = [context.collider1, context.collider2].map(|handle| part_of(&context.colliders[handle]));
+        let passes = match parts {
+            [Part::Link { link: a, shape: i }, Part::Link { link: b, shape: j }] => {
+                !self.0.shapes_touch((a, i), (b, j))
+            }
+            _ => false,
+        };
+        (!passes).then_some(SolverFlags::default())
+    }
+}
 
 /// True if a part of the hand has a contact that the solver considers, pressing or predicted.
 pub(crate) fn hand_in_contact(physics: &PhysicsWorld) -> bool {

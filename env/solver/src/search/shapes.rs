@@ -155,7 +155,7 @@ impl Searcher {
         let reach = units::length(margin);
         let mut clearance = f64::INFINITY;
         for first in model.shapes_of[a].clone() {
-            for second in model.shapes_of[b].clone() {
+            for second in model.shapes_of[b].clone().filter(|second| model.shapes_touch(first, *second)) {
                 let (one, two) = (&model.shapes[first], &model.shapes[second]);
                 let place = one.body_from_shape.inv_mul(a_from_b) * two.body_from_shape;
                 let apart = place.translation.vector.norm() - one.radius - two.radius;

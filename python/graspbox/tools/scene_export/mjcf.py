@@ -360,7 +360,8 @@ def colliding_shapes(hand: HandDescription) -> list[tuple[ShapeGroup, ShapeGroup
     pairs = []
     for one, two in itertools.combinations(shape_groups(hand), 2):
         crosses = one.chain != two.chain and "palm" not in (one.part, two.part)
-        if crosses or {one.part, two.part} == {"palm", "far"}:
+        meet = crosses or {one.part, two.part} == {"palm", "far"}
+        if meet and frozenset((one.name, two.name)) not in hand.no_contact:
             pairs.append((one, two))
     return pairs
 

@@ -2,7 +2,7 @@
 
 A URDF is a tree, so mimic joints replace each ``connect`` of two bodies of a linkage, such as a four-bar finger.
 Springs and stops determine what the constraint leaves free. A parallelogram follows a line exactly; for other linkages
-`LoopFit` has the distance of the two bodies where the line is worst.
+`graspbox.hands.LoopFit` has the distance of the two bodies where the line is worst.
 """
 
 import copy
@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.errors import HandError
+from graspbox.hands.loop_fits import LoopFit
 
-__all__ = ["Coupling", "LoopFit", "couple_loops", "name_of"]
+__all__ = ["Coupling", "actuated_joints", "couple_loops", "name_of"]
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ Lines = dict[int, tuple[float, float]]
 #: Positions of the driven joint to which lines are fitted.
 _SAMPLES = 41
 #: Time step of the simulation, seconds; most steps for a sample; speed at which joints are at rest, rad/s or m/s.
-_STEP, _MOST_STEPS, _REST = 1e-3, 2000, 1e-5
+_STEP, _MOST_STEPS, _REST = 1e-3, 20_000, 1e-5
 #: Armature of the joints that are held, which no constraint moves, and added to that of others, which springs then move
 #: slowly; kg m2 or kg.
 _HELD, _ADDED = 1e3, 1e-3
@@ -36,29 +37,6 @@ _SOLREF, _SOLIMP = (4.0 * _STEP, 1.0), (0.99, 0.999, 1e-4, 0.5, 2.0)
 #: Greatest distance between the two bodies of a loop, metres.
 _MOST_GAP = 5e-3
 _UNSTABLE = "the joints of its closed loops do not come to rest; see in MuJoCo's viewer whether the loops stay closed"
-
-
-@dataclass(frozen=True)
-class LoopFit:
-    """A mimic joint in place of a closed loop.
-
-    Attributes
-    ----------
-    leader : str
-        The joint that it follows.
-    ratio, offset : float
-        Its position is `ratio` times the leader's, plus `offset`; radians or metres.
-    most : float
-        Greatest difference from the position in the closed loop, over the leader's range, radians or metres.
-    gap : float
-        Greatest distance between the two bodies where the loop was closed, over the leader's range, metres.
-    """
-
-    leader: str
-    ratio: float
-    offset: float
-    most: float
-    gap: float
 
 
 @dataclass(frozen=True)
@@ -75,6 +53,19 @@ class _Loop:
 def name_of(model: Any, kind: str, index: int) -> str:
     """Return the name of an element of a model, such as a ``joint``; for an unnamed one, kind and number."""
     return str(getattr(model, kind)(index).name or f"{kind}_{index}")
+
+
+def actuated_joints(mujoco: Any, model: Any) -> set[int]:
+    """Return the joints that actuators drive, directly or by a tendon along joints."""
+    kinds, joints = mujoco.mjtTrn, set[int]()
+    for kind, (index, _) in zip(model.actuator_trntype, model.actuator_trnid.tolist(), strict=True):
+        if int(kind) in {int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT)}:
+            joints.add(index)
+        if kind == kinds.mjTRN_TENDON:
+            wraps = slice(model.tendon_adr[index], model.tendon_adr[index] + model.tendon_num[index])
+            along = model.wrap_type[wraps] == mujoco.mjtWrap.mjWRAP_JOINT
+            joints |= set(model.wrap_objid[wraps][along].tolist())
+    return joints
 
 
 def couple_loops(
@@ -118,7 +109,7 @@ class _Linkage:
         model = self._model
         first, second = (self._joints_to(body) for body in self._bodies(equality))
         between = first ^ second
-        driven = between & (self._actuated() | set(coupled))
+        driven = between & (actuated_joints(self._mujoco, self._model) | set(coupled))
         heads = sorted({coupled[joint][0] if joint in coupled else joint for joint in driven})
         if len(heads) != 1:
             joints, leaders = ([name_of(model, "joint", joint) for joint in row] for row in (sorted(between), heads))
@@ -146,18 +137,6 @@ class _Linkage:
             first = int(model.body_jntadr[body])
             joints |= set(range(first, first + int(model.body_jntnum[body])))
             body = int(model.body_parentid[body])
-        return joints
-
-    def _actuated(self) -> set[int]:
-        """Return the joints that actuators drive, directly or by a tendon along joints."""
-        model, kinds, joints = self._model, self._mujoco.mjtTrn, set[int]()
-        for kind, (index, _) in zip(model.actuator_trntype, model.actuator_trnid.tolist(), strict=True):
-            if kind == kinds.mjTRN_JOINT:
-                joints.add(index)
-            if kind == kinds.mjTRN_TENDON:
-                wraps = slice(model.tendon_adr[index], model.tendon_adr[index] + model.tendon_num[index])
-                along = model.wrap_type[wraps] == self._mujoco.mjtWrap.mjWRAP_JOINT
-                joints |= set(model.wrap_objid[wraps][along].tolist())
         return joints
 
     def fits(self, loops: list[_Loop], driven: Lines) -> dict[int, LoopFit]:
