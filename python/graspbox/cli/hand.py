@@ -121,21 +121,41 @@ def new(
     urdf: Annotated[Path, typer.Argument(help="The URDF.")],
     out: Annotated[Path, typer.Option(help="Write this file.")] = Path("hand.toml"),
     name: Annotated[str | None, typer.Option(help="Name of the hand; that of the URDF's file by default.")] = None,
+    base: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Palm of the hand; by default where chains of joints branch.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     as_json: Json = False,
 ) -> None:
     """Begin a hand.toml for a URDF: a servo for each joint, pads and grasp frame are guessed, and the file loads.
 
-    The file begins with a list of guesses to review. Nothing is random here, so there is no --seed.
+    The file begins with a list of guesses to review. An arm or a wrist above the palm is left out: the URDF of the hand
+    alone is then written beside. Nothing is random here, so there is no --seed.
     """
     _check_new(out, force)
     try:
         with console.status("guessing"):
-            fitted, guessed = fitted_urdf(urdf), guess_hand(urdf, name)
+            guessed = guess_hand(urdf, name, base)
     except (HandError, FileError) as error:
         _refuse(error, unit_findings(urdf))
+    files = _write_guessed(guessed, urdf, out, force)
+    _print_guessed(guessed, guessed.fitted, files, as_json)
+
+
+def _write_guessed(guessed: GuessedHand, urdf: Path, out: Path, force: bool) -> list[Path]:
+    """Write the file of a hand, and the URDF of the hand alone if the given one has more."""
+    files = [out]
+    if guessed.urdf is not None:
+        alone = out.with_suffix(".urdf")
+        if alone.exists() and alone.samefile(urdf):
+            alone = out.with_name(f"{out.stem}_hand.urdf")
+        _check_new(alone, force)
+        write_text(alone, guessed.urdf)
+        files = [alone, out]
     write_text(out, guessed.text)
-    _print_guessed(guessed, fitted, [out], as_json)
+    for warning in guessed.warnings:
+        console.print(warning, soft_wrap=True)
+    return files
 
 
 @hand_app.command("convert")
@@ -162,6 +182,8 @@ def convert(
             guessed = guess_hand(urdf, name or mjcf.stem)
     except (HandError, FileError) as error:
         _refuse(error)
+    if guessed.urdf is not None:
+        write_text(urdf, guessed.urdf)
     write_text(toml, guessed.text)
     _print_guessed(guessed, converted, [urdf, toml], as_json)
 

@@ -11,7 +11,9 @@ from graspbox.hand_tools.boxes import gaps
 from graspbox.hands import Hand
 from graspbox.hands.description import Link, independent
 
-__all__ = ["Closing", "Fingers", "guess_closing", "middle"]
+__all__ = ["Closing", "Fingers", "follow", "guess_closing", "middle"]
+
+Ints = NDArray[np.int64]
 
 #: Weight of the distance to the palm relative to that between fingertips: it decides for one finger and parallel ones.
 _PALM = 0.5
@@ -25,6 +27,10 @@ _LOOKS = (0.5, 1.0)
 _SHARES = np.linspace(0.0, 1.0, 41)
 #: Distance of fingertips that meet, metres.
 _TOUCH = 1e-3
+#: Shapes that are nearer when the hand is open pass beside each other, and those that come closer by less do, metres.
+_BESIDE, _NEARER = 3e-3, 2e-3
+#: Bodies of a linkage stay within this distance of each other wherever it is, metres.
+_PINNED = 4e-3
 #: Most rounds in which directions are reconsidered.
 _ROUNDS = 8
 
@@ -44,7 +50,8 @@ class Fingers(HandBodies):
     chain_of : (j,) int64
         The chain of each rigid body.
     tips : dict of int to int
-        The rigid body at the tip of each chain with collision shapes: the one that gets farthest from the chain's root.
+        The rigid body at the tip of each finger, by its chain: the one that gets farthest from the chain's root. Chains
+        without collision shapes, and the bars of a finger that is a linkage, are no fingers.
     """
 
     def __init__(self, hand: Hand) -> None:
@@ -62,7 +69,52 @@ class Fingers(HandBodies):
                 away = float(np.linalg.norm(self.corners(positions, body) - root, axis=1).max())
                 if away > farthest.get(chain, -1.0) + 1e-6:
                     self.tips[chain], farthest[chain] = body, away
-        self.tips = dict(sorted(self.tips.items()))
+        bars = {chain for chain in self.tips if self._is_bar(chain, farthest)}
+        self.tips = {chain: body for chain, body in sorted(self.tips.items()) if chain not in bars}
+        self._between = self._tip_pairs()
+
+    def _is_bar(self, chain: int, reach: dict[int, float]) -> bool:
+        """Whether a chain is the bar of a linkage: it moves with a longer chain, and always stays beside it."""
+        leaders = self._leaders(chain)
+        longer = [other for other in self.tips if reach[other] > reach[chain] and self._leaders(other) == leaders]
+        if len(leaders) != 1 or not longer:
+            return False
+        looks = (self.limits[:, 0], self.limits.mean(axis=1), self.limits[:, 1])
+        own, chains = self.bodies == self.tips[chain], np.append(self.chain_of, -1)[self.bodies]
+        for other in longer:
+            pairs = np.argwhere(own[:, None] & (chains == other)[None])
+            if all(self.pair_gaps(look, pairs).min() < _PINNED for look in looks):
+                return True
+        return False
+
+    def _leaders(self, chain: int) -> set[int]:
+        """Return the independent joints that a chain's joints are or follow, by their links."""
+        links = [link for link, own in zip(self.described.moving, self.chain_of, strict=True) if own == chain]
+        return {link.index if link.mimic is None else link.mimic[0] for link in links}
+
+    def _tip_pairs(self) -> Ints:
+        """Return the pairs (n, 2) of shapes of two fingertips, or of one and the palm; none for more fingers."""
+        own = [np.flatnonzero(self.bodies == body) for body in self.tips.values()]
+        if len(own) == 1:
+            own.append(np.flatnonzero(self.bodies == -1))
+        pairs = [(i, j) for i in own[0] for j in own[1]] if len(own) == 2 else []
+        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+    def pair_gaps(self, positions: Floats, pairs: Ints) -> Floats:
+        """Return the distances (n,) of pairs (n, 2) of shapes, metres; negative where they overlap."""
+        poses, halves = self.boxes(positions)
+        first, second = pairs.T
+        return gaps(poses[first], halves[first], poses[second], halves[second])
+
+    def apart(self, positions: Floats) -> float:
+        """Return the mean distance of the fingertips from each other, metres.
+
+        Of two it is that of their surfaces: the centres of long shapes, such as rails, pass each other as they close.
+        """
+        if len(self._between):
+            return float(np.maximum(self.pair_gaps(positions, self._between), 0.0).mean())
+        tips = [float(np.linalg.norm(a - b)) for a, b in combinations(self.tip_centers(positions), 2)]
+        return float(np.mean(tips)) if tips else 0.0
 
     def body_of(self, link: Link) -> int:
         """Return the rigid body that a link's joint moves."""
@@ -78,22 +130,34 @@ class Fingers(HandBodies):
         corners = self.corners(self.neutral, -1)
         return middle(corners) if len(corners) else np.zeros(3)
 
-    def tip_gap(self, positions: Floats, facing: Floats) -> float:
-        """Return the least distance between fingertips, metres; infinity for a single finger.
+    def facing(self, opened: Floats, closed: Floats) -> Ints:
+        """Return the pairs (n, 2) of shapes between which the closing hand holds an object.
 
-        `facing` (k, 3) is the motion of the fingertips as the hand closes; those that move side by side are compared
-        only if there are no others.
+        They are those of fingertips that move towards each other, of all fingertips if none do, and of a single finger
+        and the palm; of these, the pairs that come closer as the hand closes, if there are any.
         """
-        poses, halves = self.boxes(positions)
         own = [np.flatnonzero(self.bodies == body) for body in self.tips.values()]
-        ways = facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
+        ways = self.tip_centers(closed) - self.tip_centers(opened)
+        ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
         every = list(combinations(range(len(own)), 2))
         opposed = [(a, b) for a, b in every if float(ways[a] @ ways[b]) < _FACING] or every
-        pairs = [(i, j) for a, b in opposed for i in own[a] for j in own[b]]
-        if not pairs:
-            return float("inf")
-        first, second = np.array(pairs).T
-        return float(gaps(poses[first], halves[first], poses[second], halves[second]).min())
+        chosen = [(own[a], own[b]) for a, b in opposed]
+        if len(own) == 1:
+            chosen = [(own[0], np.flatnonzero(self.bodies == -1))]
+        listed = [(i, j) for first, second in chosen for i in first for j in second]
+        pairs = np.array(listed, dtype=np.int64).reshape(-1, 2)
+        if not len(pairs):
+            return pairs
+        before = self.pair_gaps(opened, pairs)
+        path = (opened + share * (closed - opened) for share in (0.5, 0.75, 1.0))
+        after = np.min([self.pair_gaps(positions, pairs) for positions in path], axis=0)
+        nearing = (before > _BESIDE) & (after < before - _NEARER)
+        return pairs[nearing] if nearing.any() or len(own) == 1 else pairs
+
+    def palm_gap(self, positions: Floats) -> float:
+        """Return the least distance of a fingertip from the palm, metres; infinity without shapes of the palm."""
+        pairs = np.argwhere(np.isin(self.bodies, list(self.tips.values()))[:, None] & (self.bodies == -1)[None])
+        return float(self.pair_gaps(positions, pairs).min()) if len(pairs) else float("inf")
 
 
 @dataclass(frozen=True)
@@ -108,12 +172,18 @@ class Closing:
         Which joints close the hand; the others spread fingers or turn them.
     meets : (c,) float64
         Where fingertips meet first, or are closest.
+    half : (c,) float64
+        Half of the way to where the hand is closed, or to where a fingertip meets the palm.
+    facing : (n, 2) int64
+        Pairs of shapes that hold an object between them.
     """
 
     opened: Floats
     closed: Floats
     closes: NDArray[np.bool_]
     meets: Floats
+    half: Floats
+    facing: Ints
 
 
 def guess_closing(fingers: Fingers) -> Closing:
@@ -130,14 +200,22 @@ def guess_closing(fingers: Fingers) -> Closing:
         closes[:] = True
     _bend_along(fingers, best, closes)
     opened, closed = _ends(fingers, best)
-    opened, closed = np.where(closes, opened, fingers.neutral), np.where(closes, closed, fingers.neutral)
+    return follow(fingers, np.where(closes, opened, fingers.neutral), np.where(closes, closed, fingers.neutral), closes)
+
+
+def follow(fingers: Fingers, opened: Floats, closed: Floats, closes: NDArray[np.bool_]) -> Closing:
+    """Follow the fingers from the open hand to the closed one, positions (c,); `closes` (c,) are joints that move."""
     path = [opened + share * (closed - opened) for share in _SHARES]
-    ways = fingers.tip_centers(closed) - fingers.tip_centers(opened)
-    spans = np.array([fingers.tip_gap(positions, ways) for positions in path])
-    if not np.isfinite(spans).all():
-        return Closing(opened, closed, closes, path[len(path) // 2])
-    touching = 1 + np.flatnonzero(spans[1:] < _TOUCH)
-    return Closing(opened, closed, closes, path[int(touching[0]) if len(touching) else int(spans.argmin())])
+    facing = fingers.facing(opened, closed)
+    at = len(path) // 2
+    if len(facing):
+        spans = np.array([fingers.pair_gaps(positions, facing).min() for positions in path])
+        touching = 1 + np.flatnonzero(spans[1:] < _TOUCH)
+        at = int(touching[0]) if len(touching) else int(spans.argmin())
+    lifts = np.array([fingers.palm_gap(positions) for positions in path])
+    inside = np.flatnonzero(lifts < min(float(lifts[0]), 0.0) - _TOUCH)
+    last = int(inside[0]) if len(inside) else len(path) - 1
+    return Closing(opened, closed, closes, path[at], path[last // 2], facing)
 
 
 def _bend_along(fingers: Fingers, upper: NDArray[np.bool_], closes: NDArray[np.bool_]) -> None:
@@ -163,9 +241,8 @@ def _spread(fingers: Fingers, positions: Floats) -> float:
     tips = fingers.tip_centers(positions)
     if not len(tips):
         return 0.0
-    apart = [float(np.linalg.norm(a - b)) for a, b in combinations(tips, 2)]
     lift = np.linalg.norm(tips - fingers.palm_center, axis=1)
-    return (float(np.mean(apart)) if apart else 0.0) + _PALM * float(lift.mean())
+    return fingers.apart(positions) + _PALM * float(lift.mean())
 
 
 def _closeness(fingers: Fingers, upper: NDArray[np.bool_]) -> float:

@@ -59,7 +59,7 @@ class FittedUrdf:
     loops: dict[str, LoopFit] = field(default_factory=dict)
 
 
-def fitted_urdf(path: str | os.PathLike[str]) -> FittedUrdf:
+def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> FittedUrdf:
     """Read a URDF, and fit primitives to its collision meshes; without any, its text stays the same.
 
     Parameters
@@ -67,6 +67,8 @@ def fitted_urdf(path: str | os.PathLike[str]) -> FittedUrdf:
     path : str or PathLike
         The URDF. Meshes are STL, OBJ or PLY files in metres, named relative to its folder, by ``file://``, or by
         ``package://NAME/...``, where a folder NAME above the URDF holds them.
+    text : str, optional
+        Its content, where it is not that of the file.
 
     Raises
     ------
@@ -74,7 +76,7 @@ def fitted_urdf(path: str | os.PathLike[str]) -> FittedUrdf:
         If the URDF cannot be read, is no XML, or a mesh is missing, cannot be read or is flat.
     """
     path = Path(path)
-    text = read_text(path)
+    text = read_text(path) if text is None else text
     if not re.search(r"<\s*mesh\b", text):
         return FittedUrdf(text, {})
     if re.search(r"<!\s*(DOCTYPE|ENTITY)", text):
