@@ -8,7 +8,7 @@ from graspbox.hand_tools.closing import Closing, Fingers, follow, middle
 from graspbox.hand_tools.tables import Frame
 from graspbox.hands.geometry import box_corners
 
-__all__ = ["PALM", "approach_of", "axes_of", "frame_with", "guess_pads", "with_raised_fingers"]
+__all__ = ["PALM", "approach_of", "axes_of", "directions_of", "frame_with", "guess_pads", "with_raised_fingers"]
 
 #: The chain of the palm's shapes among pads.
 PALM = -1
@@ -115,11 +115,23 @@ def approach_of(fingers: Fingers, closing: Closing) -> Floats:
         along = abs(float(net[thin]))
         flat = sides[thin] < _FLAT * float(np.sort(sides)[1])
         if flat and along > _CURLS * moved and along > float(np.linalg.norm(net)) / 2:
-            normal = np.zeros(3)
-            normal[thin] = np.sign(net[thin])
-            return normal
+            return np.asarray(np.sign(net[thin]) * np.eye(3)[thin])
     out = half.mean(axis=0) - fingers.palm_center
     return _snapped(out) if float(np.linalg.norm(out)) > 1e-6 else np.array([0.0, 0.0, 1.0])
+
+
+def directions_of(fingers: Fingers, closing: Closing) -> list[Floats]:
+    """Return other possible directions (3,) out of the palm: its normal, to the fingertips, and between both."""
+    half = fingers.tip_centers(closing.half)
+    out, net = half.mean(axis=0) - fingers.palm_center, (half - fingers.tip_centers(closing.opened)).mean(axis=0)
+    sides = np.ptp(fingers.corners(fingers.neutral, -1), axis=0) if (fingers.bodies == -1).any() else np.ones(3)
+    thin = int(sides.argmin())
+    normal = (1.0 if net[thin] >= 0.0 else -1.0) * np.eye(3)[thin]
+    length = float(np.linalg.norm(out))
+    if length < 1e-6:
+        return [normal]
+    between = [_snapped(normal + out / length)] if float(normal @ out) > 0.0 else []
+    return [normal, _snapped(out), *between]
 
 
 def _along_the_jaw(fingers: Fingers, closing: Closing, way: Floats) -> Floats:

@@ -1,16 +1,25 @@
-"""A few planned grasps in simulation: whether the planner and a trial work with a hand."""
+"""A few planned grasps in simulation: whether the planner and a trial work with a hand, and how well it grasps."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspbox import object_sets
+from graspbox import _core, object_sets
+from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import GraspboxError, InternalError
 from graspbox.evaluation.planner_trials import ObjectResult, try_object
+from graspbox.hand_tools.bodies import Floats
 from graspbox.hand_tools.findings import CheckedHand, Finding
 from graspbox.hand_tools.motion import open_width
+from graspbox.hands import Hand
+from graspbox.meshes import Mesh
+from graspbox.planning import plan
+from graspbox.simulation import Scene
 
-__all__ = ["trials"]
+__all__ = ["Judged", "Task", "judge", "resting", "trials"]
 
 #: Objects that are tried, and the first poses of each.
 _OBJECTS, _POSES = ("procedural:box:0", "procedural:can:0", "procedural:ball:0"), 5
@@ -18,6 +27,14 @@ _OBJECTS, _POSES = ("procedural:box:0", "procedural:can:0", "procedural:ball:0")
 _FILLED = 0.7
 #: An opening of a hand that states none and whose fingers do not face each other, metres.
 _USUAL = 0.08
+#: Families of the objects.
+_FAMILIES = ("can", "box", "ball")
+#: Few boxes and poses: the objects are simple, and the same random numbers serve every hand.
+_PLANNING = PlanConfig(decompose=DecomposeConfig(max_boxes=2, samples=500), poses=PoseConfig(variations=4, pairs=0))
+#: What a grasp that does not hold is worth by its failure: it shows the way to one that does.
+_PARTIAL = {"no_contact": 0.02, "slipped": 0.1, "unstable": 0.2, "dropped": 0.2}
+#: Worth of a grasp that holds, and more of one that holds firmly.
+_HOLDS, _FIRMLY = 0.7, 0.3
 
 
 def trials(checked: CheckedHand, seed: int = 0) -> Iterator[Finding]:
@@ -54,7 +71,11 @@ def trials(checked: CheckedHand, seed: int = 0) -> Iterator[Finding]:
 
 
 def _result(checked: CheckedHand, name: str, seed: int) -> ObjectResult:
-    """Try the object, scaled to the opening of the hand."""
+    return try_object(_fitting(checked, name), poses=_POSES, seed=seed, hand=checked.hand)
+
+
+def _fitting(checked: CheckedHand, name: str) -> object_sets.ObjectSpec:
+    """Return the object of a name, scaled down to the opening of the hand if it is larger."""
     opening = checked.hand.widest
     if np.isinf(opening):
         opening = open_width(checked)
@@ -62,8 +83,7 @@ def _result(checked: CheckedHand, name: str, seed: int) -> ObjectResult:
     mesh = object_sets.load(name)[0].load()
     middle = float(np.sort(mesh.bounds[1] - mesh.bounds[0])[1])
     scale = min(1.0, _FILLED * opening / middle)
-    spec = object_sets.load(name, scale=round(scale, 3))[0]
-    return try_object(spec, poses=_POSES, seed=seed, hand=checked.hand)
+    return object_sets.load(name, scale=round(scale, 3))[0]
 
 
 def _row(name: str, result: ObjectResult) -> Finding:
@@ -75,3 +95,89 @@ def _row(name: str, result: ObjectResult) -> Finding:
     value = f"{row['succeeded']} of {row['tried']}"
     message = "first poses of the plan that hold the object in simulation"
     return Finding("note", "trials", name, value, f"{message}{f' (others: {failed})' if failed else ''}")
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """An object and its pose at rest (4, 4), world frame; its family."""
+
+    family: str
+    mesh: Mesh
+    world_from_object: Floats
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What grasps of one object with one hand came to.
+
+    Attributes
+    ----------
+    asked, tried, held, firm : int
+        Grasps that were asked for, that the planner found, that hold the object, and that hold it firmly.
+    value : float
+        Their mean worth, in [0, 1]; a grasp that the planner did not find is worth nothing.
+    """
+
+    asked: int
+    tried: int = 0
+    held: int = 0
+    firm: int = 0
+    value: float = 0.0
+
+
+def resting(hand: Hand, seeds: Sequence[int]) -> list[Task]:
+    """Let objects of each family come to rest, scaled so that the hand could hold them."""
+    checked, tasks = CheckedHand(hand), []
+    for family in _FAMILIES:
+        for seed in seeds:
+            mesh = _fitting(checked, f"procedural:{family}:{seed}").load()
+            tasks.append(Task(family, mesh, Scene(mesh, hand=hand).world_from_object))
+    return tasks
+
+
+def judge(
+    hands: Sequence[Hand | None],
+    tasks: Sequence[Task],
+    poses: int,
+    done: Callable[[int], None] = lambda _: None,
+    seed: int = 0,
+) -> list[list[Judged]]:
+    """Try hands on all tasks, with the first `poses` planned grasps each; None stands for one that cannot be made.
+
+    `done` is called with the trials of every task. Results do not depend on the number of threads.
+    """
+    jobs = [(hand, task) for hand in hands for task in tasks]
+
+    def work(job: tuple[Hand | None, Task]) -> Judged:
+        hand, task = job
+        result = Judged(poses) if hand is None else _tried(hand, task, poses, seed)
+        done(poses)
+        return result
+
+    with ThreadPoolExecutor(_core.num_threads()) as pool:
+        try:
+            results = list(pool.map(work, jobs))
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return [results[first : first + len(tasks)] for first in range(0, len(results), len(tasks))]
+
+
+def _tried(hand: Hand, task: Task, poses: int, seed: int) -> Judged:
+    try:
+        scene = Scene(task.mesh, hand=hand, world_from_object=task.world_from_object)
+        rest = scene.world_from_object
+        found = plan(task.mesh, hand=hand, world_from_object=rest, seed=seed, config=_PLANNING, num_threads=1).best(
+            poses
+        )
+        if not len(found):
+            return Judged(poses)
+        out = scene.simulate(found, num_threads=1)
+    except InternalError:
+        raise
+    except GraspboxError:
+        # An object that this hand cannot be planned for counts as one that it does not hold.
+        return Judged(poses)
+    worth: NDArray[np.float64] = np.array([_PARTIAL.get(kind, 0.0) for kind in out.failure])
+    worth = np.where(out.success, _HOLDS + _FIRMLY * out.secure, worth)
+    return Judged(poses, len(found), int(out.success.sum()), int(out.secure.sum()), float(worth.sum()) / poses)
