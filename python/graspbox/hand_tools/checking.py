@@ -63,7 +63,7 @@ def check_hand(hand: HandLike, *, trials: bool = True, seed: int = 0) -> HandRep
     checked = CheckedHand(load_hand(hand))
     findings = [finding for check in _CHECKS for finding in check(checked)]
     if trials:
-        findings += run_trials(checked, seed)
+        findings += [*motion.emptied(checked), *run_trials(checked, seed)]
     return HandReport(checked.hand.name, tuple(sorted(findings, key=lambda f: SEVERITIES.index(f.severity))))
 
 

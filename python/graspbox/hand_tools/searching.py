@@ -29,7 +29,7 @@ __all__ = ["Budget", "SearchedHand", "search_hand"]
 #: Numbers of the objects that candidates are tried with, and of those that decide in the end.
 _OBJECTS, _HELD_OUT = (0, 1), (10, 11, 12, 13)
 #: Grasps of each object that a candidate is tried with, and in the end.
-_POSES, _FINAL_POSES = 6, 10
+_POSES, _FINAL_POSES = 4, 10
 #: First postures, and candidates that are judged at once.
 _FIRST, _BATCH = 48, 4
 #: Standard deviation with which CMA-ES begins; first postures from which it begins again once it has converged.

@@ -29,8 +29,11 @@ _FILLED = 0.7
 _USUAL = 0.08
 #: Families of the objects.
 _FAMILIES = ("can", "box", "ball")
-#: Few boxes and poses: the objects are simple, and the same random numbers serve every hand.
-_PLANNING = PlanConfig(decompose=DecomposeConfig(max_boxes=2, samples=500), poses=PoseConfig(variations=4, pairs=0))
+#: One box and few poses: the objects are simple, and the same random numbers serve every hand.
+_PLANNING = PlanConfig(
+    decompose=DecomposeConfig(fit="pca", max_boxes=1, samples=300),
+    poses=PoseConfig(variations=4, pairs=0, standoffs=(0.02, 0.04)),
+)
 #: What a grasp that does not hold is worth by its failure: it shows the way to one that does.
 _PARTIAL = {"no_contact": 0.02, "slipped": 0.1, "unstable": 0.2, "dropped": 0.2}
 #: Worth of a grasp that holds, and more of one that holds firmly.
