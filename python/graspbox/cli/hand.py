@@ -11,10 +11,12 @@ from rich.console import Console
 from rich.table import Table
 
 from graspbox._common.files import check_output, write_text
-from graspbox.cli.common import Json, Seed, check_files, console, find_hand, print_json
+from graspbox.cli.common import Json, Seed, check_files, console, find_hand, print_json, print_table
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
 from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand, guess_hand
 from graspbox.hand_tools.checking import unit_findings
+from graspbox.hand_tools.guessing import Guess, begin_guess
+from graspbox.hand_tools.searching import Budget, SearchedHand, search_hand
 from graspbox.hands import FittedUrdf, Hand, MeshFit, fitted_urdf, load_hand, urdf_of_mjcf
 
 __all__ = ["hand_app"]
@@ -108,10 +110,7 @@ def check(
         _print_fits(fits)
         _print_report(report)
     if picture is not None:
-        from graspbox import pictures
-
-        pictures.save_hand_motion(picture, loaded)
-        console.print(f"wrote {picture}")
+        _save_picture(picture, loaded)
     if report.has_errors:
         raise typer.Exit(1)
 
@@ -124,22 +123,76 @@ def new(
     base: Annotated[
         str | None, typer.Option(metavar="LINK", help="Palm of the hand; by default where chains of joints branch.")
     ] = None,
+    search: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BUDGET",
+            help="Search by simulated grasps how the hand opens, what closes and where it grasps: a time (10min, by "
+            "the clock), or a number of grasps (5000: the same file again). Ctrl-C keeps the best so far; the same "
+            "command resumes (extra search).",
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a picture of the hand open, half closed and closed into this file.")
+    ] = None,
+    seed: Seed = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     as_json: Json = False,
 ) -> None:
     """Begin a hand.toml for a URDF: a servo for each joint, pads and grasp frame are guessed, and the file loads.
 
     The file begins with a list of guesses to review. An arm or a wrist above the palm is left out: the URDF of the hand
-    alone is then written beside. Nothing is random here, so there is no --seed.
+    alone is then written beside. Only a search has random numbers.
     """
-    _check_new(out, force)
+    check_files(None, picture)
+    budget = None if search is None else Budget.of(search)
+    journal = out.with_suffix(".search.jsonl")
+    _check_new(out, force or (budget is not None and journal.exists()))
     try:
         with console.status("guessing"):
-            guessed = guess_hand(urdf, name, base)
+            guess = begin_guess(urdf, name, base)
     except (HandError, FileError) as error:
         _refuse(error, unit_findings(urdf))
-    files = _write_guessed(guessed, urdf, out, force)
-    _print_guessed(guessed, guessed.fitted, files, as_json)
+    searched = None if budget is None else _search(guess, budget, journal, seed)
+    guessed = guess.write() if searched is None else searched.guessed
+    files = _write_guessed(guessed, urdf, out, force or searched is not None)
+    _print_guessed(guessed, guessed.fitted, files, as_json, searched)
+    if picture is not None:
+        _save_picture(picture, Hand(guessed.fitted.text, guessed.text))
+
+
+def _search(guess: Guess, budget: Budget, journal: Path, seed: int) -> SearchedHand:
+    """Search with a line of progress on standard error."""
+    with console.status("searching; Ctrl-C keeps the best so far") as status:
+
+        def told(trials: int, best: float) -> None:
+            status.update(f"{trials} grasps, best value {best:.2f}; Ctrl-C keeps the best so far")
+
+        return search_hand(guess, budget, journal, seed=seed, told=told)
+
+
+def _print_searched(searched: SearchedHand) -> None:
+    """Print what held-out objects say about a search."""
+    if not searched.finished:
+        console.print("interrupted: this is the best so far, not tried on held-out objects; the same command resumes")
+    elif not searched.rows:
+        console.print("no posture holds anything, so this is the guess; look at the picture (--picture)")
+    elif not searched.better:
+        console.print("the search found nothing that holds more of held-out objects, so this is the guess")
+    rows = [
+        (family, str(before.asked), *(f"{each.held} ({each.firm} secure)" for each in (before, after)))
+        for family, before, after in searched.rows
+    ]
+    if rows:
+        title = f"grasps of held-out objects that hold; {searched.trials} grasps in the search"
+        print_table(title, ("objects", "grasps", "guess", "search"), rows)
+
+
+def _save_picture(path: Path, hand: Hand) -> None:
+    from graspbox import pictures
+
+    pictures.save_hand_motion(path, hand)
+    console.print(f"wrote {path}")
 
 
 def _write_guessed(guessed: GuessedHand, urdf: Path, out: Path, force: bool) -> list[Path]:
@@ -195,13 +248,20 @@ def _check_new(path: Path, force: bool) -> None:
     check_output(path)
 
 
-def _print_guessed(guessed: GuessedHand, urdf: FittedUrdf, files: Sequence[Path], as_json: bool) -> None:
-    """Print the new files, the fits of meshes and loops, and the guesses to review."""
+def _print_guessed(
+    guessed: GuessedHand,
+    urdf: FittedUrdf,
+    files: Sequence[Path],
+    as_json: bool,
+    searched: SearchedHand | None = None,
+) -> None:
+    """Print the new files, the fits of meshes and loops, the result of a search, and the guesses to review."""
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
         loops = {name: asdict(fit) for name, fit in urdf.loops.items()}
         review = list(guessed.review)
-        print_json({"hand": guessed.name, "out": str(files[-1]), "review": review, "meshes": meshes, "loops": loops})
+        table = {"hand": guessed.name, "out": str(files[-1]), "review": review, "meshes": meshes, "loops": loops}
+        print_json(table if searched is None else {**table, "search": searched.table()})
         return
     console.print(f"wrote {' and '.join(map(str, files))}")
     _print_fits(urdf.fits)
@@ -210,6 +270,8 @@ def _print_guessed(guessed: GuessedHand, urdf: FittedUrdf, files: Sequence[Path]
             f"{name}: follows {fit.leader} with ratio {fit.ratio:.3f} in place of a closed loop, which opens by at "
             f"most {1e3 * fit.gap:.1f} mm"
         )
+    if searched is not None:
+        _print_searched(searched)
     typer.echo("Review these guesses:")
     for item in guessed.review:
         typer.echo(f"- {item}")

@@ -18,6 +18,7 @@ import numpy as np
 from graspbox import _core
 from graspbox._common.files import read_bounded, write_text
 from graspbox._common.imports import imported
+from graspbox.configs import PlanConfig
 from graspbox.errors import ConfigError, HandError
 from graspbox.hand_tools.guessing import Guess, GuessedHand
 from graspbox.hand_tools.postures import Posture, Postures
@@ -229,7 +230,9 @@ class _Run:
             text, review = self._postures.text(self._best, f"{found}; interrupted, not tried on other objects")
             return SearchedHand(self._guess.written(text, review), True, self.trials, False, ())
         tasks = resting(self._first_hand, _HELD_OUT)
-        before, after = judge([self._first_hand, self._hand(self._best)], tasks, _FINAL_POSES, seed=1)
+        before, after = judge(
+            [self._first_hand, self._hand(self._best)], tasks, _FINAL_POSES, planning=PlanConfig(), seed=1
+        )
         rows = []
         for family in (*dict.fromkeys(task.family for task in tasks), "all"):
             own = [number for number, task in enumerate(tasks) if family in (task.family, "all")]

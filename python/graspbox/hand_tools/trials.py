@@ -1,6 +1,6 @@
 """A few planned grasps in simulation: whether the planner and a trial work with a hand, and how well it grasps."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -30,10 +30,7 @@ _USUAL = 0.08
 #: Families of the objects.
 _FAMILIES = ("can", "box", "ball")
 #: One box and few poses: the objects are simple, and the same random numbers serve every hand.
-_PLANNING = PlanConfig(
-    decompose=DecomposeConfig(fit="pca", max_boxes=1, samples=300),
-    poses=PoseConfig(variations=4, pairs=0, standoffs=(0.02, 0.04)),
-)
+SIMPLE = PlanConfig(decompose=DecomposeConfig(max_boxes=1, samples=400), poses=PoseConfig(pairs=0))
 #: What a grasp that does not hold is worth by its failure: it shows the way to one that does.
 _PARTIAL = {"no_contact": 0.02, "slipped": 0.1, "unstable": 0.2, "dropped": 0.2}
 #: Worth of a grasp that holds, and more of one that holds firmly.
@@ -142,20 +139,19 @@ def judge(
     hands: Sequence[Hand | None],
     tasks: Sequence[Task],
     poses: int,
-    done: Callable[[int], None] = lambda _: None,
+    *,
+    planning: PlanConfig = SIMPLE,
     seed: int = 0,
 ) -> list[list[Judged]]:
     """Try hands on all tasks, with the first `poses` planned grasps each; None stands for one that cannot be made.
 
-    `done` is called with the trials of every task. Results do not depend on the number of threads.
+    Results do not depend on the number of threads.
     """
     jobs = [(hand, task) for hand in hands for task in tasks]
 
     def work(job: tuple[Hand | None, Task]) -> Judged:
         hand, task = job
-        result = Judged(poses) if hand is None else _tried(hand, task, poses, seed)
-        done(poses)
-        return result
+        return Judged(poses) if hand is None else _tried(hand, task, poses, planning, seed)
 
     with ThreadPoolExecutor(_core.num_threads()) as pool:
         try:
@@ -166,11 +162,11 @@ def judge(
     return [results[first : first + len(tasks)] for first in range(0, len(results), len(tasks))]
 
 
-def _tried(hand: Hand, task: Task, poses: int, seed: int) -> Judged:
+def _tried(hand: Hand, task: Task, poses: int, planning: PlanConfig, seed: int) -> Judged:
     try:
         scene = Scene(task.mesh, hand=hand, world_from_object=task.world_from_object)
         rest = scene.world_from_object
-        found = plan(task.mesh, hand=hand, world_from_object=rest, seed=seed, config=_PLANNING, num_threads=1).best(
+        found = plan(task.mesh, hand=hand, world_from_object=rest, seed=seed, config=planning, num_threads=1).best(
             poses
         )
         if not len(found):
