@@ -6,14 +6,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.hand_tools.bodies import Floats, HandBodies
-from graspbox.hand_tools.boxes import gaps
+from graspbox.hand_tools.bodies import Floats, HandBodies, Ints
 from graspbox.hands import Hand
 from graspbox.hands.description import Link, independent
 
 __all__ = ["Closing", "Fingers", "follow", "guess_closing", "middle"]
-
-Ints = NDArray[np.int64]
 
 #: Weight of the distance to the palm relative to that between fingertips: it decides for one finger and parallel ones.
 _PALM = 0.5
@@ -29,8 +26,6 @@ _SHARES = np.linspace(0.0, 1.0, 41)
 _TOUCH = 1e-3
 #: Shapes that are nearer when the hand is open pass beside each other, and those that come closer by less do, metres.
 _BESIDE, _NEARER = 3e-3, 2e-3
-#: Bodies of a linkage stay within this distance of each other wherever it is, metres.
-_PINNED = 4e-3
 #: Most rounds in which directions are reconsidered.
 _ROUNDS = 8
 
@@ -45,10 +40,8 @@ class Fingers(HandBodies):
 
     Attributes
     ----------
-    limits, neutral : (c, 2), (c,) float64
-        Limits of the independent joints, and their positions nearest to 0, rad or m.
-    chain_of : (j,) int64
-        The chain of each rigid body.
+    neutral : (c,) float64
+        Positions of the independent joints nearest to 0, rad or m.
     tips : dict of int to int
         The rigid body at the tip of each finger, by its chain: the one that gets farthest from the chain's root. Chains
         without collision shapes, and the bars of a finger that is a linkage, are no fingers.
@@ -56,9 +49,7 @@ class Fingers(HandBodies):
 
     def __init__(self, hand: Hand) -> None:
         super().__init__(hand)
-        self.limits = np.asarray(hand.joint_limits, dtype=np.float64).reshape(-1, 2)
         self.neutral = np.clip(np.zeros(len(self.limits)), self.limits[:, 0], self.limits[:, 1])
-        _, self.chain_of, _ = hand.joint_frames(self.neutral)
         self.tips: dict[int, int] = {}
         farthest: dict[int, float] = {}
         for positions in (self.neutral, *self.limits.T, self.limits.mean(axis=1)):
@@ -75,22 +66,8 @@ class Fingers(HandBodies):
 
     def _is_bar(self, chain: int, reach: dict[int, float]) -> bool:
         """Whether a chain is the bar of a linkage: it moves with a longer chain, and always stays beside it."""
-        leaders = self._leaders(chain)
-        longer = [other for other in self.tips if reach[other] > reach[chain] and self._leaders(other) == leaders]
-        if len(leaders) != 1 or not longer:
-            return False
-        looks = (self.limits[:, 0], self.limits.mean(axis=1), self.limits[:, 1])
-        own, chains = self.bodies == self.tips[chain], np.append(self.chain_of, -1)[self.bodies]
-        for other in longer:
-            pairs = np.argwhere(own[:, None] & (chains == other)[None])
-            if all(self.pair_gaps(look, pairs).min() < _PINNED for look in looks):
-                return True
-        return False
-
-    def _leaders(self, chain: int) -> set[int]:
-        """Return the independent joints that a chain's joints are or follow, by their links."""
-        links = [link for link, own in zip(self.described.moving, self.chain_of, strict=True) if own == chain]
-        return {link.index if link.mimic is None else link.mimic[0] for link in links}
+        longer = [other for other in self.tips if reach[other] > reach[chain]]
+        return any(self.is_pinned(chain, other) for other in longer)
 
     def _tip_pairs(self) -> Ints:
         """Return the pairs (n, 2) of shapes of two fingertips, or of one and the palm; none for more fingers."""
@@ -99,12 +76,6 @@ class Fingers(HandBodies):
             own.append(np.flatnonzero(self.bodies == -1))
         pairs = [(i, j) for i in own[0] for j in own[1]] if len(own) == 2 else []
         return np.array(pairs, dtype=np.int64).reshape(-1, 2)
-
-    def pair_gaps(self, positions: Floats, pairs: Ints) -> Floats:
-        """Return the distances (n,) of pairs (n, 2) of shapes, metres; negative where they overlap."""
-        poses, halves = self.boxes(positions)
-        first, second = pairs.T
-        return gaps(poses[first], halves[first], poses[second], halves[second])
 
     def apart(self, positions: Floats) -> float:
         """Return the mean distance of the fingertips from each other, metres.

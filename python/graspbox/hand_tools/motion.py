@@ -4,20 +4,17 @@ from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox.configs import TrialConfig
 from graspbox.errors import SimulationError
-from graspbox.hand_tools.bodies import Floats
+from graspbox.hand_tools.bodies import Floats, Ints
 from graspbox.hand_tools.boxes import gaps
 from graspbox.hand_tools.findings import CheckedHand, Finding, Severity
 from graspbox.hands import asymmetries_of, reach_of, symmetries_of
 from graspbox.simulation import Scene
 
 __all__ = ["emptied", "extent", "meeting", "open_width", "overlaps", "pads"]
-
-Ints = NDArray[np.int64]
 
 #: Shares of the closing motion at which distances are measured.
 _SHARES = tuple(np.linspace(0.0, 1.0, 21).tolist())
@@ -130,7 +127,7 @@ def _finger_pairs(checked: CheckedHand) -> tuple[Ints, bool]:
     Where there is one chain, its shapes face those of the palm; the flag says so.
     """
     padded = {int(chain) for chain in checked.chains[checked.pads] if chain >= 0}
-    front = checked.pads | ~np.isin(checked.chains, list(padded))
+    front = checked.pads | ~np.isin(checked.chains, [*padded, *_bars(checked)])
     single = len(set(checked.chains[checked.chains >= 0].tolist())) < 2
     shapes = [i for i in range(len(checked.chains)) if front[i] or checked.chains[i] < 0]
     pairs = [
@@ -139,6 +136,13 @@ def _finger_pairs(checked: CheckedHand) -> tuple[Ints, bool]:
         if checked.chains[i] != checked.chains[j] and (single or min(checked.chains[i], checked.chains[j]) >= 0)
     ]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2), single
+
+
+def _bars(checked: CheckedHand) -> set[int]:
+    """Return the chains without pads that are bars of linkages."""
+    padded = {int(chain) for chain in checked.chains[checked.pads] if chain >= 0}
+    others = set(checked.chain_of.tolist()) - padded
+    return {chain for chain in others if any(checked.is_pinned(chain, finger) for finger in padded)}
 
 
 def open_width(checked: CheckedHand) -> float:
@@ -174,14 +178,15 @@ def meeting(checked: CheckedHand) -> Iterator[Finding]:
 
 
 def pads(checked: CheckedHand) -> Iterator[Finding]:
-    """Find chains that close without pads."""
+    """Find chains that close without pads; the bars of a linkage need none."""
+    bars = _bars(checked)
     for index, name in enumerate(checked.hand.chains):
         own = checked.chains == index
         if not own.any():
             message = "it has no collision shapes, so it passes through objects"
             remedy = "add collision shapes to its links, or make its joints fixed"
             yield Finding("warning", "pads", f"chain {name}", "", message, remedy)
-        elif not checked.pads[own].any():
+        elif not checked.pads[own].any() and index not in bars:
             message = "none of its shapes is a pad, so it touches objects with the low friction of `bare`"
             remedy = "name the shapes that touch objects in `pads`"
             yield Finding("warning", "pads", f"chain {name}", "", message, remedy)
