@@ -73,4 +73,4 @@ def unit_findings(urdf: str | os.PathLike[str]) -> tuple[Finding, ...]:
         links = describe_wrong_urdf(read_bounded(urdf, LARGEST).decode(errors="replace"))
     except GraspboxError:
         return ()
-    return tuple(numbers.units(links)) if links else ()
+    return tuple(finding for finding in numbers.units(links) if finding.severity != "note") if links else ()

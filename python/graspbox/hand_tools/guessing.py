@@ -1,6 +1,7 @@
 """A first ``hand.toml`` for a URDF: joints, actuators, pads and grasp frame, guessed from its geometry."""
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from graspbox.hands.urdf_meshes import LARGEST, read_text
 
 __all__ = ["Guess", "GuessedHand", "begin_guess", "guess_hand"]
 
+#: A mesh of a URDF.
+_MESH = re.compile(r"<\s*mesh\b[^>]*?(?:/\s*>|>\s*<\s*/\s*mesh\s*>)", flags=re.DOTALL)
 #: Greatest number of actuators, as in the core.
 _MOST = 32
 #: Force at a fingertip where the URDF has no effort or a placeholder, and the range that is believed, N.
@@ -148,12 +151,14 @@ def begin_guess(urdf: str | os.PathLike[str], name: str | None = None, base: str
     read_bounded(path, LARGEST)  # raises if it cannot be read
     whole = read_text(path)
     cut = cut_above_palm(path, whole, base)
-    fitted = fitted_urdf(path, whole if cut is None else cut.text)
-    # Lines of the text without meshes are not those of the file.
-    changed = " (meshes replaced)" if fitted.fits else " (from the palm on)" if cut else ""
-    names = (f"{path}{changed}", "hand.toml")
-    links = describe_urdf(fitted.text, names[0])
+    own, place = (whole, str(path)) if cut is None else (cut.text, f"{path} (from the palm {cut.base} on)")
+    # What is wrong besides meshes, before minutes of fitting: the file's own lines, with boxes in place of meshes.
+    links = describe_urdf(_MESH.sub(_box_for, own), place)
     _check_joints(path, links)
+    fitted = fitted_urdf(path, own)
+    # Lines of the text without meshes are not those of the file.
+    names = (f"{path} (meshes replaced)" if fitted.fits else place, "hand.toml")
+    links = describe_urdf(fitted.text, names[0])
     fingers = Fingers(Hand(fitted.text, tables.minimal(links), names))
     if not fingers.tips:
         raise HandError(f"{path}: no link that a joint moves has a collision shape; a hand touches objects with them")
@@ -165,6 +170,11 @@ def begin_guess(urdf: str | os.PathLike[str], name: str | None = None, base: str
     guess = Guess(chosen, path.name, fitted, cut, fingers, closing, pads, axes_of(fingers, closing, z))
     Hand(fitted.text, guess.write().text, names)
     return guess
+
+
+def _box_for(mesh: re.Match[str]) -> str:
+    """Return a box in place of a mesh, with as many lines."""
+    return '<box size="0.01 0.01 0.01"/>' + "\n" * mesh[0].count("\n")
 
 
 def _check_joints(path: Path, links: tuple[Link, ...]) -> None:
