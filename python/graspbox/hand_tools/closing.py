@@ -45,6 +45,8 @@ class Fingers(HandBodies):
     tips : dict of int to int
         The rigid body at the tip of each finger, by its chain: the one that gets farthest from the chain's root. Chains
         without collision shapes, and the bars of a finger that is a linkage, are no fingers.
+    length : float
+        Greatest distance of a fingertip from the root of its chain, metres.
     """
 
     def __init__(self, hand: Hand) -> None:
@@ -61,6 +63,7 @@ class Fingers(HandBodies):
                 if away > farthest.get(chain, -1.0) + 1e-6:
                     self.tips[chain], farthest[chain] = body, away
         bars = {chain for chain in self.tips if self._is_bar(chain, farthest)}
+        self.length = max(farthest.values(), default=0.0)
         self.tips = {chain: body for chain, body in sorted(self.tips.items()) if chain not in bars}
         self._between = self._tip_pairs()
 

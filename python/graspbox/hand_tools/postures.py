@@ -29,6 +29,8 @@ _CLOSES = 1 / 3
 _TURN, _SHIFT = 0.3, 0.02
 #: Openings of the first postures, as shares of the ranges of the joints.
 _OPENINGS = (0.0, 0.25, 0.5)
+#: Width of the widest thing as a share of the length of fingers.
+_HELD = 0.7
 #: Bend of the outer joints of fingers that close at their roots alone, as a share of the range.
 _BENT = 0.15
 #: Random first postures: greatest opening, share of joints that close as guessed, and that do not close and stay.
@@ -111,6 +113,22 @@ class Postures:
         opening = [float(np.mean(shares[group])) for group in self.groups]
         closes = [float(closing.closes[group[0]]) for group in self.groups]
         return Posture(0, np.array([*opening, *closes, *([0.0] * len(self.free))]))
+
+    def opening(self) -> float:
+        """Return how wide the hand opens, metres: the widest of the first postures, from limit to limit.
+
+        Many fingers hold things as wide as most of their length, even if two of them are side by side.
+        """
+        count = len(self.groups)
+        widest = self._fingers.length * _HELD if len(self._fingers.tips) > 2 else 0.0
+        for opening in (*_OPENINGS, None):
+            point = self.guessed().point
+            if opening is not None:
+                point[:count] = np.where(point[count : 2 * count] > 0, opening, point[:count])
+            closing = self.closing_of(Posture(0, point))
+            if len(closing.facing):
+                widest = max(widest, float(self._fingers.pair_gaps(closing.opened, closing.facing).min()))
+        return widest
 
     def first(self, rng: np.random.Generator) -> Iterator[Posture]:
         """Give postures to begin with: the guess, variants of it, then random ones without end."""

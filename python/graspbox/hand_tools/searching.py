@@ -142,7 +142,8 @@ class _Run:
         self._guess, self._postures, self._journal, self._seed = guess, Postures(guess), journal, seed
         text = guess.write().text
         self._first_hand = Hand(guess.fitted.text, text)
-        self._tasks = resting(self._first_hand, _OBJECTS)
+        self._opening = self._postures.opening()
+        self._tasks = resting(self._first_hand, self._opening, _OBJECTS)
         mark = hashlib.sha256(f"{_METHOD}\n{_core.__version__}\n{guess.fitted.text}\n{text}".encode()).hexdigest()
         self._head = {"search": mark, "seed": seed}
         self._known, self._lines = self._read(), [json.dumps(self._head)]
@@ -229,7 +230,7 @@ class _Run:
         if not finished:
             text, review = self._postures.text(self._best, f"{found}; interrupted, not tried on other objects")
             return SearchedHand(self._guess.written(text, review), True, self.trials, False, ())
-        tasks = resting(self._first_hand, _HELD_OUT)
+        tasks = resting(self._first_hand, self._opening, _HELD_OUT)
         before, after = judge(
             [self._first_hand, self._hand(self._best)], tasks, _FINAL_POSES, planning=PlanConfig(), seed=1
         )

@@ -71,15 +71,15 @@ def trials(checked: CheckedHand, seed: int = 0) -> Iterator[Finding]:
 
 
 def _result(checked: CheckedHand, name: str, seed: int) -> ObjectResult:
-    return try_object(_fitting(checked, name), poses=_POSES, seed=seed, hand=checked.hand)
-
-
-def _fitting(checked: CheckedHand, name: str) -> object_sets.ObjectSpec:
-    """Return the object of a name, scaled down to the opening of the hand if it is larger."""
     opening = checked.hand.widest
     if np.isinf(opening):
         opening = open_width(checked)
         opening = opening if opening > 0.01 else _USUAL
+    return try_object(_fitting(opening, name), poses=_POSES, seed=seed, hand=checked.hand)
+
+
+def _fitting(opening: float, name: str) -> object_sets.ObjectSpec:
+    """Return the object of a name, scaled down to the opening of a hand, metres, if it is larger."""
     mesh = object_sets.load(name)[0].load()
     middle = float(np.sort(mesh.bounds[1] - mesh.bounds[0])[1])
     scale = min(1.0, _FILLED * opening / middle)
@@ -125,12 +125,12 @@ class Judged:
     value: float = 0.0
 
 
-def resting(hand: Hand, seeds: Sequence[int]) -> list[Task]:
-    """Let objects of each family come to rest, scaled so that the hand could hold them."""
-    checked, tasks = CheckedHand(hand), []
+def resting(hand: Hand, opening: float, seeds: Sequence[int]) -> list[Task]:
+    """Let objects of each family come to rest, scaled down to the opening of a hand, metres."""
+    tasks = []
     for family in _FAMILIES:
         for seed in seeds:
-            mesh = _fitting(checked, f"procedural:{family}:{seed}").load()
+            mesh = _fitting(opening, f"procedural:{family}:{seed}").load()
             tasks.append(Task(family, mesh, Scene(mesh, hand=hand).world_from_object))
     return tasks
 
