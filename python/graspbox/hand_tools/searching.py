@@ -194,8 +194,7 @@ class _Run:
     def _judge(self, postures: list[Posture]) -> list[float]:
         hands = [self._hand(posture) for posture in postures]
         results = judge(hands, self._tasks, _POSES)
-        # The root of each object's share: it is worth more to hold another object than one of them more often.
-        return [float(np.mean([np.sqrt(row.value) for row in rows])) for rows in results]
+        return [float(np.mean([row.value for row in rows])) for rows in results]
 
     def _hand(self, posture: Posture) -> Hand | None:
         try:

@@ -31,8 +31,8 @@ _USUAL = 0.08
 _FAMILIES = ("can", "box", "ball")
 #: One box and few poses: the objects are simple, and the same random numbers serve every hand.
 SIMPLE = PlanConfig(decompose=DecomposeConfig(max_boxes=1, samples=400), poses=PoseConfig(pairs=0))
-#: What a grasp that does not hold is worth by its failure: it shows the way to one that does.
-_PARTIAL = {"no_contact": 0.02, "slipped": 0.1, "unstable": 0.2, "dropped": 0.2}
+#: What a grasp that does not hold shows by its failure about the way to one that does, and the weight of that.
+_PARTIAL, _HINT = {"no_contact": 0.1, "slipped": 0.5, "unstable": 0.8, "dropped": 0.8}, 0.1
 #: Worth of a grasp that holds, and more of one that holds firmly.
 _HOLDS, _FIRMLY = 0.7, 0.3
 
@@ -115,7 +115,8 @@ class Judged:
     asked, tried, held, firm : int
         Grasps that were asked for, that the planner found, that hold the object, and that hold it firmly.
     value : float
-        Their mean worth, in [0, 1]; a grasp that the planner did not find is worth nothing.
+        What they are worth, in [0, 1]: mostly the root of the share that holds, since another object is worth more than
+        more grasps of one. A grasp that the planner did not find is worth nothing.
     """
 
     asked: int
@@ -177,6 +178,8 @@ def _tried(hand: Hand, task: Task, poses: int, planning: PlanConfig, seed: int) 
     except GraspboxError:
         # An object that this hand cannot be planned for counts as one that it does not hold.
         return Judged(poses)
-    worth: NDArray[np.float64] = np.array([_PARTIAL.get(kind, 0.0) for kind in out.failure])
-    worth = np.where(out.success, _HOLDS + _FIRMLY * out.secure, worth)
-    return Judged(poses, len(found), int(out.success.sum()), int(out.secure.sum()), float(worth.sum()) / poses)
+    hints: NDArray[np.float64] = np.array([_PARTIAL.get(kind, 0.0) for kind in out.failure])
+    hint = float(np.where(out.success, 1.0, hints).sum()) / poses
+    holds = float((out.success * (_HOLDS + _FIRMLY * out.secure)).sum()) / poses
+    value = (1.0 - _HINT) * float(np.sqrt(holds)) + _HINT * hint
+    return Judged(poses, len(found), int(out.success.sum()), int(out.secure.sum()), value)
