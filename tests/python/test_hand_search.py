@@ -86,7 +86,7 @@ def test_the_same_seed_gives_the_same_file_and_a_journal_resumes(tmp_path: Path,
     assert not part.finished
     assert part.rows == ()
     assert "interrupted" in part.guessed.text
-    assert [trials for trials, _ in seen] == [48, 96]
+    assert [trials for trials, _ in seen] == [48, 96]  # one object of each family
     # A line that was cut off is judged again.
     text = (tmp_path / "part").read_text()
     (tmp_path / "part").write_text(text[:-20])

@@ -16,6 +16,12 @@ __all__ = ["Closing", "Fingers", "follow", "guess_closing", "middle"]
 _PALM = 0.5
 #: A joint closes the hand if it brings fingertips together by this share of the distance that it moves them.
 _CLOSES = 0.15
+#: Joints of three and more fingers close them if they bring tips to the palm by this share too: others spread fingers,
+#: or turn a thumb.
+_BENDS = 0.3
+#: A joint goes one way from 0 if 0 is this near to the end of its range; shares of the range that are tried, and the
+#: least gain of opposition, of at most 1.
+_END, _TURNS, _BETTER = 0.2, (0.25, 0.5, 0.75, 1.0), 0.1
 #: Joints bend a finger together if the cosine of their axes is above the first; fingers face below the second.
 _ALONG, _FACING = 0.9, 0.5
 #: Shares of the closing motion at which closeness is measured.
@@ -169,12 +175,49 @@ def guess_closing(fingers: Fingers) -> Closing:
     count = len(fingers.limits)
     away = np.abs(fingers.limits[:, 1]) >= np.abs(fingers.limits[:, 0])
     best, _ = min((_descend(fingers, start) for start in (away, ~away)), key=lambda result: result[1])
-    closes = np.array([_gain(fingers, best, joint) > _CLOSES for joint in range(count)], dtype=bool)
+    gains = [_gain(fingers, best, joint) for joint in range(count)]
+    closes = np.array([gain > _CLOSES and lift > _BENDS for gain, lift in gains], dtype=bool)
+    if not closes.any():
+        closes = np.array([gain > _CLOSES for gain, _ in gains], dtype=bool)
     if not closes.any():
         closes[:] = True
     _bend_along(fingers, best, closes)
     opened, closed = _ends(fingers, best)
-    return follow(fingers, np.where(closes, opened, fingers.neutral), np.where(closes, closed, fingers.neutral), closes)
+    return _opposed(
+        fingers,
+        follow(fingers, np.where(closes, opened, fingers.neutral), np.where(closes, closed, fingers.neutral), closes),
+    )
+
+
+def _opposed(fingers: Fingers, closing: Closing) -> Closing:
+    """Turn the joints that do not close, but go one way from 0 only, so that fingertips meet from opposite sides.
+
+    So does a thumb that comes round before the palm. Other joints spread fingers, and stay.
+    """
+    low, high = fingers.limits.T
+    one_way = ~closing.closes & (
+        (fingers.neutral - low < _END * (high - low)) | (high - fingers.neutral < _END * (high - low))
+    )
+    for joint in np.flatnonzero(one_way) if len(fingers.tips) > 2 else ():
+        others = []
+        for share in _TURNS:
+            opened, closed = closing.opened.copy(), closing.closed.copy()
+            opened[joint] = closed[joint] = low[joint] + share * (high[joint] - low[joint])
+            others.append(follow(fingers, opened, closed, closing.closes))
+        scores = [_opposition(fingers, other) for other in others]
+        if max(scores) > _opposition(fingers, closing) + _BETTER:
+            closing = others[int(np.argmax(scores))]
+    return closing
+
+
+def _opposition(fingers: Fingers, closing: Closing) -> float:
+    """Say how well fingertips meet: each opposite another one, and near each other; at most 1."""
+    if not len(closing.facing):
+        return -np.inf
+    ways = fingers.tip_centers(closing.meets) - fingers.tip_centers(closing.opened)
+    units = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
+    apart = max(float(fingers.pair_gaps(closing.meets, closing.facing).min()), 0.0)
+    return float((1.0 - units @ units.T).max(axis=1).mean()) / 2 - apart / max(fingers.length, 1e-6)
 
 
 def follow(fingers: Fingers, opened: Floats, closed: Floats, closes: NDArray[np.bool_]) -> Closing:
@@ -240,14 +283,19 @@ def _descend(fingers: Fingers, start: NDArray[np.bool_]) -> tuple[NDArray[np.boo
     return upper, value
 
 
-def _gain(fingers: Fingers, upper: NDArray[np.bool_], joint: int) -> float:
-    """Return the share of a joint's motion that brings fingertips together, with the other joints half closed."""
+def _gain(fingers: Fingers, upper: NDArray[np.bool_], joint: int) -> tuple[float, float]:
+    """Return the shares of a joint's motion that bring fingertips together, and to the palm.
+
+    The other joints are half closed. Of two fingers the second share is not asked for: it is 1.
+    """
     opened, closed = _ends(fingers, upper)
     middle = (opened + closed) / 2
     first, last = middle.copy(), middle.copy()
     first[joint], last[joint] = opened[joint], closed[joint]
-    ways = np.linalg.norm(fingers.tip_centers(last) - fingers.tip_centers(first), axis=1)
-    moved = float(ways.sum())
+    before, after = fingers.tip_centers(first), fingers.tip_centers(last)
+    moved = float(np.linalg.norm(after - before, axis=1).sum())
     if moved < 1e-6:
-        return 0.0
-    return len(ways) * (_spread(fingers, first) - _spread(fingers, last)) / moved
+        return 0.0, 0.0
+    gain = len(after) * (_spread(fingers, first) - _spread(fingers, last)) / moved
+    far, near = (float(np.linalg.norm(tips - fingers.palm_center, axis=1).sum()) for tips in (before, after))
+    return gain, (far - near) / moved if len(after) > 2 else 1.0

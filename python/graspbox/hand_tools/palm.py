@@ -13,6 +13,8 @@ __all__ = ["Cut", "cut_above_palm"]
 
 #: A chain without branches and with at least so many independent joints is an arm with a jaw, not a finger.
 _ARM = 4
+#: Joints between two bodies from which chains branch, from which on the first one is no palm.
+_WRIST = 3
 #: Most candidates that an error names.
 _NAMED = 8
 
@@ -116,9 +118,14 @@ class _Tree:
     def palms(self, first: str) -> list[str]:
         """Return the bodies below one, or itself, from which chains branch that can close by themselves."""
         branches = self.branches(first)
-        deeper = [palm for branch in branches for palm in self.palms(branch)]
-        if deeper or len(branches) < 2:
-            return deeper
+        below = {branch: self.palms(branch) for branch in branches}
+        deeper = [palm for palms in below.values() for palm in palms]
+        # Fingers may share a joint, as on a bone of the palm; what hangs on more joints is an arm.
+        plain = [branch for branch, palms in below.items() if not palms]
+        own = len(list(self.above(first)))
+        far = [palm for palm in deeper if len(list(self.above(palm))) - own >= _WRIST]
+        if far or (deeper and not plain) or len(branches) < 2:
+            return far or deeper
         return [first] if self.independent([name for branch in branches for name in self.under(branch)]) else []
 
 

@@ -31,8 +31,10 @@ __all__ = ["Budget", "SearchedHand", "search_hand"]
 _OBJECTS, _HELD_OUT = (0, 1), (10, 11, 12, 13)
 #: Grasps of each object that a candidate is tried with, and in the end.
 _POSES, _FINAL_POSES = 4, 10
+#: A candidate is dropped halfway if it is worth less than this share of the best.
+_BEHIND = 0.6
 #: First postures, and candidates that are judged at once.
-_FIRST, _BATCH = 48, 4
+_FIRST, _BATCH = 36, 4
 #: Standard deviation with which CMA-ES begins; first postures from which it begins again once it has converged.
 _SIGMA, _STARTS = 0.2, 4
 #: Changes with the method, so that a journal of another one is not continued. Largest journal, bytes.
@@ -134,6 +136,15 @@ def search_hand(
     return run.verdict(finished)
 
 
+@dataclass(frozen=True)
+class _Row:
+    """A line of the journal: which way the palm faces and the numbers, their value, and the trials that it took."""
+
+    point: list[float]
+    value: float
+    trials: int
+
+
 class _Run:
     """A search under way."""
 
@@ -151,7 +162,7 @@ class _Run:
         self._steps = self._candidates()
         self._asked = next(self._steps)
 
-    def _read(self) -> list[tuple[list[float], float]]:
+    def _read(self) -> list["_Row"]:
         """Read the values of an interrupted search of the same hand and seed."""
         if not self._journal.exists():
             return []
@@ -169,7 +180,7 @@ class _Run:
         for line in lines[1:]:
             try:
                 row = json.loads(line)
-                known.append(([float(x) for x in row["point"]], float(row["value"])))
+                known.append(_Row([float(x) for x in row["point"]], float(row["value"]), int(row["trials"])))
             except (ValueError, KeyError, TypeError):
                 break  # cut off by an interruption
         return known
@@ -179,22 +190,30 @@ class _Run:
         count = len(self._lines) - 1
         known = self._known[count : count + len(self._asked)]
         same = len(known) == len(self._asked) and all(
-            [each.facing, *each.point.tolist()] == point for each, (point, _) in zip(self._asked, known, strict=True)
+            [each.facing, *each.point.tolist()] == row.point for each, row in zip(self._asked, known, strict=True)
         )
-        values = [value for _, value in known] if same else self._judge(self._asked)
-        for posture, value in zip(self._asked, values, strict=True):
-            self._lines.append(json.dumps({"point": [posture.facing, *posture.point.tolist()], "value": value}))
-            if value > self.best_value:
-                self.best_value, self._best = value, posture
-        self.trials += len(values) * len(self._tasks) * _POSES
+        rows = known if same else self._judge(self._asked)
+        for posture, row in zip(self._asked, rows, strict=True):
+            self._lines.append(json.dumps(vars(row)))
+            self.trials += row.trials
+            if row.value > self.best_value:
+                self.best_value, self._best = row.value, posture
         if not same:
             write_text(self._journal, "\n".join(self._lines) + "\n")
-        self._asked = self._steps.send(values)
+        self._asked = self._steps.send([row.value for row in rows])
 
-    def _judge(self, postures: list[Posture]) -> list[float]:
+    def _judge(self, postures: list[Posture]) -> list["_Row"]:
+        """Try postures with one object of each family, and those that do not fall far behind with the others too."""
         hands = [self._hand(posture) for posture in postures]
-        results = judge(hands, self._tasks, _POSES)
-        return [float(np.mean([row.value for row in rows])) for rows in results]
+        first, others = self._tasks[:: len(_OBJECTS)], [t for i, t in enumerate(self._tasks) if i % len(_OBJECTS)]
+        values = [[row.value for row in rows] for rows in judge(hands, first, _POSES)]
+        good = [i for i, own in enumerate(values) if float(np.mean(own)) > _BEHIND * self.best_value]
+        for number, rows in zip(good, judge([hands[i] for i in good], others, _POSES), strict=True):
+            values[number] += [row.value for row in rows]
+        return [
+            _Row([posture.facing, *posture.point.tolist()], float(np.mean(own)), len(own) * _POSES)
+            for posture, own in zip(postures, values, strict=True)
+        ]
 
     def _hand(self, posture: Posture) -> Hand | None:
         try:
