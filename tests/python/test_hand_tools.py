@@ -341,7 +341,7 @@ def test_a_guessed_file_loads(name: str, tmp_path: Path) -> None:
     assert len(sources) > 15
     assert all(source.startswith(("guess: ", "URDF: ")) for source in sources)
     words = " ".join(text.replace("#", " ").split())
-    assert ("no tendon can be guessed" in words) == (name in ("reflex", "soft_hand", "leap", "inspire"))
+    assert ("no tendon can be guessed" in words) == (name in ("reflex", "soft_hand", "leap"))
     assert not check_hand((urdf, out), trials=False).has_errors
 
 
@@ -365,7 +365,7 @@ def test_a_guessed_gripper_is_the_shipped_one_and_grasps_boxes(name: str, tmp_pa
 
 
 def test_directions_of_closing() -> None:
-    """A jaw closes towards 0, fingers away from it, and knuckles that spread fingers do not close."""
+    """A jaw closes towards 0, fingers away from it; knuckles that spread fingers or turn a thumb do not close."""
     opened = {}
     for name in NAMES:
         urdf = graspbox.load_hand(name).files[0]
@@ -376,7 +376,8 @@ def test_directions_of_closing() -> None:
         spread = {
             "soft_hand": [f"{finger}_abd" for finger in ("index", "middle", "ring", "little")],
             "reflex": ["preshape_1"],
-            "leap": ["if_rot", "mf_rot", "rf_rot", "th_cmc"],
+            "leap": ["if_rot", "mf_rot", "rf_rot", "th_cmc", "th_axl"],
+            "inspire": ["thumb_proximal_yaw_joint"],
         }
         assert side == spread.get(name, [])
     assert opened["panda_gripper"] == {"finger_joint1": 0.04}
@@ -401,7 +402,7 @@ def test_grasp_frames_that_are_guessed() -> None:
         np.testing.assert_allclose(np.abs(found.T @ expected), np.eye(3), atol=1e-5)
         assert found[:, 2] @ expected[:, 2] > 0.99
         assert found[:, 2] @ (np.array(table["xyz"]["value"]) - shipped["xyz"]["value"]) == pytest.approx(
-            0, abs=8e-3 if name == "leap" else 1e-6
+            0, abs=12e-3 if name == "leap" else 1e-6
         )
         assert ("width" in table["preshapes"][0]) == (name not in ("soft_hand", "leap"))
 

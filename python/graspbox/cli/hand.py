@@ -3,7 +3,7 @@
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -12,10 +12,12 @@ from rich.console import Console
 from rich.table import Table
 
 from graspbox._common.files import check_output, write_text
-from graspbox.cli.common import Json, Seed, check_files, console, hand_like, print_json
+from graspbox.cli.common import Json, Seed, check_files, console, hand_like, print_json, print_table
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
 from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand, guess_hand
 from graspbox.hand_tools.checking import unit_findings
+from graspbox.hand_tools.guessing import Guess, begin_guess
+from graspbox.hand_tools.searching import Budget, SearchedHand, search_hand
 from graspbox.hands import FittedUrdf, Hand, MeshFit, fitted_urdf, load_hand, urdf_of_mjcf
 
 __all__ = ["hand_app"]
@@ -118,10 +120,7 @@ def check(
         _print_fits(fits)
         _print_report(report)
     if picture is not None:
-        from graspbox import pictures
-
-        pictures.save_hand_motion(picture, loaded)
-        console.print(f"wrote {picture}")
+        _save_picture(picture, loaded)
     if report.has_errors:
         raise typer.Exit(1)
 
@@ -131,23 +130,95 @@ def new(
     urdf: Annotated[Path, typer.Argument(help="The URDF, xacro or MJCF file.")],
     out: Annotated[Path, typer.Option(help="Write this file.")] = Path("hand.toml"),
     name: Annotated[str | None, typer.Option(help="Name of the hand; that of the URDF's file by default.")] = None,
+    base: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Palm of the hand; by default where chains of joints branch.")
+    ] = None,
+    search: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BUDGET",
+            help="Search by simulated grasps how the hand opens, what closes and where it grasps: a time (10min, by "
+            "the clock), or a number of grasps (5000: the same file again). Ctrl-C keeps the best so far; the same "
+            "command resumes (extra search).",
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a picture of the hand open, half closed and closed into this file.")
+    ] = None,
+    seed: Seed = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     as_json: Json = False,
 ) -> None:
     """Begin a hand.toml for a URDF: a servo for each joint, pads and grasp frame are guessed, and the file loads.
 
-    A xacro is expanded (extra urdf), an MJCF file converted (extra mjcf) each time that the hand is loaded.
-    The file begins with a list of guesses to review. Nothing is random here, so there is no --seed.
+    A xacro is expanded (extra urdf), an MJCF file converted (extra mjcf) each time that the hand is loaded. The file
+    begins with a list of guesses to review. An arm or a wrist above the palm is left out: the URDF of the hand alone is
+    then written beside. Only a search has random numbers.
     """
-    _check_new(out, force)
+    check_files(None, picture)
+    budget = None if search is None else Budget.of(search)
+    journal = out.with_suffix(".search.jsonl")
+    _check_new(out, force or (budget is not None and journal.exists()))
     try:
-        fitted = fitted_urdf(urdf)  # shows its own progress
-        with console.status("guessing"):
-            guessed = guess_hand(urdf, name)
+        guess = begin_guess(urdf, name, base=base)
     except (HandError, FileError) as error:
         _refuse(error, unit_findings(urdf))
+    searched = None if budget is None else _search(guess, budget, journal, seed)
+    guessed = guess.write() if searched is None else searched.guessed
+    files = _write_guessed(guessed, urdf, out, force or searched is not None)
+    _print_guessed(guessed, guessed.fitted, files, as_json, searched)
+    if picture is not None:
+        _save_picture(picture, Hand(guessed.fitted.text, guessed.text))
+
+
+def _search(guess: Guess, budget: Budget, journal: Path, seed: int) -> SearchedHand:
+    """Search with a line of progress on standard error."""
+    with console.status("searching; Ctrl-C keeps the best so far") as status:
+
+        def told(trials: int, best: float) -> None:
+            status.update(f"{trials} grasps, best value {best:.2f}; Ctrl-C keeps the best so far")
+
+        return search_hand(guess, budget, journal, seed=seed, told=told)
+
+
+def _print_searched(searched: SearchedHand) -> None:
+    """Print what held-out objects say about a search."""
+    if not searched.finished:
+        console.print("interrupted: this is the best so far, not tried on held-out objects; the same command resumes")
+    elif not searched.rows:
+        console.print("no posture holds anything, so this is the guess; look at the picture (--picture)")
+    elif not searched.better:
+        console.print("the search found nothing that holds more of held-out objects, so this is the guess")
+    rows = [
+        (family, str(before.asked), *(f"{each.held} ({each.firm} secure)" for each in (before, after)))
+        for family, before, after in searched.rows
+    ]
+    if rows:
+        title = f"grasps of held-out objects that hold; {searched.trials} grasps in the search"
+        print_table(title, ("objects", "grasps", "guess", "search"), rows)
+
+
+def _save_picture(path: Path, hand: Hand) -> None:
+    from graspbox import pictures
+
+    pictures.save_hand_motion(path, hand)
+    console.print(f"wrote {path}")
+
+
+def _write_guessed(guessed: GuessedHand, urdf: Path, out: Path, force: bool) -> list[Path]:
+    """Write the file of a hand, and the URDF of the hand alone if the given one has more."""
+    files = [out]
+    if guessed.urdf is not None:
+        alone = out.with_suffix(".urdf")
+        if alone.exists() and alone.samefile(urdf):
+            alone = out.with_name(f"{out.stem}_hand.urdf")
+        _check_new(alone, force)
+        write_text(alone, guessed.urdf)
+        files = [alone, out]
     write_text(out, guessed.text)
-    _print_guessed(guessed, fitted, [out], as_json)
+    for warning in guessed.warnings:
+        console.print(warning, soft_wrap=True)
+    return files
 
 
 @hand_app.command("convert")
@@ -181,8 +252,10 @@ def convert(
             guessed = guess_hand(urdf, name or mjcf.stem, converted.no_contact)
     except (HandError, FileError) as error:
         _refuse(error)
+    if guessed.urdf is not None:
+        write_text(urdf, guessed.urdf)
     write_text(toml, guessed.text)
-    _print_guessed(guessed, converted, [urdf, toml], as_json)
+    _print_guessed(guessed, replace(converted, text=guessed.fitted.text), [urdf, toml], as_json)
 
 
 def _check_new(path: Path, force: bool) -> None:
@@ -192,15 +265,22 @@ def _check_new(path: Path, force: bool) -> None:
     check_output(path)
 
 
-def _print_guessed(guessed: GuessedHand, urdf: FittedUrdf, files: Sequence[Path], as_json: bool) -> None:
-    """Print the new files, what was assumed, the fits of meshes and loops, and the guesses to review."""
+def _print_guessed(
+    guessed: GuessedHand,
+    urdf: FittedUrdf,
+    files: Sequence[Path],
+    as_json: bool,
+    searched: SearchedHand | None = None,
+) -> None:
+    """Print the new files, what was assumed, fits, the result of a search, and the guesses to review."""
     assumed = Hand(urdf.text, guessed.text, (urdf.name, "hand.toml"), urdf.assumptions).assumptions
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
         loops = {name: asdict(fit) for name, fit in urdf.loops.items()}
         review = list(guessed.review)
         done = {"hand": guessed.name, "out": str(files[-1]), "assumptions": list(assumed), "review": review}
-        print_json({**done, "meshes": meshes, "loops": loops})
+        done |= {"meshes": meshes, "loops": loops}
+        print_json(done if searched is None else {**done, "search": searched.table()})
         return
     console.print(f"wrote {' and '.join(map(str, files))}")
     _print_assumptions(assumed)
@@ -210,6 +290,8 @@ def _print_guessed(guessed: GuessedHand, urdf: FittedUrdf, files: Sequence[Path]
             f"{name}: follows {fit.leader} with ratio {fit.ratio:.3f} in place of a closed loop, which opens by at "
             f"most {1e3 * fit.gap:.1f} mm"
         )
+    if searched is not None:
+        _print_searched(searched)
     typer.echo("Review these guesses:")
     for item in guessed.review:
         typer.echo(f"- {item}")

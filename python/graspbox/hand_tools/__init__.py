@@ -4,6 +4,8 @@
 |---|---|
 | `check_hand` | findings about units, limits, inertias, actuators, the closing motion, reach, sensors and trials |
 | `guess_hand` | a ``hand.toml`` whose numbers are guessed from the URDF, with a list of what to review |
+
+``graspbox hand new --search`` also searches, in simulation, for the posture with which the hand holds most.
 """
 
 from graspbox.hand_tools.checking import HandReport, check_hand

@@ -63,7 +63,7 @@ def check_hand(hand: HandLike, *, trials: bool = True, seed: int = 0) -> HandRep
     checked = CheckedHand(load_hand(hand))
     findings = [finding for check in _CHECKS for finding in check(checked)]
     if trials:
-        findings += run_trials(checked, seed)
+        findings += [*motion.emptied(checked), *run_trials(checked, seed)]
     return HandReport(checked.hand.name, tuple(sorted(findings, key=lambda f: SEVERITIES.index(f.severity))))
 
 
@@ -73,4 +73,4 @@ def unit_findings(urdf: str | os.PathLike[str]) -> tuple[Finding, ...]:
         links = describe_wrong_urdf(read_bounded(urdf, LARGEST).decode(errors="replace"))
     except GraspboxError:
         return ()
-    return tuple(numbers.units(links)) if links else ()
+    return tuple(finding for finding in numbers.units(links) if finding.severity != "note") if links else ()

@@ -6,17 +6,22 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from graspbox.hand_tools.bodies import Floats, HandBodies
-from graspbox.hand_tools.boxes import gaps
+from graspbox.hand_tools.bodies import Floats, HandBodies, Ints
 from graspbox.hands import Hand
 from graspbox.hands.description import Link, independent
 
-__all__ = ["Closing", "Fingers", "guess_closing", "middle"]
+__all__ = ["Closing", "Fingers", "follow", "guess_closing", "middle"]
 
 #: Weight of the distance to the palm relative to that between fingertips: it decides for one finger and parallel ones.
 _PALM = 0.5
 #: A joint closes the hand if it brings fingertips together by this share of the distance that it moves them.
 _CLOSES = 0.15
+#: Joints of three and more fingers close them if they bring tips to the palm by this share too: others spread fingers,
+#: or turn a thumb.
+_BENDS = 0.3
+#: A joint goes one way from 0 if 0 is this near to the end of its range; shares of the range that are tried, and the
+#: least gain of opposition, of at most 1.
+_END, _TURNS, _BETTER = 0.2, (0.25, 0.5, 0.75, 1.0), 0.1
 #: Joints bend a finger together if the cosine of their axes is above the first; fingers face below the second.
 _ALONG, _FACING = 0.9, 0.5
 #: Shares of the closing motion at which closeness is measured.
@@ -25,6 +30,8 @@ _LOOKS = (0.5, 1.0)
 _SHARES = np.linspace(0.0, 1.0, 41)
 #: Distance of fingertips that meet, metres.
 _TOUCH = 1e-3
+#: Shapes that are nearer when the hand is open pass beside each other, and those that come closer by less do, metres.
+_BESIDE, _NEARER = 3e-3, 2e-3
 #: Most rounds in which directions are reconsidered.
 _ROUNDS = 8
 
@@ -39,19 +46,18 @@ class Fingers(HandBodies):
 
     Attributes
     ----------
-    limits, neutral : (c, 2), (c,) float64
-        Limits of the independent joints, and their positions nearest to 0, rad or m.
-    chain_of : (j,) int64
-        The chain of each rigid body.
+    neutral : (c,) float64
+        Positions of the independent joints nearest to 0, rad or m.
     tips : dict of int to int
-        The rigid body at the tip of each chain with collision shapes: the one that gets farthest from the chain's root.
+        The rigid body at the tip of each finger, by its chain: the one that gets farthest from the chain's root. Chains
+        without collision shapes, and the bars of a finger that is a linkage, are no fingers.
+    length : float
+        Greatest distance of a fingertip from the root of its chain, metres.
     """
 
     def __init__(self, hand: Hand) -> None:
         super().__init__(hand)
-        self.limits = np.asarray(hand.joint_limits, dtype=np.float64).reshape(-1, 2)
         self.neutral = np.clip(np.zeros(len(self.limits)), self.limits[:, 0], self.limits[:, 1])
-        _, self.chain_of, _ = hand.joint_frames(self.neutral)
         self.tips: dict[int, int] = {}
         farthest: dict[int, float] = {}
         for positions in (self.neutral, *self.limits.T, self.limits.mean(axis=1)):
@@ -62,7 +68,33 @@ class Fingers(HandBodies):
                 away = float(np.linalg.norm(self.corners(positions, body) - root, axis=1).max())
                 if away > farthest.get(chain, -1.0) + 1e-6:
                     self.tips[chain], farthest[chain] = body, away
-        self.tips = dict(sorted(self.tips.items()))
+        bars = {chain for chain in self.tips if self._is_bar(chain, farthest)}
+        self.length = max(farthest.values(), default=0.0)
+        self.tips = {chain: body for chain, body in sorted(self.tips.items()) if chain not in bars}
+        self._between = self._tip_pairs()
+
+    def _is_bar(self, chain: int, reach: dict[int, float]) -> bool:
+        """Whether a chain is the bar of a linkage: it moves with a longer chain, and always stays beside it."""
+        longer = [other for other in self.tips if reach[other] > reach[chain]]
+        return any(self.is_pinned(chain, other) for other in longer)
+
+    def _tip_pairs(self) -> Ints:
+        """Return the pairs (n, 2) of shapes of two fingertips, or of one and the palm; none for more fingers."""
+        own = [np.flatnonzero(self.bodies == body) for body in self.tips.values()]
+        if len(own) == 1:
+            own.append(np.flatnonzero(self.bodies == -1))
+        pairs = [(i, j) for i in own[0] for j in own[1]] if len(own) == 2 else []
+        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+    def apart(self, positions: Floats) -> float:
+        """Return the mean distance of the fingertips from each other, metres.
+
+        Of two it is that of their surfaces: the centres of long shapes, such as rails, pass each other as they close.
+        """
+        if len(self._between):
+            return float(np.maximum(self.pair_gaps(positions, self._between), 0.0).mean())
+        tips = [float(np.linalg.norm(a - b)) for a, b in combinations(self.tip_centers(positions), 2)]
+        return float(np.mean(tips)) if tips else 0.0
 
     def body_of(self, link: Link) -> int:
         """Return the rigid body that a link's joint moves."""
@@ -78,22 +110,34 @@ class Fingers(HandBodies):
         corners = self.corners(self.neutral, -1)
         return middle(corners) if len(corners) else np.zeros(3)
 
-    def tip_gap(self, positions: Floats, facing: Floats) -> float:
-        """Return the least distance between fingertips, metres; infinity for a single finger.
+    def facing(self, opened: Floats, closed: Floats) -> Ints:
+        """Return the pairs (n, 2) of shapes between which the closing hand holds an object.
 
-        `facing` (k, 3) is the motion of the fingertips as the hand closes; those that move side by side are compared
-        only if there are no others.
+        They are those of fingertips that move towards each other, of all fingertips if none do, and of a single finger
+        and the palm; of these, the pairs that come closer as the hand closes, if there are any.
         """
-        poses, halves = self.boxes(positions)
         own = [np.flatnonzero(self.bodies == body) for body in self.tips.values()]
-        ways = facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
+        ways = self.tip_centers(closed) - self.tip_centers(opened)
+        ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
         every = list(combinations(range(len(own)), 2))
         opposed = [(a, b) for a, b in every if float(ways[a] @ ways[b]) < _FACING] or every
-        pairs = [(i, j) for a, b in opposed for i in own[a] for j in own[b]]
-        if not pairs:
-            return float("inf")
-        first, second = np.array(pairs).T
-        return float(gaps(poses[first], halves[first], poses[second], halves[second]).min())
+        chosen = [(own[a], own[b]) for a, b in opposed]
+        if len(own) == 1:
+            chosen = [(own[0], np.flatnonzero(self.bodies == -1))]
+        listed = [(i, j) for first, second in chosen for i in first for j in second]
+        pairs = np.array(listed, dtype=np.int64).reshape(-1, 2)
+        if not len(pairs):
+            return pairs
+        before = self.pair_gaps(opened, pairs)
+        path = (opened + share * (closed - opened) for share in (0.5, 0.75, 1.0))
+        after = np.min([self.pair_gaps(positions, pairs) for positions in path], axis=0)
+        nearing = (before > _BESIDE) & (after < before - _NEARER)
+        return pairs[nearing] if nearing.any() or len(own) == 1 else pairs
+
+    def palm_gap(self, positions: Floats) -> float:
+        """Return the least distance of a fingertip from the palm, metres; infinity without shapes of the palm."""
+        pairs = np.argwhere(np.isin(self.bodies, list(self.tips.values()))[:, None] & (self.bodies == -1)[None])
+        return float(self.pair_gaps(positions, pairs).min()) if len(pairs) else float("inf")
 
 
 @dataclass(frozen=True)
@@ -108,12 +152,18 @@ class Closing:
         Which joints close the hand; the others spread fingers or turn them.
     meets : (c,) float64
         Where fingertips meet first, or are closest.
+    half : (c,) float64
+        Half of the way to where the hand is closed, or to where a fingertip meets the palm.
+    facing : (n, 2) int64
+        Pairs of shapes that hold an object between them.
     """
 
     opened: Floats
     closed: Floats
     closes: NDArray[np.bool_]
     meets: Floats
+    half: Floats
+    facing: Ints
 
 
 def guess_closing(fingers: Fingers) -> Closing:
@@ -125,19 +175,64 @@ def guess_closing(fingers: Fingers) -> Closing:
     count = len(fingers.limits)
     away = np.abs(fingers.limits[:, 1]) >= np.abs(fingers.limits[:, 0])
     best, _ = min((_descend(fingers, start) for start in (away, ~away)), key=lambda result: result[1])
-    closes = np.array([_gain(fingers, best, joint) > _CLOSES for joint in range(count)], dtype=bool)
+    gains = [_gain(fingers, best, joint) for joint in range(count)]
+    closes = np.array([gain > _CLOSES and lift > _BENDS for gain, lift in gains], dtype=bool)
+    if not closes.any():
+        closes = np.array([gain > _CLOSES for gain, _ in gains], dtype=bool)
     if not closes.any():
         closes[:] = True
     _bend_along(fingers, best, closes)
     opened, closed = _ends(fingers, best)
-    opened, closed = np.where(closes, opened, fingers.neutral), np.where(closes, closed, fingers.neutral)
+    return _opposed(
+        fingers,
+        follow(fingers, np.where(closes, opened, fingers.neutral), np.where(closes, closed, fingers.neutral), closes),
+    )
+
+
+def _opposed(fingers: Fingers, closing: Closing) -> Closing:
+    """Turn the joints that do not close, but go one way from 0 only, so that fingertips meet from opposite sides.
+
+    So does a thumb that comes round before the palm. Other joints spread fingers, and stay.
+    """
+    low, high = fingers.limits.T
+    one_way = ~closing.closes & (
+        (fingers.neutral - low < _END * (high - low)) | (high - fingers.neutral < _END * (high - low))
+    )
+    for joint in np.flatnonzero(one_way) if len(fingers.tips) > 2 else ():
+        others = []
+        for share in _TURNS:
+            opened, closed = closing.opened.copy(), closing.closed.copy()
+            opened[joint] = closed[joint] = low[joint] + share * (high[joint] - low[joint])
+            others.append(follow(fingers, opened, closed, closing.closes))
+        scores = [_opposition(fingers, other) for other in others]
+        if max(scores) > _opposition(fingers, closing) + _BETTER:
+            closing = others[int(np.argmax(scores))]
+    return closing
+
+
+def _opposition(fingers: Fingers, closing: Closing) -> float:
+    """Say how well fingertips meet: each opposite another one, and near each other; at most 1."""
+    if not len(closing.facing):
+        return -np.inf
+    ways = fingers.tip_centers(closing.meets) - fingers.tip_centers(closing.opened)
+    units = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
+    apart = max(float(fingers.pair_gaps(closing.meets, closing.facing).min()), 0.0)
+    return float((1.0 - units @ units.T).max(axis=1).mean()) / 2 - apart / max(fingers.length, 1e-6)
+
+
+def follow(fingers: Fingers, opened: Floats, closed: Floats, closes: NDArray[np.bool_]) -> Closing:
+    """Follow the fingers from the open hand to the closed one, positions (c,); `closes` (c,) are joints that move."""
     path = [opened + share * (closed - opened) for share in _SHARES]
-    ways = fingers.tip_centers(closed) - fingers.tip_centers(opened)
-    spans = np.array([fingers.tip_gap(positions, ways) for positions in path])
-    if not np.isfinite(spans).all():
-        return Closing(opened, closed, closes, path[len(path) // 2])
-    touching = 1 + np.flatnonzero(spans[1:] < _TOUCH)
-    return Closing(opened, closed, closes, path[int(touching[0]) if len(touching) else int(spans.argmin())])
+    facing = fingers.facing(opened, closed)
+    at = len(path) // 2
+    if len(facing):
+        spans = np.array([fingers.pair_gaps(positions, facing).min() for positions in path])
+        touching = 1 + np.flatnonzero(spans[1:] < _TOUCH)
+        at = int(touching[0]) if len(touching) else int(spans.argmin())
+    lifts = np.array([fingers.palm_gap(positions) for positions in path])
+    inside = np.flatnonzero(lifts < min(float(lifts[0]), 0.0) - _TOUCH)
+    last = int(inside[0]) if len(inside) else len(path) - 1
+    return Closing(opened, closed, closes, path[at], path[last // 2], facing)
 
 
 def _bend_along(fingers: Fingers, upper: NDArray[np.bool_], closes: NDArray[np.bool_]) -> None:
@@ -163,9 +258,8 @@ def _spread(fingers: Fingers, positions: Floats) -> float:
     tips = fingers.tip_centers(positions)
     if not len(tips):
         return 0.0
-    apart = [float(np.linalg.norm(a - b)) for a, b in combinations(tips, 2)]
     lift = np.linalg.norm(tips - fingers.palm_center, axis=1)
-    return (float(np.mean(apart)) if apart else 0.0) + _PALM * float(lift.mean())
+    return fingers.apart(positions) + _PALM * float(lift.mean())
 
 
 def _closeness(fingers: Fingers, upper: NDArray[np.bool_]) -> float:
@@ -189,14 +283,19 @@ def _descend(fingers: Fingers, start: NDArray[np.bool_]) -> tuple[NDArray[np.boo
     return upper, value
 
 
-def _gain(fingers: Fingers, upper: NDArray[np.bool_], joint: int) -> float:
-    """Return the share of a joint's motion that brings fingertips together, with the other joints half closed."""
+def _gain(fingers: Fingers, upper: NDArray[np.bool_], joint: int) -> tuple[float, float]:
+    """Return the shares of a joint's motion that bring fingertips together, and to the palm.
+
+    The other joints are half closed. Of two fingers the second share is not asked for: it is 1.
+    """
     opened, closed = _ends(fingers, upper)
     middle = (opened + closed) / 2
     first, last = middle.copy(), middle.copy()
     first[joint], last[joint] = opened[joint], closed[joint]
-    ways = np.linalg.norm(fingers.tip_centers(last) - fingers.tip_centers(first), axis=1)
-    moved = float(ways.sum())
+    before, after = fingers.tip_centers(first), fingers.tip_centers(last)
+    moved = float(np.linalg.norm(after - before, axis=1).sum())
     if moved < 1e-6:
-        return 0.0
-    return len(ways) * (_spread(fingers, first) - _spread(fingers, last)) / moved
+        return 0.0, 0.0
+    gain = len(after) * (_spread(fingers, first) - _spread(fingers, last)) / moved
+    far, near = (float(np.linalg.norm(tips - fingers.palm_center, axis=1).sum()) for tips in (before, after))
+    return gain, (far - near) / moved if len(after) > 2 else 1.0

@@ -1,20 +1,21 @@
-"""The closing motion: shapes that overlap, fingers that meet, reach, width and symmetries."""
+"""The closing motion, also in simulation: shapes that overlap, fingers that meet, reach, width and symmetries."""
 
 from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from graspbox.hand_tools.bodies import Floats
+from graspbox import object_sets
+from graspbox.configs import TrialConfig
+from graspbox.errors import SimulationError
+from graspbox.hand_tools.bodies import Floats, Ints
 from graspbox.hand_tools.boxes import gaps
 from graspbox.hand_tools.findings import CheckedHand, Finding, Severity
 from graspbox.hands import asymmetries_of, reach_of, symmetries_of
 from graspbox.hands.description import passing_links
+from graspbox.simulation import Scene
 
-__all__ = ["extent", "meeting", "open_width", "overlaps", "pads"]
-
-Ints = NDArray[np.int64]
+__all__ = ["emptied", "extent", "meeting", "open_width", "overlaps", "pads"]
 
 #: Shares of the closing motion at which distances are measured.
 _SHARES = tuple(np.linspace(0.0, 1.0, 21).tolist())
@@ -24,6 +25,12 @@ _DEPTH = 1e-3
 _MEET = 0.01
 #: Change of a distance that counts as a motion, metres.
 _MOVED = 2e-3
+#: A joint has gone all the way from the first share of its travel on, and is stuck below the second. Shapes of a hand
+#: that stands still press on each other if they are closer than this, metres. Speed of a joint that moves, its
+#: travel per second.
+_WHOLE, _STUCK, _PRESSED, _MOVES = 0.95, 0.1, 1.5e-3, 0.02
+#: An object that is far below the hand, its scale, and the height of the hand, metres.
+_FAR, _SCALE, _HEIGHT = "procedural:box:0", 0.3, 0.8
 _MIRRORS = {(1.0, -1.0, 1.0): "mirror y = 0", (-1.0, 1.0, 1.0): "mirror x = 0", (-1.0, -1.0, 1.0): "half turn about z"}
 
 
@@ -127,7 +134,7 @@ def _finger_pairs(checked: CheckedHand) -> tuple[Ints, bool]:
     Where there is one chain, its shapes face those of the palm; the flag says so.
     """
     padded = {int(chain) for chain in checked.chains[checked.pads] if chain >= 0}
-    front = checked.pads | ~np.isin(checked.chains, list(padded))
+    front = checked.pads | ~np.isin(checked.chains, [*padded, *_bars(checked)])
     single = len(set(checked.chains[checked.chains >= 0].tolist())) < 2
     shapes = [i for i in range(len(checked.chains)) if front[i] or checked.chains[i] < 0]
     pairs = [
@@ -136,6 +143,13 @@ def _finger_pairs(checked: CheckedHand) -> tuple[Ints, bool]:
         if checked.chains[i] != checked.chains[j] and (single or min(checked.chains[i], checked.chains[j]) >= 0)
     ]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2), single
+
+
+def _bars(checked: CheckedHand) -> set[int]:
+    """Return the chains without pads that are bars of linkages."""
+    padded = {int(chain) for chain in checked.chains[checked.pads] if chain >= 0}
+    others = set(checked.chain_of.tolist()) - padded
+    return {chain for chain in others if any(checked.is_pinned(chain, finger) for finger in padded)}
 
 
 def open_width(checked: CheckedHand) -> float:
@@ -171,14 +185,15 @@ def meeting(checked: CheckedHand) -> Iterator[Finding]:
 
 
 def pads(checked: CheckedHand) -> Iterator[Finding]:
-    """Find chains that close without pads."""
+    """Find chains that close without pads; the bars of a linkage need none."""
+    bars = _bars(checked)
     for index, name in enumerate(checked.hand.chains):
         own = checked.chains == index
         if not own.any():
             message = "it has no collision shapes, so it passes through objects"
             remedy = "add collision shapes to its links, or make its joints fixed"
             yield Finding("warning", "pads", f"chain {name}", "", message, remedy)
-        elif not checked.pads[own].any():
+        elif not checked.pads[own].any() and index not in bars:
             message = "none of its shapes is a pad, so it touches objects with the low friction of `bare`"
             remedy = "name the shapes that touch objects in `pads`"
             yield Finding("warning", "pads", f"chain {name}", "", message, remedy)
@@ -226,3 +241,63 @@ def _width(checked: CheckedHand) -> Iterator[Finding]:
     else:
         message = "the widest object that fits between the open fingers"
         yield Finding("note", "width", "preshapes", value, message)
+
+
+def emptied(checked: CheckedHand) -> Iterator[Finding]:
+    """Simulate how the hand closes on nothing: how much of its travel each joint goes, and which shapes stop it."""
+    for name, preshape in checked.preshapes:
+        started, ended = checked.hand.open(preshape), checked.hand.closed(preshape, 1.0)
+        try:
+            joints = _closed_on_nothing(checked, preshape)
+        except SimulationError as error:
+            yield Finding("warning", "empty closing", f"preshape {name}", "", str(error), "read the error")
+            continue
+        travels = [j for j in range(len(ended)) if abs(ended[j] - started[j]) > 1e-6]
+        shares = {j: float((joints[-1, j] - started[j]) / (ended[j] - started[j])) for j in travels}
+        speeds = {j: abs(float((joints[-1, j] - joints[-11, j]) / (ended[j] - started[j]))) * 10.0 for j in travels}
+        whole = [j for j in travels if shares[j] >= _WHOLE]
+        message = "joints that close go all the way in simulation, with nothing in the hand"
+        yield Finding("note", "empty closing", f"preshape {name}", f"{len(whole)} of {len(travels)}", message)
+        for joint in travels:
+            if joint not in whole:
+                yield _stopped(checked, name, joint, shares[joint], speeds[joint], joints[-1])
+
+
+def _closed_on_nothing(checked: CheckedHand, preshape: float) -> Floats:
+    """Return the positions (t, c) of the independent joints as the hand closes high above the table."""
+    scene = Scene(object_sets.load(_FAR, scale=_SCALE)[0].load(), hand=checked.hand)
+    world_from_hand = np.diag([1.0, -1.0, -1.0, 1.0])
+    world_from_hand[2, 3] = _HEIGHT
+    pose = np.linalg.inv(scene.world_from_object) @ world_from_hand
+    _, trace = scene.trace(pose, preshape, config=TrialConfig(legacy=True))
+    if len(trace.time) < 11:
+        raise SimulationError("the hand is too large to be simulated above the table")
+    return trace.joints
+
+
+def _stopped(checked: CheckedHand, preshape: str, joint: int, share: float, speed: float, positions: Floats) -> Finding:
+    """Describe a joint that does not go all the way: the nearest pair of shapes, one of which it moves."""
+    subject, value = f"preshape {preshape}, joint {checked.hand.joints[joint]}", f"{share:.0%} of its travel"
+    if speed > _MOVES:
+        message, remedy = "it still moves when the trial lifts", "raise `default_speed` of its actuator"
+        return Finding("warning", "empty closing", subject, value, message, remedy)
+    step = np.zeros(len(positions))
+    step[joint] = 1e-3
+    before, after = (checked.boxes(positions + each)[0] for each in (-step, step))
+    moved = np.abs(after - before).max(axis=(1, 2)) > 1e-9
+    pairs = _pairs(checked)
+    pairs = pairs[moved[pairs[:, 0]] != moved[pairs[:, 1]]]
+    poses, halves = checked.boxes(positions)
+    near = gaps(poses[pairs[:, 0]], halves[pairs[:, 0]], poses[pairs[:, 1]], halves[pairs[:, 1]])
+    message = "a spring, or another joint of its tendon, holds it"
+    stuck = share < _STUCK
+    if len(near) and near.min() < _PRESSED:
+        first, second = (checked.shape_names[index] for index in pairs[int(near.argmin())].tolist())
+        message = f"{first} and {second} meet there"
+        facing = bool(checked.pads[pairs[int(near.argmin())]].all())
+        stuck = stuck and not facing
+    if not stuck:
+        return Finding("note", "empty closing", subject, value, message)
+    message += ", so it hardly closes"
+    remedy = "shrink the shapes that block it, or raise `load_limit` if nothing does"
+    return Finding("warning", "empty closing", subject, value, message, remedy)

@@ -24,6 +24,8 @@ _SETTLES, _CLOSES = 0.05, 1.0
 #: Digits of numbers in the file; rounded further, the angles of a grasp frame break its symmetries.
 _DIGITS = 7
 _PAD, _BARE = 1.0, 0.4
+#: Share of a joint's range below which a position counts as that of the open hand.
+_OPEN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,8 @@ class Drive:
     """The servo of an independent joint, which is at offset + ratio x position.
 
     ``neutral`` is the actuator's position of a joint that does not close; ``load_stated`` says whether the load is the
-    URDF's effort; ``speed`` is the URDF's, if it has a believable one.
+    URDF's effort; ``speed`` is the URDF's, if it has a believable one. ``opened`` is the position of an actuator that
+    closes in the open hand.
     """
 
     link: Link
@@ -40,6 +43,7 @@ class Drive:
     ratio: float
     offset: float
     neutral: float
+    opened: float
     load: float
     load_stated: bool
     speed: float | None
@@ -63,13 +67,17 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The grasp frame in the base's frame, the grasp centre in it, and the width between open fingers that face."""
+    """The grasp frame in the base's frame, the grasp centre in it, and the width between open fingers that face.
+
+    ``places`` is the range of an object's centre along x, from the grasp centre, where only one of two jaws moves.
+    """
 
     xyz: Floats
     rpy: Floats
     center: Floats
     width: float | None
     on_palm: bool
+    places: tuple[float, float] | None = None
 
 
 def quoted(text: str) -> str:
@@ -96,7 +104,7 @@ def _quantity(value: float | Sequence[float] | Floats, unit: str, source: str) -
 
 def minimal(links: tuple[Link, ...]) -> str:
     """Return the shortest file with which a URDF loads; its grasp frame is that of the base."""
-    drives = [Drive(link, (0.0, 1.0), True, 1.0, 0.0, 0.0, 1.0, False, None, 1.0) for link in independent(links)]
+    drives = [Drive(link, (0.0, 1.0), True, 1.0, 0.0, 0.0, 0.0, 1.0, False, None, 1.0) for link in independent(links)]
     frame = Frame(np.zeros(3), np.zeros(3), np.zeros(3), None, False)
     return write("hand", "", (), drives, frame, ())
 
@@ -109,10 +117,13 @@ def write(
     frame: Frame,
     review: Sequence[str],
     no_contact: Sequence[Sequence[str]] = (),
+    *,
+    found: str | None = None,
 ) -> str:
     """Return the file of the hand `name`, whose URDF has the name `urdf`; `pads` are shapes, `review` lists guesses.
 
-    `no_contact` has lists of links and shapes that do not touch each other.
+    `no_contact` has lists of links and shapes that do not touch each other; `found` is the source of how the hand
+    opens, closes and where it grasps, if that is no guess.
     """
     lines = _head(urdf, review)
     lines += [f"name = {quoted(name)}", "", "# guess: the shapes that touch objects; all others are bare."]
@@ -126,8 +137,8 @@ def write(
     for drive in drives:
         lines += ["", *_joint(drive)]
     for drive in drives:
-        lines += ["", *_actuator(drive)]
-    lines += ["", *_grasp(drives, frame), ""]
+        lines += ["", *_actuator(drive, found)]
+    lines += ["", *_grasp(drives, frame, found), ""]
     return "\n".join(lines)
 
 
@@ -156,7 +167,7 @@ def _joint(drive: Drive) -> list[str]:
     ]
 
 
-def _actuator(drive: Drive) -> list[str]:
+def _actuator(drive: Drive, found: str | None) -> list[str]:
     joint, unit, (low, high) = drive.link.joint, drive.link.unit, drive.limits
     damper, spring, _, force = _UNITS[unit]
     gain, ratio = f"{unit}/(s {force})", "rad/m" if unit == "m" else "1"
@@ -164,7 +175,9 @@ def _actuator(drive: Drive) -> list[str]:
     fastest = 2 * span / _CLOSES if drive.speed is None else drive.speed
     usual, limit = min(span / _CLOSES, fastest), "lower" if drive.offset == low else "upper"
     key = f"servo.joints.{_key(joint)}"
-    direction = "this direction brings fingertips together" if drive.closes else "it does not close the hand"
+    direction = "guess: this direction brings fingertips together"
+    if not drive.closes:
+        direction = "guess: it does not close the hand"
     effort = "URDF: effort of the joint"
     if not drive.load_stated:
         stated = drive.link.effort
@@ -172,11 +185,13 @@ def _actuator(drive: Drive) -> list[str]:
         effort = f"guess: the URDF states {said}; 30 N at the fingertip"
     gives = f"guess: gives by {_GIVES[unit]} {unit} under the load"
     zero = "open" if drive.closes else "position 0"
-    speed = "guess: twice the usual speed" if drive.speed is None else "URDF: velocity of the joint"
+    speed = "URDF: velocity of the joint"
+    if drive.speed is None:
+        speed = "guess: twice the usual speed; the URDF states none with which the hand closes within a second"
     return [
         "[[actuators]]",
         f"name = {quoted(joint)}",
-        f"{key}.ratio = {_quantity(drive.ratio, '1', f'guess: {direction}')}",
+        f"{key}.ratio = {_quantity(drive.ratio, '1', found or direction)}",
         f"{key}.offset = {_quantity(drive.offset, unit, f'guess: {zero} at the {limit} limit of the URDF')}",
         f"servo.stiffness = {_quantity(drive.stiffness, spring, gives)}",
         f"servo.damping = {_quantity(drive.damping, damper, 'guess: critical for the armature and the links')}",
@@ -189,27 +204,31 @@ def _actuator(drive: Drive) -> list[str]:
     ]
 
 
-def _grasp(drives: Sequence[Drive], frame: Frame) -> list[str]:
-    surface = "the roots of the fingers; the base has no shapes"
+def _grasp(drives: Sequence[Drive], frame: Frame, found: str | None) -> list[str]:
+    surface = "guess: the roots of the fingers; the base has no shapes"
     if frame.on_palm:
-        surface = "the surface of the palm, where the fingertips meet"
+        surface = "guess: the surface of the palm, where the fingertips meet"
+    turned = found or "guess: z to the half-closed fingertips, x along their motion"
     closing = ", ".join(quoted(drive.link.joint) for drive in drives if drive.closes)
     lines = [
         "# The grasp frame in the frame of the base link: z out of the palm, x along the closing fingers.",
         "[grasp]",
-        f"xyz = {_quantity(frame.xyz, 'm', f'guess: {surface}')}",
-        f"rpy = {_quantity(frame.rpy, 'rad', 'guess: z to the half-closed fingertips, x along their motion')}",
-        f"center = {_quantity(frame.center, 'm', 'guess: where the fingertips meet')}",
+        f"xyz = {_quantity(frame.xyz, 'm', found or surface)}",
+        f"rpy = {_quantity(frame.rpy, 'rad', turned)}",
+        f"center = {_quantity(frame.center, 'm', found or 'guess: where the fingertips meet')}",
         f"closing = [{closing}]",
-        "",
-        "[[grasp.preshapes]]",
-        'name = "open"',
     ]
-    lines += [
-        f"positions.{_key(drive.link.joint)} = {_quantity(drive.neutral, drive.link.unit, 'guess: 0 in the URDF')}"
-        for drive in drives
-        if not drive.closes
-    ]
+    if frame.places is not None:
+        source = "guess: an object may be anywhere between the jaw that moves and the other one"
+        lines.append(f"closing_range = {_quantity(frame.places, 'm', source)}")
+    lines += ["", "[[grasp.preshapes]]", 'name = "open"']
+    for drive in drives:
+        if drive.closes and abs(drive.opened) < _OPEN * (drive.limits[1] - drive.limits[0]):
+            continue
+        position = drive.opened if drive.closes else drive.neutral
+        source = "guess: the fingertip stands up from the palm" if drive.closes else "guess: 0 in the URDF"
+        quantity = _quantity(position, drive.link.unit, found or source)
+        lines.append(f"positions.{_key(drive.link.joint)} = {quantity}")
     if frame.width is not None:
         source = "guess: between the open pads, less 1 mm on both sides"
         lines += [f"width = {_quantity([0.0, frame.width], 'm', source)}", 'quarter = "always"']

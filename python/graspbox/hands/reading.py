@@ -43,15 +43,26 @@ def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> Fitted
     return read_hand(path) if text is None else with_primitives(text, path, str(path))
 
 
-def read_hand(path: Path, check: Callable[[str, str], object] | None = None) -> FittedUrdf:
-    """Do as `fitted_urdf`; `check` is called with a text and its name before meshes are fitted, and may raise."""
+def read_hand(
+    path: Path,
+    check: Callable[[str, str], object] | None = None,
+    edit: Callable[[str], str] | None = None,
+) -> FittedUrdf:
+    """Do as `fitted_urdf`, with an edited URDF.
+
+    `check` is called with a text and its name before meshes are fitted, and may raise. `edit` returns the URDF to use
+    instead of a text.
+    """
     text = read_text(path)
     root = _ROOT.match(text)
     if root is not None and root[1] == "mujoco":
-        return replace(urdf_of_mjcf(path), name=f"{path} (converted)")
+        converted = replace(urdf_of_mjcf(path), name=f"{path} (converted)")
+        return converted if edit is None else replace(converted, text=edit(converted.text))
     name = str(path)
     if re.search(r"<\s*xacro:", text) and find_spec("xacrodoc") is not None:
         text, name = _expanded(path), f"{path} (expanded)"
+    if edit is not None and (edited := edit(text)) != text:
+        text, name = edited, f"{name} (without what is above the palm)"
     return with_primitives(text, path, name, None if check is None else lambda simple: check(simple, name))
 
 

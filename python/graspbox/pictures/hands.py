@@ -19,6 +19,8 @@ _JOINT = "#4d525c"
 _HINGE = (1.2, 1.6)
 #: Half sides of the neck between a finger's links, as a share of the least half side of its first link.
 _NECK = 0.62
+#: Least length of a neck, metres.
+_SHORTEST = 1e-4
 #: Size of a glyph relative to the hand, length of its stem in metres, and the share by which its fingers are closed.
 _GLYPH_SCALE, _STEM = 0.36, 0.03
 _GLYPH_CLOSED = 0.3
@@ -90,8 +92,9 @@ class PosedHand:
             hinge = cylinder(finger.points[0], finger.axes[0], _HINGE[0] * middle, _HINGE[1] * least)
             meshes = [mesh_from_arrays(*hinge, name="hinge")]
             for link, knuckle, turns in zip(finger.links[:-1], finger.points[1:], finger.revolute[1:], strict=True):
-                if turns:
-                    way = knuckle - link.center
+                way = knuckle - link.center
+                # A shape around the next joint needs no neck.
+                if turns and float(np.linalg.norm(way)) > _SHORTEST:
                     side = _NECK * float(np.min(link.half_extents))
                     half = np.array([np.linalg.norm(way) / 2, side, side])
                     meshes.append(box_mesh(Box((knuckle + link.center) / 2, frame_along(way).T, half)))

@@ -1,0 +1,166 @@
+"""The search for a hand's posture: what it changes, that it improves a wrong guess, and that it resumes."""
+
+import json
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspbox
+from command_line import invoke
+from graspbox.errors import ConfigError
+from graspbox.hand_tools import searching
+from graspbox.hand_tools.closing import follow
+from graspbox.hand_tools.guessing import Guess, begin_guess
+from graspbox.hand_tools.postures import Postures
+from graspbox.hand_tools.searching import Budget, SearchedHand, search_hand
+from graspbox.hand_tools.trials import Judged, judge, resting
+from made_hands import urdf
+from test_hand_guessing import JAWS, turning
+
+pytest.importorskip("cmaes")
+ASSETS = Path(__file__).parents[2] / "env/hand/assets"
+
+
+def wrong_guess(folder: Path) -> Guess:
+    """Guess two fingers that turn, and let them begin nearly closed: nothing fits between them."""
+    path = folder / "made.urdf"
+    path.write_text(urdf(JAWS, turning(-0.8, 0.6)))
+    guess = begin_guess(path)
+    opened = np.full(2, 0.2)
+    return replace(guess, closing=follow(guess.fingers, opened, guess.closing.closed, guess.closing.closes))
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search with two objects, few first postures and few grasps in the end."""
+    for name, value in {"_OBJECTS": (1,), "_HELD_OUT": (10,), "_FIRST": 8, "_FINAL_POSES": 4}.items():
+        monkeypatch.setattr(searching, name, value)
+
+
+def searched(guess: Guess, journal: Path, trials: int, **options: Any) -> SearchedHand:
+    return search_hand(guess, Budget(trials=trials), journal, **options)
+
+
+def test_it_improves_a_wrong_guess_and_says_so(tmp_path: Path, small: None) -> None:
+    guess = wrong_guess(tmp_path)
+    found = searched(guess, tmp_path / "journal", 150)
+    assert found.better
+    assert found.finished
+    assert 150 <= found.trials < 300
+    name, before, after = found.rows[-1]
+    assert name == "all"
+    assert before.held <= 2
+    assert after.held >= before.held + 4
+    # Objects that neither has seen, with the planner as it is.
+    hands = [graspbox.Hand(guess.fitted.text, text) for text in (guess.write().text, found.guessed.text)]
+    first, second = judge(hands, resting(hands[0], 0.08, (20,)), 4)
+    assert sum(row.held for row in second) > sum(row.held for row in first)
+    grasp = tomllib.loads(found.guessed.text)["grasp"]
+    source = grasp["center"]["source"]
+    assert source.startswith(
+        f"search by `graspbox hand new`: {found.trials} simulated grasps, seed 0; on held-out objects"
+    )
+    assert grasp["preshapes"][0]["positions"]["turn_left"]["source"] == source
+    # Nothing else changes.
+    pads = [tomllib.loads(text)["pads"] for text in (guess.write().text, found.guessed.text)]
+    assert pads[0] == pads[1]
+    assert "simulated grasps" in found.guessed.review[0]
+
+
+def test_the_same_seed_gives_the_same_file_and_a_journal_resumes(tmp_path: Path, small: None) -> None:
+    guess = wrong_guess(tmp_path)
+    whole = searched(guess, tmp_path / "whole", 120)
+    seen: list[tuple[int, float]] = []
+
+    def interrupt(trials: int, best: float) -> None:
+        seen.append((trials, best))
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    part = searched(guess, tmp_path / "part", 120, told=interrupt)
+    assert not part.finished
+    assert part.rows == ()
+    assert "interrupted" in part.guessed.text
+    assert [trials for trials, _ in seen] == [48, 96]  # one object of each family
+    # A line that was cut off is judged again.
+    text = (tmp_path / "part").read_text()
+    (tmp_path / "part").write_text(text[:-20])
+    resumed = searched(guess, tmp_path / "part", 120)
+    assert resumed.guessed.text == whole.guessed.text
+    assert resumed.trials == whole.trials
+    assert (tmp_path / "part").read_text() == (tmp_path / "whole").read_text()
+    for other in ({"seed": 1}, {}):
+        changed = guess if other else replace(guess, name="another")
+        with pytest.raises(ConfigError, match="journal of another search"):
+            searched(changed, tmp_path / "part", 120, **other)
+    (tmp_path / "part").write_bytes(b"\xff\x00")
+    with pytest.raises(ConfigError, match="journal of another search"):
+        searched(guess, tmp_path / "part", 120)
+
+
+def test_a_known_journal_is_not_simulated_again(tmp_path: Path, small: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    guess = wrong_guess(tmp_path)
+    calls: list[int] = []
+    searched(guess, tmp_path / "journal", 96)
+
+    def counted(hands: Sequence[graspbox.Hand | None], *rest: Any, **more: Any) -> list[list[Judged]]:
+        calls.append(len(hands))
+        return judge(hands, *rest, **more)
+
+    monkeypatch.setattr(searching, "judge", counted)
+    searched(guess, tmp_path / "journal", 96)
+    assert calls == [2]  # the verdict alone
+
+
+def test_numbers_of_a_hand(tmp_path: Path) -> None:
+    """Parallel fingers share theirs; mirrors of the hand fix turns and shifts; the guess is the first posture."""
+    leap = begin_guess(ASSETS / "leap/leap.urdf")
+    postures = Postures(leap)
+    joints = leap.fingers.hand.joints
+    groups = [[joints[joint] for joint in group] for group in postures.groups]
+    for kind in ("mcp", "rot", "pip", "dip"):
+        assert [f"{finger}_{kind}" for finger in ("if", "mf", "rf")] in groups
+    assert [group for group in groups if group[0].startswith("th_")] == [["th_cmc"], ["th_axl"], ["th_mcp"], ["th_ipl"]]
+    assert postures.free == [0, 1, 2, 3, 4, 5]
+    first = next(postures.first(np.random.default_rng(0)))
+    again = postures.hand(first)
+    guessed = graspbox.Hand(leap.fitted.text, leap.write().text)
+    np.testing.assert_allclose(again.open(0.0), guessed.open(0.0), atol=0.2)
+    np.testing.assert_allclose(again.closing_center(0.0), guessed.closing_center(0.0), atol=0.02)
+    jaw = Postures(begin_guess(ASSETS / "panda_gripper/panda_gripper.urdf"))
+    assert (len(jaw.groups), jaw.free, jaw.size) == (1, [5], 3)
+
+
+def test_budgets() -> None:
+    assert [Budget.of(text) for text in ("10min", "90s", "1.5h", "5000")] == [
+        Budget(seconds=600.0), Budget(seconds=90.0), Budget(seconds=5400.0), Budget(trials=5000)
+    ]  # fmt: skip
+    for text in ("", "0", "-5", "10 minutes", "1.5", "nan", "0s"):
+        with pytest.raises(ConfigError, match="--search is"):
+            Budget.of(text)
+
+
+def test_the_command(tmp_path: Path, small: None) -> None:
+    path, out, picture = tmp_path / "made.urdf", tmp_path / "hand.toml", tmp_path / "hand.png"
+    path.write_text(urdf(JAWS, turning(-0.8, 0.6)))
+    words = ["hand", "new", path, "--out", out, "--search", "48", "--picture", picture]
+    result = invoke([*words, "--json"])
+    assert result.exit_code == 0, result.output
+    table = json.loads(result.stdout)
+    assert table["search"]["finished"]
+    assert set(table["search"]["held_out"]) == {"can", "box", "ball", "all"}
+    assert set(table["search"]["held_out"]["all"]["search"]) == {"asked", "tried", "held", "firm", "value"}
+    assert graspbox.load_hand((path, out)).name == "made"
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "hand.search.jsonl").exists()
+    # With its journal it resumes, and replaces its own file.
+    result = invoke(words)
+    assert result.exit_code == 0, result.output
+    assert "held-out objects" in result.stdout
+    wrong = invoke([*words[:-3], "ten", "--force"], catch_exceptions=True)
+    assert isinstance(wrong.exception, ConfigError)
