@@ -21,9 +21,9 @@ from graspbox._common.files import read_bounded
 from graspbox._common.progress import ProgressBar
 from graspbox._common.rotations import euler_from_rotation
 from graspbox.errors import FileError, GraspboxError, HandError, MissingExtraError
+from graspbox.hands.loop_fits import LoopFit
 from graspbox.hands.mesh_files import LARGEST_MESH, check_reader, read_mesh
 from graspbox.hands.mesh_fits import MeshFit, MeshFits, Primitive, cached_fits, chosen, fits_of
-from graspbox.hands.loop_fits import LoopFit
 
 __all__ = ["FittedUrdf", "add_origin", "collisions", "numbers_text", "read_text", "with_primitives"]
 
