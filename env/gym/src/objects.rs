@@ -190,7 +190,7 @@ impl Objects {
     pub fn prepare(&self, index: usize, model: bool) -> Result<(), EnvError> {
         let source = self.sources.get(index).ok_or(EnvError::NoSuchObject { index, count: self.sources.len() })?;
         let known = Identified::of(source, self.cache.as_deref()).map_err(|error| source.in_file(error))?;
-        let users = self.users.get_or_init(|| format!("{:?} {:?}", self.hand, self.physics));
+        let users = self.users.get_or_init(|| format!("{} {:?}", self.hand.content(), self.physics));
         let users = format!("{model} {users}");
         if known.is_ready(&users) {
             return Ok(());

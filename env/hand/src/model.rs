@@ -350,3 +350,10 @@ pub struct Hand {
     pub assumptions: Vec<Assumption>,
     pub no_contact: NoContact,
 }
+
+impl Hand {
+    /// Every name and number of the hand as text, the same wherever its files are.
+    pub fn content(&self) -> String {
+        format!("{:?}", Self { assumptions: Vec::new(), ..self.clone() })
+    }
+}

@@ -1,7 +1,7 @@
 //! Prepared objects on disk: what an object's source says, as the key, and everything that was computed of it.
 //!
-//! The key of a mesh file is its bytes, so that a file which was prepared once is hashed, not parsed. The key of another object is its
-//! geometry. Both hold the mass, the name of the build, and the settings of this crate.
+//! The key of a mesh file is its bytes, so that a file which was prepared once is hashed, not parsed. The key of another object, or of a glTF
+//! file, is its geometry. Both hold the mass, the name of the build, and the settings of this crate.
 
 use super::prepared::{LEAST_PROBABILITY, MOST_POSES, Rest};
 use crate::EnvError;
@@ -9,7 +9,7 @@ use crate::source::Source;
 use graspbox_episode::{BUILD, Body, DEFAULT_DENSITY, ObjectSpec};
 use graspbox_mesh::cache::bytes::{Reader, put_mesh, put_u32};
 use graspbox_mesh::cache::{Entry, Kind, MOST_OF_MESHES};
-use graspbox_mesh::{LoadOptions, MassProperties, TriMesh, read_bounded};
+use graspbox_mesh::{LoadOptions, MassProperties, MeshFormat, TriMesh, read_bounded};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -41,7 +41,8 @@ impl<'a> Identified<'a> {
         let Some(folder) = cache else { return Ok(Self { source, spec, kept: None }) };
         let mut key = format!("{BUILD} {LEAST_PROBABILITY} {MOST_POSES} {DEFAULT_DENSITY} ").into_bytes();
         match source {
-            Source::File { path, scale, mass, .. } => {
+            // A glTF file may name others, which hold its numbers.
+            Source::File { path, scale, mass, .. } if MeshFormat::from_path(path) != Some(MeshFormat::Gltf) => {
                 let options = LoadOptions { scale: *scale, ..LoadOptions::default() };
                 let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
                 key.extend(format!("{ending:?} {options:?} {mass:?} ").bytes());
@@ -51,7 +52,7 @@ impl<'a> Identified<'a> {
                     Err(_) => drop(spec.set(source.read()?)),
                 }
             }
-            Source::Given(_) | Source::Procedural { .. } => {
+            Source::File { .. } | Source::Given(_) | Source::Procedural { .. } => {
                 let read = source.read()?;
                 key.extend(read.mesh.content_hash());
                 key.extend(format!("{:?} {:?}", read.mass, read.parts).bytes());
