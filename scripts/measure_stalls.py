@@ -1,7 +1,9 @@
-"""Measure the slowest steps of a vector environment: with an empty cache, with a filled one, and after ``prepare``.
+"""Measure the first observation and the slowest steps of a vector environment.
 
-Each row is its own process with random actions. The first reset prepares a set with mesh files; other objects are
-prepared while episodes run. Run it on an idle machine::
+The rows are an empty cache, a filled one, and one after ``prepare``, each in a process of its own with random actions.
+The first columns are the processor time from the making of the environment to its first observation, and the memory by
+which the process grew until the last step. The first reset prepares a set with mesh files; other objects are prepared
+while episodes run. Run it on an idle machine::
 
     python scripts/measure_stalls.py --objects ycb --num-envs 16
     python scripts/measure_stalls.py --env graspbox/Clear-v0 --objects procedural:seen:0-19 --layout pile --num-envs 4
@@ -10,10 +12,12 @@ prepared while episodes run. Run it on an idle machine::
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -22,8 +26,15 @@ import graspbox  # noqa: F401 (registers the environments)
 from graspbox._common.programs import run_program
 
 
+def resident() -> float:
+    """Return the memory of this process, MB (Linux)."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return 1e-6 * pages * resource.getpagesize()
+
+
 def measure(args: argparse.Namespace, prepare: bool) -> dict[str, float]:
-    """Step an environment; returns seconds of the preparation, the reset, and the mean, median and slowest step."""
+    """Step an environment; returns processor time, memory (MB), and seconds of preparation, reset and steps."""
+    began, memory = time.process_time(), resident()
     envs = gym.make_vec(
         args.env,
         num_envs=args.num_envs,
@@ -38,7 +49,7 @@ def measure(args: argparse.Namespace, prepare: bool) -> dict[str, float]:
         envs.prepare(progress=True)  # type: ignore[attr-defined]
     prepared = time.perf_counter()
     envs.reset(seed=0)
-    begun = time.perf_counter()
+    begun, spent = time.perf_counter(), time.process_time() - began
     rng = np.random.default_rng(0)
     times = []
     for _ in range(args.steps):
@@ -47,6 +58,8 @@ def measure(args: argparse.Namespace, prepare: bool) -> dict[str, float]:
         envs.step(actions)
         times.append(time.perf_counter() - before)
     return {
+        "processor": spent,
+        "MB": 1e-3 * (resident() - memory),
         "prepare": prepared - start,
         "reset": begun - prepared,
         "mean": float(np.mean(times)),
@@ -57,7 +70,7 @@ def measure(args: argparse.Namespace, prepare: bool) -> dict[str, float]:
 
 
 def main() -> None:
-    """Run every row and print a table, milliseconds."""
+    """Run every row and print a table: milliseconds, but for memory."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="graspbox/Grasp-v0", help="environment")
     parser.add_argument("--objects", default="ycb", help="object set")
@@ -72,7 +85,8 @@ def main() -> None:
         print(json.dumps(measure(args, args.row == "prepared")))
         return
     rows = {"empty cache": "plain", "filled cache": "plain", "prepared": "prepared"}
-    print(f"{'milliseconds':14}{'prepare':>10}{'reset':>10}{'mean':>10}{'median':>10}{'99 %':>10}{'slowest':>10}")
+    columns = ("processor", "MB", "prepare", "reset", "mean", "median", "99 %", "slowest")
+    print(f"{'milliseconds':14}" + "".join(f"{name:>10}" for name in columns))
     with tempfile.TemporaryDirectory() as cache:
         for name, row in rows.items():
             command = [sys.executable, __file__, *sys.argv[1:], "--row", row]

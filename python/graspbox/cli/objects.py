@@ -58,7 +58,7 @@ def prepare(
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
-    """Prepare the objects of a set: other processes then find their convex parts in the cache (GRASPBOX_CACHE).
+    """Prepare the objects of a set: other processes then find them in the cache (GRASPBOX_CACHE).
 
     Nothing is random here, so there is no --seed. The exit status is 1 if some objects cannot be used.
     """
