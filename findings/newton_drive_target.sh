@@ -17,14 +17,11 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3.11 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet 'newton[importers]==1.8.0'
-WARP_CACHE_PATH="$folder/cache" "$folder/venv/bin/python" - 2>"$folder/log" <<'PYTHON'
+WARP_CACHE_PATH="$folder/cache" "$folder/venv/bin/python" - 2>"$folder/log" <<'PYTHON' | sed -n '/^newton/,$p'
 import math
 import sys
 import warnings
 
-import warp
-
-warp.config.quiet = True
 import newton
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 

@@ -101,6 +101,7 @@ def test_grasp_counts_what_the_package_counts(tmp_path: Path) -> None:
     grasps = [row.pop("grasps") for row in details["objects"]]
     assert [row.pop("error") for row in details["objects"]] == ["", ""]
     assert [row.pop("hand") for row in details["objects"]] == ["reflex", "reflex"]
+    assert [row.pop("sha256") for row in details["objects"]][1] == plan.mesh_sha256
     assert details["objects"][1].pop("world_from_object") == scene.world_from_object.tolist()
     del details["objects"][0]["world_from_object"]
     assert details == table

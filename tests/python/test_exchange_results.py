@@ -82,6 +82,12 @@ def test_a_mass_of_several_objects_is_refused(table: str, tmp_path: Path) -> Non
     assert "--mass is the mass of one object" in str(done.exception)
 
 
+def test_a_scale_without_objects_is_refused(table: str, tmp_path: Path) -> None:
+    done = _run(table, "--to", "acronym", "--out", str(tmp_path / "all"), "--scale", "0.5")
+    assert done.exit_code == 2
+    assert "results carry the scale of their own" in " ".join(done.stderr.replace("│", " ").split())
+
+
 def test_a_changed_mesh_is_refused(table: str, tmp_path: Path) -> None:
     document = json.loads(Path(table).read_text())
     document["objects"][0]["sha256"] = "0" * 64

@@ -224,6 +224,8 @@ def export_grasps(
     Poses are converted to the frame of the hand that the format expects. The exit status is 1 if some objects have no
     grasp to write.
     """
+    if scale != 1.0 and not objects:
+        raise typer.BadParameter("it is that of --objects; results carry the scale of their own", param_hint="--scale")
     row = row_of(out, to)
     if row is not None:
         check_output(out)
