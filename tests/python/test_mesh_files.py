@@ -66,16 +66,17 @@ def test_every_solid_of_an_ascii_stl_is_read(tmp_path: Path) -> None:
     same(path, trimesh.util.concatenate(bodies()))
 
 
-def test_lines_points_and_materials_of_an_obj_are_no_faces(tmp_path: Path) -> None:
+def test_lines_points_and_materials_of_an_obj_are_no_faces(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "it.obj"
     parts, before = ["mtllib x.mtl\nusemtl \n"], 0
     for number, body in enumerate(bodies()):
         parts += [f"o body {number}\n", *("v {} {} {} # corner\n".format(*corner) for corner in body.vertices)]
         parts += ["f {}/1 {}/2 {}/3\n".format(*(face + 1 + before)) for face in body.faces]
         before += len(body.vertices)
-        parts += ["l 1 2 3\n", "p 1\n"]
+        parts += ["l 1 2 3\n", "p 1\n", "f 1 2\n"]
     path.write_text("".join(parts))
     same(path, trimesh.util.concatenate(bodies()))
+    assert f"`{path}`: faces with fewer than 3 corners are left out: 2" in caplog.messages
 
 
 def test_gltf_stays_in_the_frame_of_the_file(tmp_path: Path) -> None:

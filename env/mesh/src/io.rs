@@ -95,10 +95,10 @@ fn parse_in(
 
 fn finish(mut raw: Raw, path: Option<&Path>, format: MeshFormat, options: &LoadOptions) -> Result<TriMesh, MeshError> {
     if raw.edges > 0 {
-        raw.notes.push(format!("{} faces with fewer than 3 corners are left out", raw.edges));
+        raw.notes.push(format!("faces with fewer than 3 corners are left out: {}", raw.edges));
     }
     for note in &raw.notes {
-        tracing::warn!("{}: {note}", path.map_or_else(|| format.name().into(), |path| path.display().to_string()));
+        tracing::warn!("{}: {note}", path.map_or_else(|| format.name().into(), |path| format!("`{}`", path.display())));
     }
     check_count(format, "vertices", raw.vertices.len() as u64, options.max_vertices)?;
     check_count(format, "triangles", raw.faces.len() as u64, options.max_faces)?;

@@ -3,7 +3,7 @@
 //! | module | purpose |
 //! |---|---|
 //! | [`trimesh`] | the mesh itself: vertices, faces, bounds, area, volume, hash |
-//! | [`io`] | STL, PLY, OBJ, OFF: bounded, with clear errors |
+//! | [`io`] | STL, PLY, OBJ, OFF, glTF: bounded, with clear errors |
 //! | [`clean`](mod@clean) | weld, drop, orient, components, watertight test |
 //! | [`decimate`](mod@decimate) | fewer faces, still watertight |
 //! | `decimate::cluster` | far fewer faces, in linear time |

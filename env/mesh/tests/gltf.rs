@@ -153,6 +153,11 @@ fn damaged_documents_are_refused() {
     refused(json!({"asset": {"version": "1.0"}, "nodes": {}}), "version 1.0, but only version 2 is read");
     refused(json!({"nodes": [{"mesh": 3}]}), "mesh 3, which does not exist");
     refused(json!({"nodes": [{"children": [0]}], "scenes": [{"nodes": [0]}]}), "node 0 has two parents");
+    let twice = json!([{"children": [1, 1]}, {"mesh": 0}]);
+    refused(json!({"nodes": twice, "scenes": [{"nodes": [0]}]}), "node 1 has two parents");
+    let many = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}{{}}]}}", "{},".repeat(1 << 20));
+    let error = parse(many.as_bytes(), MeshFormat::Gltf, &LoadOptions::default()).unwrap_err();
+    assert!(matches!(error, MeshError::TooMany { what: "JSON objects", .. }), "{error}");
     refused(json!({"scenes": [{"nodes": [9]}]}), "node 9, which does not exist");
     refused(json!({"scene": 2, "scenes": [{}]}), "scene 2, which does not exist");
     refused(json!({"buffers": []}), "buffer 0, which does not exist");

@@ -113,7 +113,12 @@ pub(super) fn check_size(format: MeshFormat, bytes: u64, options: &LoadOptions) 
 }
 
 /// Compares a count with its limit.
-pub(super) fn check_count(format: MeshFormat, what: &'static str, count: u64, limit: u64) -> Result<(), MeshError> {
+pub(in crate::io) fn check_count(
+    format: MeshFormat,
+    what: &'static str,
+    count: u64,
+    limit: u64,
+) -> Result<(), MeshError> {
     // Indices are u32, so a larger limit of the caller does not apply.
     let limit = limit.min(u64::from(u32::MAX));
     if count > limit {

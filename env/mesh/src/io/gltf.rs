@@ -57,22 +57,29 @@ impl Scene<'_> {
     /// Reads the meshes of the nodes; each in its place, as often as nodes name it.
     fn read(&mut self) -> Result<(), MeshError> {
         let nodes = &self.document.nodes;
-        let mut stack: Vec<(usize, Matrix4<f64>)> =
-            self.document.roots()?.into_iter().rev().map(|node| (node, Matrix4::identity())).collect();
-        let mut seen = vec![false; nodes.len()];
         if nodes.is_empty() {
             (0..self.document.meshes.len()).try_for_each(|mesh| self.add(mesh, &Matrix4::identity()))?;
         }
-        while let Some((index, parent)) = stack.pop() {
-            let node = nodes.get(index).ok_or_else(|| missing("node", index))?;
-            if std::mem::replace(&mut seen[index], true) {
-                return Err(malformed(format!("node {index} has two parents")));
-            }
-            let world_from_node = parent * node.matrix();
+        let mut seen = vec![false; nodes.len()];
+        // Checked before a node is kept, so that there are never more than nodes.
+        let mut first = |index: usize| match seen.get_mut(index).map(|seen| std::mem::replace(seen, true)) {
+            Some(false) => Ok(index),
+            Some(true) => Err(malformed(format!("node {index} has two parents"))),
+            None => Err(missing("node", index)),
+        };
+        let mut stack: Vec<(usize, Matrix4<f64>)> = Vec::new();
+        for root in self.document.roots()?.into_iter().rev() {
+            stack.push((first(root)?, Matrix4::identity()));
+        }
+        while let Some((index, world_from_parent)) = stack.pop() {
+            let node = &nodes[index];
+            let world_from_node = world_from_parent * node.matrix();
             if let Some(mesh) = node.mesh {
                 self.add(mesh, &world_from_node)?;
             }
-            stack.extend(node.children.iter().rev().map(|&child| (child, world_from_node)));
+            for &child in node.children.iter().rev() {
+                stack.push((first(child)?, world_from_node));
+            }
         }
         Ok(())
     }

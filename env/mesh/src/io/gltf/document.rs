@@ -2,10 +2,14 @@
 
 use super::malformed;
 use crate::error::MeshError;
+use crate::io::format::{MeshFormat, check_count};
 use nalgebra::{Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
+
+/// Most nodes, meshes, accessors and other objects together; a large assembly has 10^5.
+const MOST_OBJECTS: u64 = 1 << 20;
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
@@ -119,6 +123,9 @@ impl Document {
         struct Asset {
             version: String,
         }
+        // A node of two bytes becomes one of hundreds.
+        let objects = json.iter().filter(|&&b| b == b'{').count() as u64;
+        check_count(MeshFormat::Gltf, "JSON objects", objects, MOST_OBJECTS)?;
         let explain = |error: serde_json::Error| malformed(format!("its JSON: {error}"));
         let document: Result<Self, _> = serde_json::from_slice(json);
         // Version 1 has tables where version 2 has lists.
