@@ -3,7 +3,7 @@
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -168,7 +168,7 @@ def convert(
         _check_new(path, force)
     try:
         with console.status("converting"):
-            converted = replace(urdf_of_mjcf(mjcf), name=str(urdf))
+            converted = urdf_of_mjcf(mjcf)
             out.mkdir(parents=True, exist_ok=True)
             write_text(urdf, converted.text)
             guessed = guess_hand(urdf, name or mjcf.stem)
