@@ -300,6 +300,7 @@ def test_files_of_other_formats_are_named(tmp_path: Path, monkeypatch: pytest.Mo
             written(tmp_path, "<!-- x -->\n<sdf version='1.7'/>", "a.sdf"),
             "a.sdf:2: the file is an SDF file; give the URDF",
         ),
+        (written(tmp_path, "<!-- a -->\n" * 5000, "a.urdf"), r"a.urdf:\d+: there is no element"),
         (written(tmp_path, "<svg/>", "a.svg"), r"a.svg:1: the file is no URDF: its root element is <svg>"),
     ):
         result = invoke(["hand", "new", file, "--out", tmp_path / "new.toml"])

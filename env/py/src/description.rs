@@ -125,9 +125,12 @@ pub struct MeshShape {
     end: usize,
 }
 
+/// Meshes, and bytes at which names are inserted.
+type FoundMeshes = (Vec<MeshShape>, Vec<(usize, String)>);
+
 /// Collision meshes of the text of a URDF, which errors call `name`, and where shapes beside them get names: byte and name.
 #[pyfunction]
-pub fn urdf_meshes(urdf: &str, name: &str) -> PyResult<(Vec<MeshShape>, Vec<(usize, String)>)> {
+pub fn urdf_meshes(urdf: &str, name: &str) -> PyResult<FoundMeshes> {
     let found = find_meshes(urdf, name).map_err(CoreError::from)?;
     let mesh = |mesh: graspbox_hand::MeshShape| MeshShape {
         name: mesh.name,

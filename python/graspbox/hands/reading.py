@@ -16,7 +16,7 @@ from graspbox.hands.urdf_meshes import FittedUrdf, read_text, with_primitives
 __all__ = ["fitted_urdf", "read_hand"]
 
 #: The first element of an XML file, after declaration and comments.
-_ROOT = re.compile(r"\s*(?:<\?.*?\?>\s*|<!--.*?-->\s*)*<\s*([\w:.-]+)", re.DOTALL)
+_ROOT = re.compile(r"\s*+(?:(?><\?.*?\?>|<!--.*?-->)\s*+)*+<([\w:.-]+)", re.DOTALL)
 
 
 def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> FittedUrdf:
