@@ -342,6 +342,39 @@ def test_excluded_pairs_and_masks_do_not_touch(tmp_path: Path) -> None:
     assert ("left_pad", "right_bar") in named
 
 
+def test_links_that_overlap_in_the_open_hand_are_named(tmp_path: Path) -> None:
+    """Where bars are so wide that they meet in the middle; the file of the hand begins with the guesses to review."""
+    wide = models.PLAIN.replace('<geom type="capsule" size="0.005 0.02"', '<geom type="box" size="0.05 0.01 0.02"')
+    path = written(tmp_path, wide)
+    (tmp_path / "hand.urdf").write_text(urdf_of_mjcf(path).text)
+    guessed = guess_hand(tmp_path / "hand.urdf", "wide")
+    message = "links that overlap in the open hand, and pass through each other: left and right"
+    assert any(item.startswith(message) for item in guessed.review)
+    assert f"# - {message}" in guessed.text
+    stated = guess_hand(tmp_path / "hand.urdf", "wide", [("left", "right"), ("left_tip", "right")])
+    assert not any("overlap" in item for item in stated.review)
+
+
+@pytest.mark.parametrize(
+    ("most", "effort", "source"),
+    [
+        ("500", 500.0, "guess: the URDF states an effort of 500 N m, which is not believable; 30 N at the fingertip"),
+        ("1e4", 0.0, "guess: the URDF states no effort; 30 N at the fingertip"),
+    ],
+)
+def test_placeholders_are_not_believed(most: str, effort: float, source: str, tmp_path: Path) -> None:
+    world = f'<body name="palm">{models.PALM}{models.LEFT}{models.RIGHT}</body>'
+    motor = f'<motor joint="left" ctrlrange="-{most} {most}"/>'
+    fitted, _ = converted(tmp_path, models.model(world, actuators=models.SLIDE_MOTOR + motor))
+    assert efforts(fitted)["left"] == effort
+    assert any("its gain times ctrlrange: 1e+04, which no hand has" in text for text in fitted.assumptions) == (
+        not effort
+    )
+    text = (tmp_path / "hand.toml").read_text()
+    assert source in text
+    assert "load_limit of left: the URDF states no believable effort" in text
+
+
 def run(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "graspbox", *words], capture_output=True, text=True, check=False)
 
