@@ -54,6 +54,8 @@ BESIDE = model(
 <body name="table" pos="0 0 -0.4"><geom type="box" size="0.5 0.5 0.1"/></body>
 <body name="camera" pos="0.3 0 0.3"><geom type="box" size="0.01 0.01 0.01" contype="0" conaffinity="0"/></body>
 <body name="cube" pos="0.3 0 0"><freejoint/><geom type="box" size="0.02 0.02 0.02"/></body>
+<body name="ball" pos="0.3 0.1 0"><joint name="ball_x" type="slide" axis="1 0 0"/><joint name="ball_turn"/>
+<geom size="0.02"/></body><body name="hook" mocap="true" pos="0 0 0.3"/>
 {LEFT}{RIGHT}"""
 )
 #: The palm floats.

@@ -122,7 +122,9 @@ def test_what_was_assumed_is_named_with_its_line(tmp_path: Path) -> None:
 
     taken, left = "within 20 mm of the hand; it becomes a part of its base", "away from the hand; it is left out"
     assert set(converted(tmp_path, models.BESIDE)[0].assumptions) == {
-        f"{line('cube')}: body 'cube': moves freely beside the hand; it is left out",
+        f"{line('cube')}: body 'cube': moves beside the hand; it is left out",
+        f"{line('ball')}: body 'ball': moves beside the hand; it is left out",
+        f"{line('hook')}: body 'hook': is fixed in the world {left}",
         f"{line('left')}: body 'left': stands in the world with 'right'; all are taken as parts of "
         "one hand (`--base` takes one)",
         f"{line('palm')}: body 'palm': is fixed in the world {taken}",
@@ -141,6 +143,26 @@ def test_what_was_assumed_is_named_with_its_line(tmp_path: Path) -> None:
         in (cut[0])
     )
     assert sum("is not between moving parts of the hand; it is left out" in text for text in cut) == 2
+
+
+def test_one_of_several_things_is_the_hand(tmp_path: Path) -> None:
+    """Its joints branch; a second hand must be chosen, and a body that pulls the hand about is not part of it."""
+    alone = models.ARM.replace('<connect body1="shoulder" body2="world" anchor="0 0 0"/>', "")
+    fitted, hand = converted(tmp_path, alone)
+    assert hand.joints[:2] == ["shoulder", "wrist"]
+    assert any("body 'other': moves beside the hand; it is left out" in text for text in fitted.assumptions)
+    finger = '<body name="more" pos="0 0 0.2"><joint axis="0 1 0" range="0 1"/><geom size="0.01"/></body></body>'
+    two = models.ARM.replace('<geom type="sphere" size="0.01"/></body></body>', f'<geom size="0.01"/></body>{finger}')
+    with pytest.raises(HandError, match=r"has several hands or arms, 'foot', 'other'; choose the palm of one of them"):
+        urdf_of_mjcf(written(tmp_path, two))
+    hook = '<body name="hook" mocap="true" pos="1 0 0"/>'
+    text = models.FLOATING.replace("<worldbody>", f"<worldbody>{hook}")
+    weld = text.replace("<equality>", '<equality><weld name="pull" body1="hook" body2="palm"/>')
+    notes = converted(tmp_path, weld)[0].assumptions
+    assert any("equality 'pull': is not between moving parts of the hand; it is left out" in note for note in notes)
+    held = text.replace("<equality>", '<equality><weld name="pull" body1="left" body2="palm"/>')
+    with pytest.raises(HandError, match="equality 'pull' fixes two bodies to each other"):
+        urdf_of_mjcf(written(tmp_path, held))
 
 
 def test_lines_of_included_files(tmp_path: Path) -> None:
@@ -318,6 +340,39 @@ def test_excluded_pairs_and_masks_do_not_touch(tmp_path: Path) -> None:
     named = converted(tmp_path, masks.replace("<equality>", f"{pair}<equality>"))[0].no_contact
     assert ("left_pad", "right_pad") not in named
     assert ("left_pad", "right_bar") in named
+
+
+def test_links_that_overlap_in_the_open_hand_are_named(tmp_path: Path) -> None:
+    """Where bars are so wide that they meet in the middle; the file of the hand begins with the guesses to review."""
+    wide = models.PLAIN.replace('<geom type="capsule" size="0.005 0.02"', '<geom type="box" size="0.05 0.01 0.02"')
+    path = written(tmp_path, wide)
+    (tmp_path / "hand.urdf").write_text(urdf_of_mjcf(path).text)
+    guessed = guess_hand(tmp_path / "hand.urdf", "wide")
+    message = "links that overlap in the open hand, and pass through each other: left and right"
+    assert any(item.startswith(message) for item in guessed.review)
+    assert f"# - {message}" in guessed.text
+    stated = guess_hand(tmp_path / "hand.urdf", "wide", [("left", "right"), ("left_tip", "right")])
+    assert not any("overlap" in item for item in stated.review)
+
+
+@pytest.mark.parametrize(
+    ("most", "effort", "source"),
+    [
+        ("500", 500.0, "guess: the URDF states an effort of 500 N m, which is not believable; 30 N at the fingertip"),
+        ("1e4", 0.0, "guess: the URDF states no effort; 30 N at the fingertip"),
+    ],
+)
+def test_placeholders_are_not_believed(most: str, effort: float, source: str, tmp_path: Path) -> None:
+    world = f'<body name="palm">{models.PALM}{models.LEFT}{models.RIGHT}</body>'
+    motor = f'<motor joint="left" ctrlrange="-{most} {most}"/>'
+    fitted, _ = converted(tmp_path, models.model(world, actuators=models.SLIDE_MOTOR + motor))
+    assert efforts(fitted)["left"] == effort
+    assert any("its gain times ctrlrange: 1e+04, which no hand has" in text for text in fitted.assumptions) == (
+        not effort
+    )
+    text = (tmp_path / "hand.toml").read_text()
+    assert source in text
+    assert "load_limit of left: the URDF states no believable effort" in text
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:

@@ -117,7 +117,8 @@ class _Converted:
         self.loops: dict[str, LoopFit] = {}
         root = self._selected.root
         self._add_link(root, None)
-        self._link_of[0] = self._links[0]
+        if base is None:
+            self._link_of[0] = self._links[0]
         for body in self._selected.bodies:
             self._add(body)
         self._add_shapes(self._links[0], self._selected.geoms)
@@ -249,9 +250,9 @@ class _Converted:
         """Return the leader, ratio and offset of each joint that follows another."""
         model = self._model
         joints = [link.joint for link in self._links if link.joint is not None]
-        base = self._links[0]
-        moved = {body: link is not base for body, link in self._link_of.items()}
-        found = couple(self._mujoco, model, joints, moved, actuated_joints(self._mujoco, model))
+        numbers = {id(link): number for number, link in enumerate(self._links)}
+        links = {body: numbers[id(link)] for body, link in self._link_of.items()}
+        found = couple(self._mujoco, model, joints, links, actuated_joints(self._mujoco, model))
         for number in found.ignored:
             self._note("equality", number, "is not between moving parts of the hand; it is left out")
         further, self.loops = couple_loops(self._mujoco, model, found.closed, found.of)

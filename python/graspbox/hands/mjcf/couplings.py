@@ -32,8 +32,8 @@ class Couplings:
     ignored: list[int]
 
 
-def couple(mujoco: Any, model: Any, joints: Iterable[int], moved: Mapping[int, bool], actuated: set[int]) -> Couplings:
-    """Return the couplings of `joints`, those of the hand; `moved` says of each body whether a joint of the hand does.
+def couple(mujoco: Any, model: Any, joints: Iterable[int], link_of: Mapping[int, int], actuated: set[int]) -> Couplings:
+    """Return the couplings of `joints`, those of the hand; `link_of` has the link of each of its bodies.
 
     Joints in `actuated` lead others where the equations leave a choice.
 
@@ -42,12 +42,12 @@ def couple(mujoco: Any, model: Any, joints: Iterable[int], moved: Mapping[int, b
     HandError
         For an equality that no mimic joint represents.
     """
-    return _Equations(mujoco, model, list(joints), moved).solved(actuated)
+    return _Equations(mujoco, model, list(joints), link_of).solved(actuated)
 
 
 class _Equations:
-    def __init__(self, mujoco: Any, model: Any, joints: list[int], moved: Mapping[int, bool]) -> None:
-        self._mujoco, self._model, self._joints, self._moved = mujoco, model, joints, moved
+    def __init__(self, mujoco: Any, model: Any, joints: list[int], link_of: Mapping[int, int]) -> None:
+        self._mujoco, self._model, self._joints, self._link_of = mujoco, model, joints, link_of
         self._column = {joint: column for column, joint in enumerate(joints)}
         #: Coefficients of joints, and the constant that their sum has; the joints that the file itself lets follow.
         self._rows: list[Array] = []
@@ -63,7 +63,8 @@ class _Equations:
             elif kind == kinds.mjEQ_TENDON:
                 used = self._add_tendons(number)
             else:
-                used = any(self._moved.get(body, False) for body in _bodies(self._mujoco, self._model, number))
+                links = [self._link_of.get(body, -1) for body in _bodies(self._mujoco, self._model, number)]
+                used = -1 not in links and len(set(links)) == 2
                 if used and kind == kinds.mjEQ_CONNECT:
                     closed.append(number)
                 elif used:
@@ -87,14 +88,17 @@ class _Equations:
         return float(data[0]), float(data[1])
 
     def _add(self, number: int, sides: tuple[dict[int, float], dict[int, float]], constant: float) -> bool:
-        """Add the equation: the sum of the first side less that of the second is `constant`, from rest."""
+        """Add the equation: the sum of the first side less that of the second is `constant`, from rest.
+
+        Returns False where a joint is not of the hand.
+        """
         row = np.zeros(len(self._joints))
         for sign, side in zip((1.0, -1.0), sides, strict=True):
             for joint, factor in side.items():
-                # A joint that is not of the hand is held where the model begins.
-                if joint in self._column:
-                    row[self._column[joint]] += sign * factor
-                    constant += sign * factor * self._at_rest(joint)
+                if joint not in self._column:
+                    return False
+                row[self._column[joint]] += sign * factor
+                constant += sign * factor * self._at_rest(joint)
         if not row.any():
             return False
         if np.count_nonzero(row) == 1:

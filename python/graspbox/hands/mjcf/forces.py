@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 #: Moment arms below this have no effect, metres or 1.
 _LEAST_ARM = 1e-9
+#: Greatest force of a joint, as in the core, N m or N; more is a placeholder.
+_MOST = 1000.0
 
 
 @dataclass(frozen=True)
@@ -176,4 +178,6 @@ def _together(shares: list[tuple[float, _Bounds]]) -> Force:
     if not source:
         return Force(0.0, "no actuator moves it")
     value = max(abs(low), abs(high))
-    return Force(value, source) if np.isfinite(value) else Force(0.0, source)
+    if np.isfinite(value) and value > _MOST:
+        source = f"{source}: {value:.4g}, which no hand has"
+    return Force(value if value <= _MOST else 0.0, source)

@@ -111,19 +111,19 @@ class _Tree:
         tops = self._children[0]
         moving = [body for body in tops if self._moves(body)]
         # Things that lie about are free, unless the hand itself floats.
-        moving = [body for body in moving if not self._is_free(body)] or moving
         if not moving:
             raise HandError("has no hinge or slide; a hand needs joints that move")
+        moving = self._hand_among(moving)
         if len(moving) == 1 and any(self._moves(child) for child in self._children[moving[0]]):
             held = self._held(moving[0])
             root, bodies = held[-1], list(self._subtree(moving[0]))
         else:
             held, root, bodies = [0], 0, [body for top in moving for body in self._subtree(top)]
             self._note_beside(moving)
-        statics = [body for body in tops if body not in moving and not self._is_free(body)]
+        statics = [body for body in tops if not self._moves(body) and not self._is_free(body)]
         for body in tops:
             if body not in moving and body not in statics:
-                self._note(body, "moves freely beside the hand; it is left out")
+                self._note(body, "moves beside the hand; it is left out")
         welded, geoms = self._beside(bodies, statics)
         shaped = [body for body in welded if self._model.body_geomnum[body]]
         if root == 0 and len(shaped) == 1:
@@ -132,6 +132,24 @@ class _Tree:
             held += list(self._subtree(body))
         chosen = sorted({*bodies, *held} - {0})
         return Selection(root, frozenset(held), tuple(chosen), geoms, self._notes)
+
+    def _hand_among(self, moving: list[int]) -> list[int]:
+        """Choose the bodies in the world that are the hand: the one whose joints branch, or fingers side by side."""
+
+        def lies_about(body: int) -> bool:
+            """Return whether a body can be a thing: it is free, or has several joints and no part that moves."""
+            parts = any(map(self._moves, self._children[body]))
+            return self._is_free(body) or (not parts and len(self._joints(body)) > 1)
+
+        attached = [body for body in moving if not lies_about(body)] or moving
+        branched = [body for body in attached if any(map(self._branches, self._subtree(body)))]
+        if len(branched) > 1:
+            names = self._names("body", branched)
+            raise HandError(f"has several hands or arms, {names}; choose the palm of one of them (`--base`)")
+        return branched or attached
+
+    def _branches(self, body: int) -> bool:
+        return sum(map(self._moves, self._children[body])) > 1
 
     def _note_beside(self, moving: list[int]) -> None:
         if len(moving) > 1:
