@@ -404,7 +404,7 @@ def test_grasp_frames_that_are_guessed() -> None:
         assert found[:, 2] @ (np.array(table["xyz"]["value"]) - shipped["xyz"]["value"]) == pytest.approx(
             0, abs=12e-3 if name == "leap" else 1e-6
         )
-        assert ("width" in table["preshapes"][0]) == (name not in ("soft_hand", "leap"))
+        assert ("width" in table["preshapes"][0]) == (name != "soft_hand")
 
 
 def test_new_keeps_files(tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def judge(
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
             raise
-    return [results[first : first + len(tasks)] for first in range(0, len(results), len(tasks))]
+    return [results[i * len(tasks) : (i + 1) * len(tasks)] for i in range(len(hands))]
 
 
 def _tried(hand: Hand, task: Task, poses: int, planning: PlanConfig, seed: int) -> Judged:
