@@ -382,6 +382,8 @@ def test_directions_of_closing() -> None:
         assert side == spread.get(name, [])
     assert opened["panda_gripper"] == {"finger_joint1": 0.04}
     assert opened["robotiq_2f_85"] == {"left_knuckle_joint": 0.0}
+    # The thumb comes round before the palm, as in the shipped preshapes.
+    assert opened["inspire"]["thumb_proximal_yaw_joint"] == pytest.approx(1.3)
     assert set(opened["reflex"].values()) == set(opened["soft_hand"].values()) == {0.0}
 
 
