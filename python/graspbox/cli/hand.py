@@ -164,9 +164,14 @@ def new(
 def _search(guess: Guess, budget: Budget, journal: Path, seed: int) -> SearchedHand:
     """Search with a line of progress on standard error."""
     with console.status("searching; Ctrl-C keeps the best so far") as status:
+        shown = 0.0
 
         def told(trials: int, best: float) -> None:
+            nonlocal shown
             status.update(f"{trials} grasps, best value {best:.2f}; Ctrl-C keeps the best so far")
+            if best > shown and not console.is_terminal:
+                console.print(f"{trials} grasps, best value {best:.2f}")
+            shown = max(shown, best)
 
         return search_hand(guess, budget, journal, seed=seed, told=told)
 
@@ -206,8 +211,6 @@ def _write_guessed(guessed: GuessedHand, urdf: Path, out: Path, force: bool) -> 
         write_text(alone, guessed.urdf)
         files = [alone, out]
     write_text(out, guessed.text)
-    for warning in guessed.warnings:
-        console.print(warning, soft_wrap=True)
     return files
 
 
@@ -256,6 +259,8 @@ def _print_guessed(
     searched: SearchedHand | None = None,
 ) -> None:
     """Print the new files, the fits of meshes and loops, the result of a search, and the guesses to review."""
+    for warning in guessed.warnings:
+        console.print(warning, soft_wrap=True)
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
         loops = {name: asdict(fit) for name, fit in urdf.loops.items()}
