@@ -125,6 +125,23 @@ def test_a_robot_with_two_hands_needs_a_base(tmp_path: Path) -> None:
         guess(tmp_path, unnamed, joints, base="c_palm")
 
 
+def test_a_bone_of_the_palm_with_two_fingers_is_no_palm(tmp_path: Path) -> None:
+    """Fingers on a bone that moves, and others on the palm itself: all belong to the hand."""
+    links = {name: [Box((0.0, 0.0, 0.04), (0.01, 0.01, 0.08))] for name in ("thumb", "index", "ring", "little")}
+    links |= {"palm": [PALM], "bone": [Box((0.0, 0.0, 0.01), (0.02, 0.04, 0.02))]}
+    roots = {"thumb": ("palm", -0.04, 0.0), "index": ("palm", 0.04, -0.02)}
+    roots |= {"ring": ("bone", 0.0, 0.0), "little": ("bone", 0.0, 0.02)}
+    joints = {
+        name: Joint(parent, name, (x, y, 0.03), (0.0, 1.0 if name == "thumb" else -1.0, 0.0), (0.0, 1.2))
+        for name, (parent, x, y) in roots.items()
+    }
+    joints["bone"] = Joint("palm", "bone", (0.04, 0.02, 0.0), (0.0, 0.0, 1.0), (-0.2, 0.2))
+    guessed = guess(tmp_path, links, joints)
+    assert guessed.urdf is None
+    assert set(loaded(guessed).joints) == set(joints)
+    assert set(grasp_of(guessed)["closing"]) >= {"thumb", "index", "ring", "little"}
+
+
 def test_the_command_writes_the_urdf_of_the_hand_alone(tmp_path: Path) -> None:
     links, joints = arm(2)
     robot, out = tmp_path / "robot.urdf", tmp_path / "robot.toml"
@@ -243,7 +260,7 @@ def test_wrong_lines_come_before_meshes(tmp_path: Path) -> None:
 
 def test_no_remark_follows_a_fatal_error(tmp_path: Path) -> None:
     path = tmp_path / "made.urdf"
-    path.write_text(urdf(JAWS, SLIDES).replace('ixx="4e-5"', 'ixx="4e-4"'))
+    path.write_text(urdf(JAWS, SLIDES).replace('<child link="left"/>', '<child link="none"/>'))
     result = run("new", path, "--out", tmp_path / "hand.toml")
     assert result.exit_code == 2
     assert "compare it with the maker's" not in result.stderr

@@ -382,6 +382,8 @@ def test_directions_of_closing() -> None:
         assert side == spread.get(name, [])
     assert opened["panda_gripper"] == {"finger_joint1": 0.04}
     assert opened["robotiq_2f_85"] == {"left_knuckle_joint": 0.0}
+    # The thumb comes round before the palm, as in the shipped preshapes.
+    assert opened["inspire"]["thumb_proximal_yaw_joint"] == pytest.approx(1.3)
     assert set(opened["reflex"].values()) == set(opened["soft_hand"].values()) == {0.0}
 
 
@@ -404,7 +406,7 @@ def test_grasp_frames_that_are_guessed() -> None:
         assert found[:, 2] @ (np.array(table["xyz"]["value"]) - shipped["xyz"]["value"]) == pytest.approx(
             0, abs=12e-3 if name == "leap" else 1e-6
         )
-        assert ("width" in table["preshapes"][0]) == (name not in ("soft_hand", "leap"))
+        assert ("width" in table["preshapes"][0]) == (name != "soft_hand")
 
 
 def test_new_keeps_files(tmp_path: Path) -> None:

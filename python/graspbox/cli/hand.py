@@ -174,9 +174,14 @@ def new(
 def _search(guess: Guess, budget: Budget, journal: Path, seed: int) -> SearchedHand:
     """Search with a line of progress on standard error."""
     with console.status("searching; Ctrl-C keeps the best so far") as status:
+        shown = 0.0
 
         def told(trials: int, best: float) -> None:
+            nonlocal shown
             status.update(f"{trials} grasps, best value {best:.2f}; Ctrl-C keeps the best so far")
+            if best > shown and not console.is_terminal:
+                console.print(f"{trials} grasps, best value {best:.2f}")
+            shown = max(shown, best)
 
         return search_hand(guess, budget, journal, seed=seed, told=told)
 
@@ -216,8 +221,6 @@ def _write_guessed(guessed: GuessedHand, urdf: Path, out: Path, force: bool) -> 
         write_text(alone, guessed.urdf)
         files = [alone, out]
     write_text(out, guessed.text)
-    for warning in guessed.warnings:
-        console.print(warning, soft_wrap=True)
     return files
 
 
@@ -255,7 +258,7 @@ def convert(
     if guessed.urdf is not None:
         write_text(urdf, guessed.urdf)
     write_text(toml, guessed.text)
-    _print_guessed(guessed, replace(converted, text=guessed.fitted.text), [urdf, toml], as_json)
+    _print_guessed(guessed, replace(converted, text=guessed.fitted.text, name=str(urdf)), [urdf, toml], as_json)
 
 
 def _check_new(path: Path, force: bool) -> None:
@@ -274,11 +277,18 @@ def _print_guessed(
 ) -> None:
     """Print the new files, what was assumed, fits, the result of a search, and the guesses to review."""
     assumed = Hand(urdf.text, guessed.text, (urdf.name, "hand.toml"), urdf.assumptions).assumptions
+    for warning in guessed.warnings:
+        console.print(warning, soft_wrap=True)
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
         loops = {name: asdict(fit) for name, fit in urdf.loops.items()}
         review = list(guessed.review)
-        done = {"hand": guessed.name, "out": str(files[-1]), "assumptions": list(assumed), "review": review}
+        done: dict[str, Any] = {
+            "hand": guessed.name,
+            "out": str(files[-1]),
+            "assumptions": list(assumed),
+            "review": review,
+        }
         done |= {"meshes": meshes, "loops": loops}
         print_json(done if searched is None else {**done, "search": searched.table()})
         return

@@ -18,7 +18,7 @@ _PALM = 0.5
 _CLOSES = 0.15
 #: Joints of three and more fingers close them if they bring tips to the palm by this share too: others spread fingers,
 #: or turn a thumb.
-_BENDS = 0.3
+_BENDS = 0.35
 #: A joint goes one way from 0 if 0 is this near to the end of its range; shares of the range that are tried, and the
 #: least gain of opposition, of at most 1.
 _END, _TURNS, _BETTER = 0.2, (0.25, 0.5, 0.75, 1.0), 0.1

@@ -145,6 +145,10 @@ class _Row:
     trials: int
 
 
+def _written(posture: Posture) -> list[float]:
+    return [float(posture.facing), *posture.point.tolist()]
+
+
 class _Run:
     """A search under way."""
 
@@ -190,7 +194,7 @@ class _Run:
         count = len(self._lines) - 1
         known = self._known[count : count + len(self._asked)]
         same = len(known) == len(self._asked) and all(
-            [each.facing, *each.point.tolist()] == row.point for each, row in zip(self._asked, known, strict=True)
+            _written(each) == row.point for each, row in zip(self._asked, known, strict=True)
         )
         rows = known if same else self._judge(self._asked)
         for posture, row in zip(self._asked, rows, strict=True):
@@ -211,7 +215,7 @@ class _Run:
         for number, rows in zip(good, judge([hands[i] for i in good], others, _POSES), strict=True):
             values[number] += [row.value for row in rows]
         return [
-            _Row([posture.facing, *posture.point.tolist()], float(np.mean(own)), len(own) * _POSES)
+            _Row(_written(posture), float(np.mean(own)), len(own) * _POSES)
             for posture, own in zip(postures, values, strict=True)
         ]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
-from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
+from graspbox.configs import DecomposeConfig, PlanConfig
 from graspbox.errors import GraspboxError, InternalError
 from graspbox.evaluation.planner_trials import ObjectResult, try_object
 from graspbox.hand_tools.bodies import Floats
@@ -29,8 +29,8 @@ _FILLED = 0.7
 _USUAL = 0.08
 #: Families of the objects.
 _FAMILIES = ("can", "box", "ball")
-#: One box and few poses: the objects are simple, and the same random numbers serve every hand.
-SIMPLE = PlanConfig(decompose=DecomposeConfig(max_boxes=1, samples=400), poses=PoseConfig(pairs=0))
+#: Few boxes: the objects are simple, and the same random numbers serve every hand.
+SIMPLE = PlanConfig(decompose=DecomposeConfig(max_boxes=2, samples=500))
 #: What a grasp that does not hold shows by its failure about the way to one that does, and the weight of that.
 _PARTIAL, _HINT = {"no_contact": 0.1, "slipped": 0.5, "unstable": 0.8, "dropped": 0.8}, 0.1
 #: Worth of a grasp that holds, and more of one that holds firmly.
@@ -160,7 +160,7 @@ def judge(
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
             raise
-    return [results[first : first + len(tasks)] for first in range(0, len(results), len(tasks))]
+    return [results[i * len(tasks) : (i + 1) * len(tasks)] for i in range(len(hands))]
 
 
 def _tried(hand: Hand, task: Task, poses: int, planning: PlanConfig, seed: int) -> Judged:

@@ -147,7 +147,7 @@ class _Converted:
                 self._write_joint(robot, link, link.joint, mimics, ranges[link.joint], found[link.joint])
         ElementTree.indent(robot)
         text = ElementTree.tostring(robot, encoding="unicode") + "\n"
-        return FittedUrdf(text, self.fits, self.loops, self._listed(), self._apart())
+        return FittedUrdf(text, self.fits, self.loops, self._listed(), no_contact=self._apart())
 
     def _listed(self) -> tuple[str, ...]:
         """Return the assumptions, and how many more there are."""
