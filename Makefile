@@ -48,8 +48,8 @@ $(STAMPS)/venv:
 
 # One stamp for each set of extras; `maturin develop` installs the package in place together with the packages of the extras.
 EXTRAS_demo := cli,ycb
-EXTRAS_dev := cli,ycb,data,onnx,hub,exr,recordings,dev,docs
-EXTRAS_train := cli,ycb,data,onnx,hub,exr,recordings,dev,docs,ray,train
+EXTRAS_dev := cli,ycb,data,onnx,hub,exr,recordings,urdf,dev,docs
+EXTRAS_train := cli,ycb,data,onnx,hub,exr,recordings,urdf,dev,docs,ray,train
 $(STAMPS)/demo $(STAMPS)/dev $(STAMPS)/train: $(STAMPS)/%: pyproject.toml $(STAMPS)/venv
 	maturin develop --release --extras $(EXTRAS_$*)
 	touch $@ $(STAMPS)/core
