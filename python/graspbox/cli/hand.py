@@ -277,8 +277,6 @@ def _print_guessed(
 ) -> None:
     """Print the new files, what was assumed, fits, the result of a search, and the guesses to review."""
     assumed = Hand(urdf.text, guessed.text, (urdf.name, "hand.toml"), urdf.assumptions).assumptions
-    for warning in guessed.warnings:
-        console.print(warning, soft_wrap=True)
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in urdf.fits.items()}
         loops = {name: asdict(fit) for name, fit in urdf.loops.items()}

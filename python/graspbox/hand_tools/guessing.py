@@ -51,8 +51,6 @@ class GuessedHand:
         The URDF with which it loads.
     urdf : str or None
         Contents of the URDF with which it loads, if that is not the given one: without what is above the palm.
-    warnings : tuple of str
-        What is not taken from the URDF.
     """
 
     name: str
@@ -60,7 +58,6 @@ class GuessedHand:
     review: tuple[str, ...]
     fitted: FittedUrdf
     urdf: str | None = None
-    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +99,7 @@ class Guess:
 
     def written(self, text: str, review: tuple[str, ...]) -> GuessedHand:
         """Return a file of this hand with the URDF that it needs."""
-        return GuessedHand(self.name, text, review, self.fitted, self.fitted.text if self.cut else None, self.warnings)
+        return GuessedHand(self.name, text, review, self.fitted, self.fitted.text if self.cut else None)
 
     def text(self, closing: Closing, frame: Frame, found: str | None = None) -> tuple[str, tuple[str, ...]]:
         """Return the file of a hand that closes so and has this grasp frame, and what to review of it.
@@ -110,7 +107,7 @@ class Guess:
         `found` is the source of these, if they are no guess.
         """
         drives = tuple(_drive(self.fingers, closing, index) for index in range(len(self.fingers.limits)))
-        review = (*self.warnings, *_review(self.fingers, closing, drives, frame, found))
+        review = (*self._left_out, *_review(self.fingers, closing, drives, frame, found))
         if self.passing:
             review += (f"links that overlap in the open hand, and pass through each other: {', '.join(self.passing)}",)
         pads = tuple(self.pads)
@@ -118,14 +115,14 @@ class Guess:
         return text, review
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def _left_out(self) -> tuple[str, ...]:
         """What of the URDF is not part of the hand."""
         if self.cut is None:
             return ()
-        palm = self.cut.base
+        palm, links = self.cut.base, f"{self.cut.links} link{'s' if self.cut.links > 1 else ''}"
         return (
             *(f"joint {name} is above the palm, {palm}: it is no part of the hand" for name in self.cut.joints),
-            f"{self.cut.links} links above the palm are left out of the hand's URDF; another palm: --base LINK",
+            f"{links} above the palm: left out of the hand's URDF; another palm: --base LINK",
         )
 
 
