@@ -11,15 +11,20 @@
 #
 # So write the nearest limit as the target, and the rest of the force, stiffness x distance / damping, as the target velocity, which
 # add_usd(..., force_position_velocity_actuation=True) uses.
-# Exit status: 0 while this is so, 1 if it has changed. Needs Python 3.11 and a package index; about 700 MB in a temporary folder.
+# Exit status: 0 while this is so, 1 if it has changed, 2 if an installation or the program failed, with its log. Needs Python 3.11
+# and a package index; about 700 MB in a temporary folder.
 set -euo pipefail
-folder=$(mktemp -d)
+folder=$(mktemp -d) || exit 2
 trap 'rm -rf "$folder"' EXIT
-python3.11 -m venv "$folder/venv"
-"$folder/venv/bin/pip" install --quiet 'newton[importers]==1.8.0'
-WARP_CACHE_PATH="$folder/cache" "$folder/venv/bin/python" - 2>"$folder/log" <<'PYTHON' | sed -n '/^newton/,$p'
+failed() {
+  cat "$folder/log" >&2
+  echo "$1 failed, with the log above: it is not known whether this is so" >&2
+  exit 2
+}
+python3.11 -m venv "$folder/venv" >"$folder/log" 2>&1 || failed "python3.11 -m venv"
+"$folder/venv/bin/pip" install --quiet 'newton[importers]==1.8.0' >"$folder/log" 2>&1 || failed "pip install"
+WARP_CACHE_PATH="$folder/cache" "$folder/venv/bin/python" - >"$folder/found" 2>"$folder/log" <<'PYTHON' || failed "the program"
 import math
-import sys
 import warnings
 
 import newton
@@ -29,7 +34,7 @@ warnings.simplefilter("error")
 
 
 def read(target):
-    """Return the target that Newton reads, degrees."""
+    """Return the target that Newton reads, degrees, or its warning."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     root = UsdGeom.Xform.Define(stage, "/hand").GetPrim()
@@ -50,7 +55,10 @@ def read(target):
     drive.CreateDampingAttr(0.001)
     drive.CreateTargetPositionAttr(target)
     builder = newton.ModelBuilder()
-    builder.add_usd(stage)
+    try:
+        builder.add_usd(stage)
+    except Warning as warning:
+        return f"warning: {warning}"
     index = next(i for i, label in enumerate(builder.joint_label) if label.endswith("joint"))
     return round(math.degrees(builder.joint_target_q[builder.joint_q_start[index]]), 3)
 
@@ -59,5 +67,7 @@ found = {target: read(target) for target in (-100, 20)}
 print(f"newton {newton.__version__}, limits of 0 and 90 degrees")
 for target, seen in found.items():
     print(f"target {target} degrees: {seen}")
-sys.exit(0 if found == {-100: 45.0, 20: 20.0} else 1)
 PYTHON
+sed -n '/^newton/,$p' "$folder/found"
+wanted=$'target -100 degrees: 45.0\ntarget 20 degrees: 20.0'
+[ "$(grep '^target' "$folder/found")" = "$wanted" ] || exit 1

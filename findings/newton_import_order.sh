@@ -12,12 +12,18 @@
 #   stage first, PhysxMimicJointAPI: 1
 #
 # So import newton at the top of the program, before anything uses pxr.
-# Exit status: 0 while this is so, 1 if it has changed. Needs Python 3.11 and a package index; about 700 MB in a temporary folder.
+# Exit status: 0 while this is so, 1 if it has changed, 2 if an installation or the program failed, with its log. Needs Python 3.11
+# and a package index; about 700 MB in a temporary folder.
 set -euo pipefail
-folder=$(mktemp -d)
+folder=$(mktemp -d) || exit 2
 trap 'rm -rf "$folder"' EXIT
-python3.11 -m venv "$folder/venv"
-"$folder/venv/bin/pip" install --quiet 'newton[importers]==1.8.0'
+failed() {
+  cat "$folder/log" >&2
+  echo "$1 failed, with the log above: it is not known whether this is so" >&2
+  exit 2
+}
+python3.11 -m venv "$folder/venv" >"$folder/log" 2>&1 || failed "python3.11 -m venv"
+"$folder/venv/bin/pip" install --quiet 'newton[importers]==1.8.0' >"$folder/log" 2>&1 || failed "pip install"
 cat >"$folder/follow.py" <<'PYTHON'
 import sys
 
@@ -54,10 +60,12 @@ builder = newton.ModelBuilder()
 builder.add_usd(stage)
 print(sum(leader >= 0 for leader in builder.joint_mimic_joint))
 PYTHON
-"$folder/venv/bin/pip" show newton usd-core newton-usd-schemas | grep -E '^(Name|Version)' | paste -sd ' '
+"$folder/venv/bin/pip" show newton usd-core newton-usd-schemas >"$folder/packages" 2>"$folder/log" || failed "pip show"
+grep -E '^(Name|Version)' "$folder/packages" | paste -sd ' '
 status=0
 while read -r order schemas wanted; do
-  found=$(WARP_CACHE_PATH="$folder/cache" "$folder/venv/bin/python" "$folder/follow.py" "$order" "$schemas" 2>"$folder/log" | tail -1)
+  found=$(WARP_CACHE_PATH="$folder/cache" "$folder/venv/bin/python" "$folder/follow.py" "$order" "$schemas" 2>"$folder/log" | tail -1) ||
+    failed "the program ($order first, $schemas)"
   echo "$order first, $schemas: $found"
   [ "$found" = "$wanted" ] || status=1
 done <<'CASES'

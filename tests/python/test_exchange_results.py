@@ -13,7 +13,9 @@ from graspbox import errors, object_sets
 from graspbox.evaluation.planner_trials import try_set
 from graspbox.hands.conventions import mechanism_of
 from graspbox.tools import exchange
+from graspbox.tools.commands import export_grasps
 from graspbox.tools.exchange.dexgraspbench import grasps_of
+from graspbox.tools.exchange.sources import ObjectSource, read_with_sources
 
 pytest.importorskip("h5py", reason="ACRONYM's files need h5py, from the extra 'exchange'")
 pytest.importorskip("yaml", reason="Isaac Grasp files need PyYAML, from the extra 'exchange'")
@@ -96,10 +98,124 @@ def test_a_changed_mesh_is_refused(table: str, tmp_path: Path) -> None:
     assert "the grasps are for another mesh" in str(done.exception)
 
 
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Make data sets of a mesh with ``--mass``, and of a folder with a table of masses."""
+    pytest.importorskip("pyarrow", reason="data sets need pyarrow, from the extra 'data'")
+    pytest.importorskip("pydantic", reason="data sets need pydantic, from the extra 'data'")
+    root = tmp_path_factory.mktemp("masses")
+    (root / "meshes").mkdir()
+    (root / "meshes/it.obj").write_text(_obj(object_sets.load("procedural:box:0")[0].load()))
+    (root / "meshes/masses.csv").write_text("name,mass\nit,0.222\n")
+    small = ["--hand", "panda_gripper", "--poses", "6", "--views", "1", "--rests", "1"]
+    for name, words in (
+        ("given", ["--objects", root / "meshes/it.obj", "--mass", "0.111"]),
+        ("table", ["--objects", f"dir:{root / 'meshes'}"]),
+    ):
+        done = invoke(["dataset", *words, *small, "--out", root / name])
+        assert done.exit_code == 0, done.output
+    return {name: root / name for name in ("given", "table")}
+
+
+@pytest.mark.parametrize(("name", "mass"), [("given", 0.111), ("table", 0.222)])
+def test_a_data_set_carries_its_masses(
+    name: str, mass: float, data: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are written, and joint positions are simulated with them, not with the mass of a density."""
+    used, simulated = [], exchange.simulated
+
+    def recorded(grasps: exchange.ExchangeGrasps, mesh: graspbox.Mesh, **settings: Any) -> exchange.ExchangeGrasps:
+        used.append(mesh.mass)
+        return simulated(grasps, mesh, **settings)
+
+    monkeypatch.setattr(exchange, "simulated", recorded)
+    ((found, source),) = read_with_sources(data[name])[1].items()
+    assert found == "it"
+    assert source.mass == pytest.approx(mass)
+    assert source == ObjectSource(str(data[name].parent / "meshes/it.obj"), 1.0, source.mass)
+    for to, suffix in FILES:
+        out = tmp_path / f"{to}{suffix}"
+        done = _run(str(data[name]), "--to", to, "--out", str(out), "--count", "1", "--successful")
+        assert done.exit_code == 0, done.output
+        if suffix != ".npy":
+            read = exchange.load(out)
+            assert read.mass == read.load_mesh(tmp_path).mass == pytest.approx(mass)
+    assert used == [pytest.approx(mass)] * 2
+    heavier = tmp_path / "heavier.h5"
+    assert _run(str(data[name]), "--to", "acronym", "--out", str(heavier), "--mass", "0.5").exit_code == 0
+    assert exchange.load(heavier).mass == 0.5
+
+
+def test_grasps_are_read_without_the_sources_of_a_data_set(
+    data: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from graspbox.data.trials import tables
+
+    read, load = set(), tables.load
+
+    def recorded(folder: Path, split: Any, columns: list[str]) -> Any:
+        read.update(columns)
+        return load(folder, split, columns)
+
+    monkeypatch.setattr(tables, "load", recorded)
+    (grasps,) = exchange.read(data["given"])
+    assert not {"source", "scale"} & read
+    (again,) = read_with_sources(data["given"])[0]
+    assert {"source", "scale"} <= read
+    assert again == grasps
+
+
 def test_grasps_without_a_mesh_say_so() -> None:
     grasps = exchange.ExchangeGrasps.of(np.eye(4)[None], hand="panda_gripper", object_name="it")
     with pytest.raises(errors.ConfigError, match="the grasps of 'it' name no mesh file"):
         grasps.load_mesh()
+
+
+def _plain(**about: Any) -> exchange.ExchangeGrasps:
+    """Give one grasp of the Franka Hand that needs no simulation."""
+    made = exchange.ExchangeGrasps.of(
+        np.eye(4)[None], hand="panda_gripper", success=1.0, world_from_object=np.eye(4), **about
+    )
+    made.grasp[:], made.squeeze[:] = 0.02, 0.01
+    return made
+
+
+@pytest.mark.parametrize(("to", "suffix"), FILES)
+def test_a_name_is_no_mesh_file(to: str, suffix: str, tmp_path: Path) -> None:
+    """Formats with one entry for both have the name of an object whose mesh is not known."""
+    path = tmp_path / f"file{suffix}"
+
+    def back() -> exchange.ExchangeGrasps:
+        return (
+            grasps_of(_fields(path), graspbox.load_hand("panda_gripper")) if suffix == ".npy" else exchange.load(path)
+        )
+
+    exchange.save(_plain(object_name="mug.2"), path, to)
+    assert (back().mesh_file, back().object_name) == ("", "mug.2")
+    with pytest.raises(errors.ConfigError, match=r"the grasps of 'mug\.2' name no mesh file"):
+        back().load_mesh(tmp_path)
+    exchange.save(_plain(object_name="mug", mesh_file="meshes/mug.STL"), path, to)
+    assert back().mesh_file == "meshes/mug.STL"
+
+
+def test_isaac_has_the_mass_without_a_mesh(tmp_path: Path) -> None:
+    import yaml
+
+    path = tmp_path / "it.yaml"
+    for about, wanted in (
+        ({}, None),
+        ({"mass": 0.123}, {"mass": 0.123}),
+        ({"mesh_file": "it.obj", "scale": 0.5}, {"mesh_file": "it.obj", "scale": 0.5}),
+    ):
+        exchange.save(_plain(object_name="it", **about), path, "isaac")
+        document = yaml.safe_load(path.read_text())
+        assert document.get("graspbox") == wanted
+        back = exchange.load(path)
+        assert (back.mesh_file, back.scale) == (about.get("mesh_file", ""), about.get("scale", 1.0))
+        np.testing.assert_equal(back.mass, about.get("mass", np.nan))
+    document["graspbox"] = {"scale": 0.25}
+    path.write_text(yaml.safe_dump(document))
+    assert exchange.load(path).scale == 0.25
 
 
 def test_joint_positions_are_written_within_their_limits(tmp_path: Path) -> None:
@@ -116,6 +232,20 @@ def test_joint_positions_are_written_within_their_limits(tmp_path: Path) -> None
     np.testing.assert_allclose(back.grasp[0], high, atol=1e-12)
     np.testing.assert_allclose(back.squeeze[0], low, atol=1e-12)
     np.testing.assert_array_equal(grasps.grasp[0], high + 0.07)
+
+
+def test_what_is_beyond_limits_has_a_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    slides, turns = _plain(), exchange.ExchangeGrasps.of(np.eye(4)[None], hand="soft_hand", success=1.0)
+    slides.grasp[:] = mechanism_of(slides.hand).limits[:, 1] + 0.002
+    turns.grasp[:] = mechanism_of(turns.hand).limits[:, 1] + 0.07
+    options = export_grasps._Options(
+        exchange.FORMATS[3], tmp_path, False, None, None, joints=True, meshes=True, threads=None, named=False, mass=None
+    )
+    for ready, wanted in (([slides], "0.002 m"), ([turns], "0.07 rad"), ([slides, turns], "0.002 m and 0.07 rad")):
+        export_grasps._print_limited(ready, options)
+        assert f"joint positions are up to {wanted} beyond their limits" in " ".join(capsys.readouterr().err.split())
+    export_grasps._print_limited([_plain()], options)
+    assert capsys.readouterr().err == ""
 
 
 def test_frames_take_names_of_hands() -> None:

@@ -3,6 +3,8 @@
 Ordinary tests have MuJoCo alone. ``pip install newton[sim,importers] yourdfpy pybullet drake pin`` runs all of them.
 """
 
+import os
+import subprocess
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from graspbox.tools import scene_export
 from graspbox.tools.scene_export.contents import objects_of
 from graspbox.tools.scene_export.mjcf import scene_model
 from graspbox.tools.scene_export.urdf_hand import hand_urdf
+from test_urdf_hands import CUBE, GRIPPER, as_mesh, quiet, with_toml, written
 
 HANDS = graspbox.Hand.names()
 Folders = dict[str, Path]
@@ -281,3 +284,82 @@ def test_the_own_file_of_a_hand_is_completed() -> None:
     assert counts == {"hand": 1, "leftfinger": 2, "rightfinger": 1}
     assert [joint.attrib["name"] for joint in ET.fromstring(text).findall("transmission/joint")] == ["finger_joint1"]
     assert hand_urdf(text, described).count("<transmission ") == 1
+
+
+def test_visual_shapes_collide_where_nothing_else_does(hand: graspbox.Hand) -> None:
+    """The core has used them as collision shapes; so do programs that read hand.urdf."""
+    urdf, toml = hand.files
+    grey = '<material name="grey"><color rgba="0.5 0.5 0.5 1"/></material></visual>'
+    seen = urdf.replace("collision", "visual").replace("</visual>", grey, 1)
+    visual = graspbox.Hand(seen, toml)
+    text = hand_urdf(visual.files[0], describe(visual))
+    links = ET.fromstring(text).findall("link")
+    for link, own in zip(links, ET.fromstring(urdf).findall("link"), strict=True):
+        shapes = [[ET.tostring(each) for part in one for each in part] for one in own.findall("collision")]
+        for kind in ("visual", "collision"):
+            found = link.findall(kind)
+            assert [one.attrib for one in found] == [one.attrib for one in own.findall("collision")]
+            plain = [[ET.tostring(each) for part in one if part.tag != "material" for each in part] for one in found]
+            assert plain == shapes
+    assert sum(len(link.findall("visual/material")) for link in links) == 1
+    assert not [link for link in links if link.find("collision/material") is not None]
+    assert repr(graspbox.Hand(text, toml).description) == repr(hand.description)
+
+
+def test_visual_meshes_are_exported_as_their_fitted_shapes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GRASPBOX_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "cube.obj").write_text(CUBE)
+    made = quiet(with_toml(written(tmp_path, as_mesh(GRIPPER).replace("collision", "visual"))))
+    scene = graspbox.Scene(graspbox.object_sets.load("procedural:box:2")[0].load(), hand=made)
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = 0.5
+    scene_export.export_scene(scene, tmp_path / "out", "urdf", pose, made.preshape_limits[0])
+    text = (tmp_path / "out" / "hand.urdf").read_text()
+    assert "<mesh" not in text
+    for kind in ("visual", "collision"):
+        assert text.count(f"<{kind}") == sum(len(link.shapes) for link in describe(made).links)
+    again = quiet((tmp_path / "out" / "hand.urdf", tmp_path / "out" / "hand.toml"))
+    assert repr(again.description) == repr(made.description)
+
+
+#: In place of Python 3.11: its environments have the programs pip and python, which do what the variables of these
+#: names say.
+_STUB = """#!/usr/bin/env bash
+mkdir -p "$3/bin"
+printf '#!/usr/bin/env bash\\neval "$PIP"\\n' >"$3/bin/pip"
+printf '#!/usr/bin/env bash\\neval "$PYTHON"\\n' >"$3/bin/python"
+chmod +x "$3/bin/pip" "$3/bin/python"
+eval "$VENV"
+"""
+#: What the findings have seen, as programs that print it.
+_SEEN = {
+    "newton_drive_target": """printf 'Warp\\nnewton 1.8.0\\ntarget -100 degrees: 45.0\\ntarget 20 degrees: 20.0\\n'""",
+    "newton_import_order": """
+case "$2 $3" in "newton NewtonMimicAPI" | "stage PhysxMimicJointAPI") echo 1 ;; *) echo 0 ;; esac""",
+}
+
+
+@pytest.mark.parametrize("finding", _SEEN)
+def test_findings_tell_failures_from_changes(finding: str, tmp_path: Path) -> None:
+    """Status 1 says that it has changed, which a failed installation or a crash does not show; their log is printed."""
+    python = tmp_path / "python3.11"
+    python.write_text(_STUB)
+    python.chmod(0o755)
+    good = {"VENV": "true", "PIP": "echo 'Name: newton'", "PYTHON": _SEEN[finding], "TMPDIR": str(tmp_path)}
+    for change, status, log in (
+        ({}, 0, ""),
+        ({"PYTHON": "echo 5"}, 1, ""),
+        ({"VENV": "echo no ensurepip; false"}, 2, "no ensurepip"),
+        ({"PIP": "echo no index >&2; exit 1"}, 2, "no index"),
+        ({"PYTHON": "echo Traceback >&2; exit 1"}, 2, "Traceback"),
+    ):
+        done = subprocess.run(
+            ["bash", str(Path(__file__).parents[2] / "findings" / f"{finding}.sh")],
+            env={**os.environ, **good, **change, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == status, (change, done.stderr)
+        assert log in done.stderr
+        assert [path for path in tmp_path.iterdir() if path != python] == []

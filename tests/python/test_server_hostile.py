@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hostile_policy
 from graspbox.tools.remote import EnvironmentServer, ServerSettings
 from graspbox.tools.remote.policy_serving import PolicyServer, PolicyServerSettings
 from graspbox.tools.remote.serving import available
@@ -25,6 +26,8 @@ from hostile_wire import Peer, frame, http, msgpack
 
 TOKEN = "a-token-of-many-characters"
 ROOT = Path(__file__).parents[2]
+#: Requests of each attack on a policy.
+COUNT = 200
 
 
 def gauge(metrics: str, name: str) -> int:
@@ -101,10 +104,10 @@ def test_memory_of_ended_sessions_is_given_back(monkeypatch: pytest.MonkeyPatch)
         before = memory()
         with contextlib.ExitStack() as stack:
             for _ in range(60):
-                stack.enter_context(made(server.url, num_envs=2))
+                stack.enter_context(made(server.url, num_envs=16))
             during = memory()
         until(lambda: gauge(server.metrics(), "sessions") == 0)
-        assert during > before + 40.0
+        assert during > before + 20.0
         until(lambda: memory() < before + 0.25 * (during - before))
 
 
@@ -271,7 +274,7 @@ def test_an_attack_on_a_policy_leaves_it_deciding(policy: PolicyServer, name: st
     url = policy.url
     before = post(url, json.dumps(grasps(random.Random(0))).encode())
     assert b"rises above the table" in before
-    POLICY_ATTACKS[name][0](url, random.Random(1), 20 if name == "gone before the answer" else 150)
+    POLICY_ATTACKS[name][0](url, random.Random(1), 20 if name == "gone before the answer" else COUNT)
 
     def answers() -> bool:
         found = post(url, json.dumps(grasps(random.Random(0))).encode())
@@ -279,6 +282,26 @@ def test_an_attack_on_a_policy_leaves_it_deciding(policy: PolicyServer, name: st
 
     until(answers)
     until(lambda: gauge(policy.metrics(), "sessions") == 0)
+
+
+def test_requests_for_grasps_hold_every_absurd_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Most of them were never sent: their number in the list grew with the number of requests, too slowly."""
+    sent: list[dict[str, Any]] = []
+
+    def collect(url: str, body: bytes) -> bytes:
+        sent.append(json.loads(body))
+        return b""
+
+    monkeypatch.setattr(hostile_policy, "post", collect)
+    POLICY_ATTACKS["hostile requests for grasps"][0]("ws://127.0.0.1:1", random.Random(1), COUNT)
+    plain = grasps(random.Random(0))
+    changed = [{name: one[name] for name in one if one[name] != plain.get(name)} for one in sent]
+    texts = {json.dumps(value) for one in changed for value in one.values()} | {
+        json.dumps(one["count"]) for one in sent
+    }
+    for values in (hostile_policy._DEPTHS, hostile_policy._VALUES, hostile_policy._EARLIERS):
+        assert [value for value in values if json.dumps(value) not in texts] == []
+    assert set(hostile_policy._NAMES) <= {name for one in changed for name in one}
 
 
 def test_a_shape_beyond_memory_ends_no_decider(policy: PolicyServer) -> None:

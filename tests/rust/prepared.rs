@@ -4,7 +4,6 @@
 
 use graspbox_gym::objects::{Objects, Prepared};
 use graspbox_gym::source::Source;
-use graspbox_hand::Hand;
 use graspbox_mesh::write_stl;
 use graspbox_objects::Family;
 use graspbox_sim::PhysicsConfig;
@@ -92,9 +91,8 @@ fn what_is_ready_on_disk_is_not_read_until_it_is_used() {
         assert!(!ready(&objects(&sources, Some(&cache), "panda_gripper"), index), "another hand");
         assert!(!ready(&objects(&sources, None, "reflex"), index), "no cache");
     }
-    let Source::File { path, mass, .. } = &mut sources[1] else { panic!("a file") };
-    *mass = Some(0.3);
-    let path = path.clone();
+    let path = folder.path().join("bowl.stl");
+    sources[1] = Source::File { name: "bowl".into(), path: path.clone(), scale: 1.0, mass: Some(0.3) };
     assert!(!ready(&objects(&sources, Some(&cache), "reflex"), 1), "another mass");
     write_stl(&path, procedural(Family::Bowl, 2).mesh()).unwrap();
     assert!(!ready(&objects(&sources, Some(&cache), "reflex"), 1), "another file of the same name");

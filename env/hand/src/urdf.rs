@@ -108,6 +108,9 @@ pub(crate) fn read_anyway(text: &str) -> Option<Tree> {
     let parts = parts(&robot);
     let mut structure = Report::default();
     check_counts(&parts, &mut structure);
+    if !structure.problems.is_empty() {
+        return None;
+    }
     let order = tree_order(&parts, &mut structure)?;
     Some(build(&parts, &order, &mut ignored))
 }

@@ -186,7 +186,7 @@ fn elements_of_other_programs_do_no_harm() {
         &format!("<link name=\"right\">{same}{same}{}", same.replacen("\"c\"", "\"\"", 1)),
     );
     let names: Vec<_> = hand.links[3].colliders.iter().map(|collider| collider.name.as_str()).collect();
-    assert!(assumed.is_empty() && names[..3] == ["c", "right_1", "right_2"], "{names:?}");
+    assert!(assumed.is_empty() && names[..3] == ["c", "c_2", "right_2"], "{names:?}");
 }
 
 #[test]
@@ -250,4 +250,25 @@ fn many_frames_are_no_obstacle_but_many_joints_are() {
         let urdf = URDF.replacen("</robot>", &format!("{frames}</robot>"), 1);
         assert!(refused(&urdf).contains(what), "{}", refused(&urdf));
     }
+}
+
+/// Shapes keep their names when a mesh of their name becomes several shapes.
+#[test]
+fn a_shape_beside_a_mesh_of_its_name_is_numbered() {
+    let shape =
+        |name: &str| format!("<collision name=\"{name}\"><geometry><sphere radius=\"0.01\"/></geometry></collision>");
+    let own = ["c.0", "c.1", "c"].map(shape).concat();
+    let (hand, _) = changed("<link name=\"right\">", &format!("<link name=\"right\">{own}"));
+    let names: Vec<_> = hand.links[3].colliders.iter().map(|collider| collider.name.as_str()).collect();
+    assert_eq!(names[..3], ["c.0", "c.1", "c_2"]);
+}
+
+#[test]
+fn many_attributes_and_links_are_refused_at_once() {
+    let attributes: String = (0..100).map(|number| format!(" a{number}=\"\"")).collect();
+    let text = URDF.replacen("<robot", &format!("<robot{attributes}"), 1);
+    assert!(graspbox_hand::read_urdf(&text, "x").unwrap_err().to_string().contains("more than 64 attributes"));
+    let links: String = (0..4000).map(|number| format!("<link name=\"l{number}\"/>")).collect();
+    let joint = "<joint name=\"j\" type=\"fixed\"><parent link=\"n\"/><child link=\"m\"/></joint>";
+    assert!(graspbox_hand::read_urdf_anyway(&format!("<robot>{links}{joint}</robot>")).is_none());
 }

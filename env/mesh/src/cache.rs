@@ -22,6 +22,11 @@ use trim::after_write;
 /// [`Kind::most_in_all`] of meshes: about 1,200 YCB objects with levels of detail, twice as many without.
 pub const MOST_OF_MESHES: u64 = 1 << 30;
 
+/// Bytes that stand for all of `bytes` in an input.
+pub fn digest(bytes: &[u8]) -> [u8; 32] {
+    *blake3::hash(bytes).as_bytes()
+}
+
 /// A kind of result.
 pub struct Kind {
     /// Its name in warnings, a plural.
@@ -54,6 +59,11 @@ impl Entry {
     pub(crate) fn of_mesh(folder: &Path, kind: &'static Kind, mesh: &TriMesh, parameters: &[u64]) -> Self {
         let parameters = parameters.iter().flat_map(|bits| bits.to_le_bytes());
         Self::new(folder, kind, &mesh.content_hash().into_iter().chain(parameters).collect::<Vec<_>>())
+    }
+
+    /// Whether there is an entry, which may be damaged.
+    pub fn exists(&self) -> bool {
+        self.path.is_file()
     }
 
     /// The stored value; `None` if there is none, the entry is damaged or of another input, or `decode` cannot read it.

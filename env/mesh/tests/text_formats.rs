@@ -44,6 +44,7 @@ fn an_stl_error_names_its_line() {
         (("  outer loop", "  inner loop"), "line 3: \"inner\" is no word"),
         ((" facet normal", " normal"), "line 2: \"normal\" is no word"),
         (("endsolid it\n", ""), "truncated"),
+        ((" endfacet\n facet", " facet"), "the facet before has no end"),
     ] {
         let error = refusal(whole.replacen(damage.0, damage.1, 1), MeshFormat::Stl);
         assert!(error.contains(expected), "{error}");
@@ -78,6 +79,9 @@ fn what_follows_a_mesh_is_read_or_refused() {
         let error = refusal(format!("{text}{}", text.replacen("1 0 0\n", "1 x 0\n", 1)), format);
         let line = 1 + lines + text.lines().position(|line| line == "1 0 0").unwrap();
         assert!(error.contains(&format!("line {line}: \"x\"")), "{error}");
+        // A face of the first mesh cannot have corners of the second.
+        let error = refusal(format!("{}{text}", text.replacen("3 0 2 1\n", "3 0 2 5\n", 1)), format);
+        assert!(error.contains("vertex 5"), "{error}");
     }
 }
 

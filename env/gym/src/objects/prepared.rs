@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 /// Least probability of a resting pose; if none reaches it, the most probable one is kept.
-pub(super) const LEAST_PROBABILITY: f64 = 0.05;
+const LEAST_PROBABILITY: f64 = 0.05;
 /// Most resting poses of an object: the most probable ones are kept.
-pub(super) const MOST_POSES: usize = 6;
+const MOST_POSES: usize = 6;
 
 /// A prepared object with its resting poses.
 pub struct Prepared {

@@ -1,26 +1,29 @@
 //! Prepared objects on disk: what an object's source says, as the key, and everything that was computed of it.
 //!
 //! The key of a mesh file is its bytes, so that a file which was prepared once is hashed, not parsed. The key of another object, or of a glTF
-//! file, is its geometry. Both hold the mass, the name of the build, and the settings of this crate.
+//! file, is its geometry. Both hold the mass, and the name of the build.
 
-use super::prepared::{LEAST_PROBABILITY, MOST_POSES, Rest};
+use super::prepared::Rest;
 use crate::EnvError;
 use crate::source::Source;
 use graspbox_episode::{BUILD, Body, DEFAULT_DENSITY, ObjectSpec};
 use graspbox_mesh::cache::bytes::{Reader, put_mesh, put_u32};
-use graspbox_mesh::cache::{Entry, Kind, MOST_OF_MESHES};
+use graspbox_mesh::cache::{Entry, Kind, MOST_OF_MESHES, digest};
 use graspbox_mesh::{LoadOptions, MassProperties, MeshFormat, TriMesh, read_bounded};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// The largest mesh that is read has 300 MB.
 static KIND: Kind = Kind {
-    what: "prepared object",
+    what: "prepared objects",
     suffix: "object",
     magic: b"gbobjct1",
     max_bytes: 512 << 20,
     most_in_all: MOST_OF_MESHES,
 };
+
+/// The code that chooses resting poses and writes entries: [`BUILD`] knows that of other crates.
+const CODE: &str = concat!(include_str!("prepared.rs"), include_str!("stored.rs"));
 
 /// The source of an object, with the key of what is kept of it.
 pub(super) struct Identified<'a> {
@@ -39,7 +42,8 @@ impl<'a> Identified<'a> {
     pub fn of(source: &'a Source, cache: Option<&Path>) -> Result<Self, EnvError> {
         let spec = OnceLock::new();
         let Some(folder) = cache else { return Ok(Self { source, spec, kept: None }) };
-        let mut key = format!("{BUILD} {LEAST_PROBABILITY} {MOST_POSES} {DEFAULT_DENSITY} ").into_bytes();
+        let mut key = format!("{BUILD} {DEFAULT_DENSITY} ").into_bytes();
+        key.extend(digest(CODE.as_bytes()));
         match source {
             // A glTF file may name others, which hold its numbers.
             Source::File { path, scale, mass, .. } if MeshFormat::from_path(path) != Some(MeshFormat::Gltf) => {
@@ -47,15 +51,18 @@ impl<'a> Identified<'a> {
                 let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
                 key.extend(format!("{ending:?} {options:?} {mass:?} ").bytes());
                 match read_bounded(path, options.max_bytes) {
-                    Ok(bytes) => key.extend(bytes),
-                    // The same error, with its sentence.
-                    Err(_) => drop(spec.set(source.read()?)),
+                    Ok(bytes) => key.extend(digest(&bytes)),
+                    // The same error, with its sentence; without one, what was read has no key.
+                    Err(_) => {
+                        drop(spec.set(source.read()?));
+                        return Ok(Self { source, spec, kept: None });
+                    }
                 }
             }
             Source::File { .. } | Source::Given(_) | Source::Procedural { .. } => {
                 let read = source.read()?;
                 key.extend(read.mesh.content_hash());
-                key.extend(format!("{:?} {:?}", read.mass, read.parts).bytes());
+                key.extend(digest(format!("{:?} {:?}", read.mass, read.parts).as_bytes()));
                 drop(spec.set(read));
             }
         }
@@ -97,7 +104,9 @@ impl<'a> Identified<'a> {
 
     /// Whether everything was prepared, for these `users`: hand, physics and renderer.
     pub fn is_ready(&self, users: &str) -> bool {
-        self.entry(users).is_some_and(|entry| entry.read(|body| body.is_empty().then_some(())).is_some())
+        // Old entries are removed, each by itself.
+        self.entry("").is_some_and(|entry| entry.exists())
+            && self.entry(users).is_some_and(|entry| entry.read(|body| body.is_empty().then_some(())).is_some())
     }
 
     /// Notes that everything was prepared.

@@ -10,6 +10,9 @@ use crate::error::{ProblemKind, Report};
 /// Largest nesting depth; a URDF needs 5 (robot, link, collision, geometry, box), extensions of simulators a few more.
 const MAX_DEPTH: usize = 32;
 
+/// Most attributes of an element; an `<inertia>` has 6. They are compared with each other.
+const MAX_ATTRIBUTES: usize = 64;
+
 /// An element, with what is in it; texts and comments are left out.
 #[derive(Debug, Default)]
 pub(crate) struct Element {
@@ -141,6 +144,9 @@ fn element(tag: &BytesStart<'_>, line: usize, start: usize) -> Result<Element, P
     let wrong = |error: &dyn std::fmt::Display| ProblemKind::Xml(one_line(&error.to_string()));
     let mut attributes = Vec::new();
     for attribute in tag.attributes() {
+        if attributes.len() == MAX_ATTRIBUTES {
+            return Err(ProblemKind::Xml(format!("an element has more than {MAX_ATTRIBUTES} attributes")));
+        }
         let attribute = attribute.map_err(|error| wrong(&error))?;
         let value = attribute.unescape_value().map_err(|error| wrong(&error))?;
         attributes.push((String::from_utf8_lossy(attribute.key.as_ref()).into_owned(), value.into_owned()));

@@ -64,14 +64,24 @@ impl<'a, 'r> ShapeReader<'a, 'r> {
         Link { name: name.to_owned(), mass: 0.0, center_of_mass, inertia, colliders }
     }
 
-    /// Its own name, if no other shape has it: programs write one name for all.
+    /// Its own name, with a number if other shapes have it: programs write one name for all.
     fn name(&mut self, written: &Element, default: String) -> String {
-        let own = written.attribute("name").filter(|own| !own.is_empty() && !self.names.contains_key(*own));
-        let name = own.map_or(default, str::to_owned);
+        let own = written.attribute("name").filter(|own| !own.is_empty());
+        let numbered = |own: &str| (2..).map(|number| format!("{own}_{number}")).find(|name| !self.is_taken(name));
+        let name = match own {
+            Some(own) if self.is_taken(own) => numbered(own).unwrap_or(default),
+            Some(own) => own.to_owned(),
+            None => default,
+        };
         if self.names.insert(name.clone(), written.line).is_some() {
             self.report.add(written.line, ProblemKind::Duplicate { what: "collider", name: name.clone() });
         }
         name
+    }
+
+    /// Whether a shape has a name, or is one of several, NAME.0, NAME.1, ..., in place of a mesh of this name.
+    fn is_taken(&self, name: &str) -> bool {
+        self.names.contains_key(name) || self.names.contains_key(&format!("{name}.0"))
     }
 
     fn shapes(&mut self, name: &str, written: &Element, colliders: &mut Vec<Collider>) {

@@ -84,9 +84,23 @@ pub(crate) struct Raw {
     pub edges: usize,
     /// Sentences for a warning: what was left out of the shape.
     pub notes: Vec<String>,
+    /// Faces of the meshes that have ended.
+    pub ended: usize,
 }
 
 impl Raw {
+    /// Ends a mesh of a file that may hold several: its faces name no vertex of the next one.
+    pub fn end_mesh(&mut self) -> Result<(), MeshError> {
+        let count = self.vertices.len();
+        for (face, corners) in self.faces.iter().enumerate().skip(self.ended) {
+            if let Some(&vertex) = corners.iter().find(|&&vertex| vertex as usize >= count) {
+                return Err(MeshError::BadIndex { face, vertex, count });
+            }
+        }
+        self.ended = self.faces.len();
+        Ok(())
+    }
+
     /// Cuts a polygon into the fan of triangles around its first corner.
     pub fn push_polygon(
         &mut self,

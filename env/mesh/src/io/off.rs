@@ -20,6 +20,7 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
         .peekable();
     let mut raw = Raw::default();
     parse_one(&mut lines, bytes.len() as u64, &mut raw, options)?;
+    raw.end_mesh()?;
     while let Some((n, line)) = lines.peek() {
         if !KEYWORDS.iter().any(|keyword| line.starts_with(keyword)) {
             let detail = format!(
@@ -29,6 +30,7 @@ pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshErro
             return Err(Words::new(MeshFormat::Off, *n, line).error(detail));
         }
         parse_one(&mut lines, bytes.len() as u64, &mut raw, options)?;
+        raw.end_mesh()?;
     }
     Ok(raw)
 }

@@ -25,8 +25,10 @@ const BINARY_FACE: usize = 13;
 pub(super) fn parse(bytes: &[u8], options: &LoadOptions) -> Result<Raw, MeshError> {
     let mut raw = Raw::default();
     let mut rest = parse_one(bytes, 0, &mut raw, options)?;
+    raw.end_mesh()?;
     while rest.starts_with(b"ply") {
         rest = parse_one(rest, lines_before(bytes, rest), &mut raw, options)?;
+        raw.end_mesh()?;
     }
     Ok(raw)
 }

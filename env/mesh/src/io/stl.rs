@@ -86,6 +86,9 @@ impl<'a, I: Iterator<Item = (usize, &'a [u8])>> Facets<I> {
         let Some(word) = words.next_word() else { return Ok(None) };
         match word.to_ascii_lowercase().as_slice() {
             b"solid" => self.in_solid = true,
+            b"endsolid" | b"facet" if self.corners.is_some() => {
+                return Err(words.error("the facet before has no end (endfacet)"));
+            }
             b"endsolid" => self.in_solid = false,
             b"facet" => self.corners = Some(Vec::with_capacity(3)),
             b"outer" | b"endloop" => {}

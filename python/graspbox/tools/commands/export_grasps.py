@@ -28,6 +28,7 @@ from graspbox.errors import ConfigError, GraspboxError
 from graspbox.object_sets import ObjectSpec
 from graspbox.tools import exchange
 from graspbox.tools.exchange.formats import row_of, rows_named
+from graspbox.tools.exchange.grasps import beyond_by_unit
 from graspbox.tools.exchange.sources import ObjectSource, read_with_sources
 
 _FORMATS = ", ".join(dict.fromkeys(row.name for row in exchange.FORMATS))
@@ -141,10 +142,13 @@ def _prepare_all(
 
 def _print_limited(ready: Sequence[exchange.ExchangeGrasps], options: _Options) -> None:
     """Say that joint positions are written within their limits, if that changes them."""
-    beyond = max((one.beyond_limits for one in ready), default=0.0)
-    if options.row.joints and beyond > 1e-6:
+    beyond: dict[str, float] = {}
+    for unit, most in (row for one in ready for row in beyond_by_unit(one).items()):
+        beyond[unit] = max(beyond.get(unit, 0.0), most)
+    written = " and ".join(f"{most:.2g} {unit}" for unit, most in sorted(beyond.items()) if most > 1e-6)
+    if options.row.joints and written:
         console.print(
-            f"joint positions are up to {beyond:.2g} beyond their limits, where the stops yield; {options.row.name} "
+            f"joint positions are up to {written} beyond their limits, where the stops yield; {options.row.name} "
             "has them at the limits"
         )
 

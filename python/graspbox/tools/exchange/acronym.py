@@ -2,7 +2,7 @@
 
 Transforms are poses of the frame ``gripper`` in the mesh's frame, after scaling, metres. Files of graspbox
 add the preshapes, the mass (kg) and the name of the hand, which other programs ignore and `read_hdf5` and
-`read_json_grasps` use.
+`read_json_grasps` use. Where no mesh file is known, they have the object's name in its place.
 
 Sources: NVlabs/acronym, ``acronym_tools/acronym.py``; NVlabs/GraspGen, ``docs/GRASP_DATASET_FORMAT.md``.
 """
@@ -19,7 +19,7 @@ from graspbox._core import Hand
 from graspbox.errors import ConfigError
 from graspbox.hands.conventions import convention_of, frame_from_hand
 from graspbox.tools.exchange.checks import matrices, number, numbers, optional_package, read_json, text
-from graspbox.tools.exchange.grasps import MAX_GRASPS, ExchangeGrasps
+from graspbox.tools.exchange.grasps import MAX_GRASPS, ExchangeGrasps, mesh_file_in
 
 __all__ = ["read_hdf5", "read_json_grasps", "write_graspgen", "write_hdf5", "write_json"]
 
@@ -93,9 +93,16 @@ def _mass(grasps: ExchangeGrasps) -> dict[str, float]:
 
 
 def _grasps(
-    hand: Hand, gripper: str | None, transforms: Array, preshape: Array | float | None, success: Array, **about: Any
+    hand: Hand,
+    gripper: str | None,
+    transforms: Array,
+    preshape: Array | float | None,
+    success: Array,
+    *,
+    file: str,
+    **about: Any,
 ) -> ExchangeGrasps:
-    """Make grasps of the entries of a file, whose numbers `ExchangeGrasps` checks."""
+    """Make grasps of the entries of a file, whose numbers `ExchangeGrasps` checks; `file` names the object."""
     theirs = convention_of(hand).gripper
     if gripper is not None and gripper not in (theirs, hand.name):
         raise ConfigError(f"the grasps are of the gripper {gripper!r}, not {theirs!r}; pass that hand")
@@ -105,9 +112,12 @@ def _grasps(
         raise ConfigError(f"the outcome of grasp {row} is {success[row]}; it must be 0 or 1")
     if len(success) != len(transforms):
         raise ConfigError(f"there are {len(transforms)} transforms and {len(success)} outcomes; one of them is missing")
-    name = Path(about["mesh_file"]).stem
+    mesh_file = mesh_file_in(file)
+    name = Path(mesh_file).stem if mesh_file else file[:1000]
     # Rounding errors of files would add up with those of the conversion, so they are checked before it.
-    made = ExchangeGrasps.of(transforms, preshape, hand=hand, success=success, object_name=name, **about)
+    made = ExchangeGrasps.of(
+        transforms, preshape, hand=hand, success=success, object_name=name, mesh_file=mesh_file, **about
+    )
     return replace(made, poses=made.poses @ frame_from_hand(hand, "gripper"))
 
 
@@ -125,7 +135,7 @@ def read_hdf5(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
                 reader.array(_TRANSFORMS, (4, 4)),
                 reader.array(_PRESHAPE, ()) if preshape is None and _PRESHAPE in file else preshape,
                 reader.array(_SUCCESS, ()),
-                mesh_file=reader.text("object/file"),
+                file=reader.text("object/file"),
                 scale=reader.value("object/scale"),
                 mass=reader.value("object/mass") if "object/mass" in file else None,
             )
@@ -206,7 +216,7 @@ def read_json_grasps(path: Path, hand: Hand, preshape: float | None) -> Exchange
         transforms,
         stored if preshape is None else preshape,
         numbers(rows.get(success), success, count=len(transforms)),
-        mesh_file=text(about.get("file"), "the object's file"),
+        file=text(about.get("file"), "the object's file"),
         scale=number(about.get("scale"), "the object's scale"),
         mass=None if mass is None else number(mass, _MASS),
     )

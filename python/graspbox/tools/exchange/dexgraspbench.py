@@ -24,7 +24,7 @@ from graspbox._core import Hand
 from graspbox.errors import ConfigError
 from graspbox.hands.conventions import frame_from_hand, mechanism_of
 from graspbox.tools.exchange.checks import number
-from graspbox.tools.exchange.grasps import ExchangeGrasps
+from graspbox.tools.exchange.grasps import ExchangeGrasps, mesh_file_in
 
 __all__ = ["grasps_of", "write"]
 
@@ -72,14 +72,15 @@ def grasps_of(fields: Mapping[str, Any], hand: Hand, preshape: float | None = No
     qpos = {stage: _vector(fields, f"{stage}_qpos", count) for stage in _STAGES}
     world_from_object = _pose(_vector(fields, "obj_pose", 7), "obj_pose")
     world_from_base = _pose(qpos["grasp"][:7], "grasp_qpos")
-    file = fields.get("obj_path", "")
+    path = fields.get("obj_path", "")
+    file = path if isinstance(path, str) else ""
     made = ExchangeGrasps.of(
         (np.linalg.inv(world_from_object) @ world_from_base @ frame_from_hand(hand, "base"))[None],
         preshape,
         hand=hand,
         world_from_object=world_from_object,
-        object_name=Path(file).name if isinstance(file, str) else "",
-        mesh_file=file if isinstance(file, str) else "",
+        object_name=Path(file).name,
+        mesh_file=mesh_file_in(file),
         scale=number(_plain(fields.get("obj_scale", 1.0)), "obj_scale"),
     )
     for stage in _STAGES:

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -10,14 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats, shown
 from graspbox._common.by_value import ByValue
-from graspbox._core import Hand, Mesh, is_rigid
+from graspbox._core import MESH_SUFFIXES, Hand, Mesh, is_rigid
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
 from graspbox.hands.conventions import Frame, frame_from_hand, mechanism_of
+from graspbox.hands.description import describe, independent
 from graspbox.meshes import MeshLike, as_mesh, load_mesh
 from graspbox.planning.plan_files import mesh_hash
 
-__all__ = ["MAX_GRASPS", "ExchangeGrasps", "own_mesh"]
+__all__ = ["MAX_GRASPS", "ExchangeGrasps", "beyond_by_unit", "mesh_file_in", "own_mesh"]
 
 Array = NDArray[np.float64]
 
@@ -200,9 +202,7 @@ class ExchangeGrasps(ByValue):
     @property
     def beyond_limits(self) -> float:
         """How far a joint position of any stage is beyond its limits, where the stops are soft; rad or m."""
-        low, high = mechanism_of(self.hand).limits.T
-        values = np.stack([getattr(self, name) for name in _JOINTS])
-        return float(np.nanmax(np.maximum(low - values, values - high), initial=0.0))
+        return max(beyond_by_unit(self).values(), default=0.0)
 
     def within_limits(self) -> Self:
         """Return the grasps with joint positions at most at their limits, beyond which other programs refuse them."""
@@ -256,6 +256,22 @@ def own_mesh(grasps: ExchangeGrasps, mesh: MeshLike) -> Mesh:
             f"the grasps are for another mesh, {grasps.object_name!r}, than {loaded.name!r}; pass theirs, in its scale"
         )
     return loaded
+
+
+def mesh_file_in(name: str) -> str:
+    """Return the name that a file of grasps has for its object if it is that of a mesh file, else an empty text."""
+    return name if Path(name).suffix.lower() in MESH_SUFFIXES else ""
+
+
+def beyond_by_unit(grasps: ExchangeGrasps) -> dict[str, float]:
+    """Return how far joint positions of any stage are beyond their limits at most, by the unit of the joints."""
+    low, high = mechanism_of(grasps.hand).limits.T
+    values = np.stack([getattr(grasps, name) for name in _JOINTS])
+    beyond = np.nanmax(np.maximum(low - values, values - high), axis=(0, 1), initial=0.0)
+    found: dict[str, float] = {}
+    for link, most in zip(independent(describe(grasps.hand).links), beyond.tolist(), strict=True):
+        found[link.unit] = max(found.get(link.unit, 0.0), most)
+    return found
 
 
 def default_preshape(hand: Hand) -> float:

@@ -22,7 +22,7 @@ from graspbox.tools.exchange.grasps import MAX_GRASPS, ExchangeGrasps
 __all__ = ["read", "write"]
 
 _FORMAT, _VERSION = "isaac_grasp", 1.0
-#: Entry of graspbox with the object's mesh file, scale and mass; other programs ignore it.
+#: Entry of graspbox with the object's mesh file and scale, and its mass; other programs ignore it.
 _ABOUT = "graspbox"
 #: Largest file, bytes: about 100,000 grasps.
 _MAX_BYTES = 64 << 20
@@ -34,7 +34,8 @@ def write(grasps: ExchangeGrasps, path: Path) -> None:
     """Write an Isaac Grasp file.
 
     The confidence is the predicted probability where it is known, else 1 for a success and 0 for a failure. Joint
-    positions are within their limits. The entry ``graspbox`` has what the format lacks: mesh file, scale and mass.
+    positions are within their limits. The entry ``graspbox`` has what the format lacks and is known: the mesh file with
+    its scale, and the mass.
     """
     grasps = grasps.within_limits()
     yaml = optional_package("yaml", "pyyaml")
@@ -68,9 +69,11 @@ def write(grasps: ExchangeGrasps, path: Path) -> None:
         "gripper_frame_link": prefix + mechanism_of(grasps.hand).base_link,
         "grasps": entries,
     }
-    if grasps.mesh_file:
-        about = {"mesh_file": grasps.mesh_file, "scale": grasps.scale}
-        document[_ABOUT] = about if np.isnan(grasps.mass) else {**about, "mass": grasps.mass}
+    about: dict[str, Any] = {"mesh_file": grasps.mesh_file, "scale": grasps.scale} if grasps.mesh_file else {}
+    if not np.isnan(grasps.mass):
+        about["mass"] = grasps.mass
+    if about:
+        document[_ABOUT] = about
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     write_text(path, yaml.dump(document, Dumper=dumper, sort_keys=False, default_flow_style=None, width=120))
 
@@ -110,12 +113,13 @@ def read(path: Path, hand: Hand, preshape: float | None) -> ExchangeGrasps:
 
 
 def _about(entry: Any) -> dict[str, Any]:
-    """Return what graspbox adds about the object."""
-    if not isinstance(entry, dict) or "mesh_file" not in entry:
+    """Return what graspbox adds about the object; each entry may be missing."""
+    if not isinstance(entry, dict):
         return {}
-    about = {"mesh_file": text(entry["mesh_file"], f"{_ABOUT}.mesh_file")[:1000]}
-    numbers = {name: number(entry[name], f"{_ABOUT}.{name}") for name in ("scale", "mass") if name in entry}
-    return {**about, **numbers}
+    about: dict[str, Any] = {}
+    if "mesh_file" in entry:
+        about["mesh_file"] = text(entry["mesh_file"], f"{_ABOUT}.mesh_file")[:1000]
+    return about | {name: number(entry[name], f"{_ABOUT}.{name}") for name in ("scale", "mass") if name in entry}
 
 
 def _document(path: Path) -> dict[str, Any]:

@@ -36,6 +36,8 @@ ImageFrame = Literal["table", "camera"]
 #: Columns of a data set that are read.
 _COLUMNS = ("object", "sha256", "hand", "preshape", "mass", "mass_factor", "success", "score")
 _POSES = ("world_from_object", "executed_object_from_hand")
+#: Columns that say where its objects come from.
+_SOURCES = ("object", "source", "scale", "mass", "mass_factor")
 
 
 @dataclass(frozen=True)
@@ -241,11 +243,16 @@ def from_dataset(
                 score=own["score"],
                 world_from_object=worlds[rows],
                 object_name=str(names[index]),
-                mass=float(own["mass"][0] / own["mass_factor"][0]),
+                mass=_own_mass(own, 0),
                 mesh_sha256=str(own["sha256"][0]),
             )
         )
     return converted
+
+
+def _own_mass(columns: Mapping[str, NDArray[Any]], row: int) -> float:
+    """Return the mass of a trial's object without the factor of that trial, kg."""
+    return float(columns["mass"][row] / columns["mass_factor"][row])
 
 
 def _sources_of_rows(rows: Iterable[Mapping[str, Any]]) -> dict[str, ObjectSource]:
@@ -262,12 +269,16 @@ def _sources_of_rows(rows: Iterable[Mapping[str, Any]]) -> dict[str, ObjectSourc
 
 
 def _sources_of_trials(folder: Path) -> dict[str, ObjectSource]:
-    """Return the sources of the objects of a data set, by name."""
+    """Return the sources of the objects of a data set, by name, with the masses of `from_dataset`."""
     from graspbox.data.trials import tables
 
-    table = tables.load(folder, None, ["object", "source", "scale"])
-    columns: list[NDArray[Any]] = [tables.column(table, name) for name in ("object", "source", "scale")]
-    return {str(name): ObjectSource(str(source), float(scale)) for name, source, scale in zip(*columns, strict=True)}
+    table = tables.load(folder, None, list(_SOURCES))
+    columns = {name: tables.column(table, name) for name in _SOURCES}
+    names, first = np.unique(columns["object"], return_index=True)
+    return {
+        str(name): ObjectSource(str(columns["source"][row]), float(columns["scale"][row]), _own_mass(columns, row))
+        for name, row in zip(names, first, strict=True)
+    }
 
 
 def read(
@@ -292,7 +303,7 @@ def read(
     FileError
         If it cannot be read, or is larger than 256 MiB.
     """
-    return read_with_sources(path, hand=hand, frame=frame)[0]
+    return _read(Path(path), hand, frame)[0]
 
 
 def read_with_sources(
@@ -300,19 +311,32 @@ def read_with_sources(
 ) -> tuple[list[ExchangeGrasps], dict[str, ObjectSource]]:
     """Read as `read`, and the sources of the objects, by name, which plans, tables and data sets carry."""
     path = Path(path)
+    grasps, rows = _read(path, hand, frame)
     if path.is_dir():
-        return from_dataset(path, hand=hand), _sources_of_trials(path)
+        return grasps, _sources_of_trials(path)
+    try:
+        return grasps, _sources_of_rows(rows)
+    except ConfigError as error:
+        raise ConfigError(f"{str(path)!r}: {error}") from None
+
+
+def _read(
+    path: Path, hand: HandLike | None, frame: ImageFrame
+) -> tuple[list[ExchangeGrasps], Iterable[Mapping[str, Any]]]:
+    """Read as `read`, and the rows of a plan or a table, which may have the sources of the objects."""
+    if path.is_dir():
+        return from_dataset(path, hand=hand), ()
     try:
         document = read_json(path)
         if isinstance(document, dict) and document.get("format") == "graspbox.plan":
             found = Plan.load(path)
-            return [from_plan(found, hand=hand)], _sources_of_rows([vars(found)])
+            return [from_plan(found, hand=hand)], [vars(found)]
         if isinstance(document, dict) and "objects" in document:
-            return from_table(document, hand=hand), _sources_of_rows(document["objects"])
+            return from_table(document, hand=hand), document["objects"]
         if isinstance(document, dict) and "table_from_camera" in document:
-            return [from_image(document, frame=frame, hand=hand)], {}
+            return [from_image(document, frame=frame, hand=hand)], ()
         if isinstance(document, dict) and "things" in document:
-            return from_scene(document, frame=frame, hand=hand), {}
+            return from_scene(document, frame=frame, hand=hand), ()
         raise ConfigError(
             "it is JSON, but not of graspbox's grasps; pass a plan, or a result of `grasp` or `grasp-image`"
         )

@@ -10,11 +10,11 @@
   constraint. A soft stop is a tendon of one joint with a spring that has the joint's range as its dead band. The limit
   of the joint itself, which other readers need, begins where the stop has yielded by `STOP_YIELD`.
 * An exported model has the pose of the start without its keyframe: ``ref`` is the position at which bodies are written.
-* The friction coefficient of a pair is the product of its two factors. For contacts of the object, whose geoms have 0,
-  MuJoCo's maximum of the two is the other surface's, which is the product. Several objects meet each other, too, with
-  the square of their factor; where one meets something else, MuJoCo takes the coefficient of the geom with the higher
-  priority, the other's. All other contacts are explicit pairs, which also define the self-collisions of the hand: links
-  of different chains, and the palm with links not adjacent to it.
+* The friction coefficient of a pair is the product of its two factors. For contacts of the object, whose geoms have
+  `_LEAST_FRICTION`, MuJoCo's maximum of the two is the other surface's, which is the product. Several objects meet each
+  other, too, with the square of their factor; where one meets something else, MuJoCo takes the coefficient of the geom
+  with the higher priority, the other's. All other contacts are explicit pairs, which also define the self-collisions of
+  the hand: links of different chains, and the palm with links not adjacent to it.
 """
 
 from __future__ import annotations
