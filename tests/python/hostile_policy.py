@@ -106,16 +106,55 @@ _VALUES: list[Any] = [
 ]
 
 
+_NAMES = ("intrinsics", "camera_pose", "region", "mask", "labels", "label", "all", "keep_off", "hand_error",
+          "depth_scale", "depth_is", "workspace", "workspace_frame", "previous", "count", "seed")  # fmt: skip
+_STILL = [[[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]]
+_EARLIER: dict[str, Any] = {"hand": "reflex", "camera_from_hand": _STILL, "table_from_hand": _STILL, "preshape": [0.0]}
+_NONE: tuple[Any, ...] = (None, 5, "x", [], [[]], {}, [float("nan")], [1e308])
+_EARLIERS: list[Any] = [
+    _EARLIER,
+    *({**_EARLIER, name: value} for name in _EARLIER for value in _NONE),
+    *(
+        {**_EARLIER, name: value}
+        for name in ("camera_from_hand", "table_from_hand")
+        for value in (
+            [[[float("nan")] * 4] * 4],
+            [[[float("inf")] * 4] * 4],
+            [[[1e308] * 4] * 4],
+            [[[0.0] * 4] * 4],
+            [[[1.0] * 3] * 3],
+            _STILL[0],
+            [_STILL],
+            [["a" * 1000] + [""] * 50],
+            _STILL * 1000,
+        )
+    ),
+    {**_EARLIER, "hand": "x" * 10_000},
+    {**_EARLIER, "preshape": [[0.0]]},
+    {**_EARLIER, "preshape": [0.0] * 1000},
+    {"hand": "reflex"},
+    {"images": [_EARLIER]},
+    {"things": [], "labels": [[0]]},
+    {"things": [_EARLIER], "labels": [[0]]},
+    {"things": [{"thing": 1, **_EARLIER}], "labels": [[1]]},
+    {"things": [{"thing": 1, **_EARLIER}], "labels": [["a" * 1000] + [""] * 50]},
+    {"things": [{"thing": 1, **_EARLIER}] * 101, "labels": [[1]]},
+    {"things": [{"thing": 1 << 70, **_EARLIER}], "labels": [[1]]},
+    {"things": [{"thing": 1, "refused": 5}], "labels": [[1 << 62]]},
+]
+
+
 def hostile_grasps(url: str, rng: random.Random, count: int) -> int:
-    """Images that are none, arrays that lie about their shape, and absurd entries beside a right image."""
-    names: tuple[str, ...] = ("intrinsics", "camera_pose", "region", "mask", "labels", "label", "all", "keep_off")
-    names += ("hand_error", "depth_scale", "depth_is", "workspace", "workspace_frame", "previous", "count", "seed")
+    """Images that are none, arrays that lie about their shape, absurd entries and earlier answers."""
     for index in range(count):
-        request = grasps(rng)
-        if index % 2:
-            request["depth"] = _DEPTHS[index // 2 % len(_DEPTHS)]
+        request, number = grasps(rng), index // 3
+        if index % 3 == 0:
+            request["depth"] = _DEPTHS[number % len(_DEPTHS)]
+        elif index % 3 == 1:
+            # All values in turn, each beside other images and with another name in each turn.
+            request[rng.choice(_NAMES)] = _VALUES[number % len(_VALUES)]
         else:
-            request[names[index // 2 % len(names)]] = _VALUES[index // 2 // len(names) % len(_VALUES)]
+            request["all"], request["previous"] = rng.random() < 0.5, _EARLIERS[number % len(_EARLIERS)]
         answer = post(url, json.dumps(request).encode())
         assert b"InternalError" not in answer, (str(request)[-300:], answer[-400:])
     return count

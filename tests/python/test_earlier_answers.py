@@ -13,6 +13,7 @@ from graspbox import _core
 from graspbox.captures import Capture
 from graspbox.errors import ConfigError
 from graspbox.hands import load_hand
+from graspbox.policies.grasp_image import EARLIER_ENTRIES
 from graspbox.tools.remote import grasp_requests
 from graspbox.tools.remote.earlier_answers import earlier_grasp, earlier_scene
 from test_captured import CAPTURES, jittered
@@ -23,6 +24,7 @@ from graspbox.tools.remote.policy_serving import PolicyServer, PolicyServerSetti
 
 POLICY = Path(__file__).parents[2] / "policies/panda_clutter"
 KEPT = ("hand", "camera_from_hand", "table_from_hand", "preshape")
+assert EARLIER_ENTRIES == KEPT, "clients of earlier versions send these"
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +132,9 @@ def test_wrong_earlier_scenes_are_told() -> None:
     for changed, message in (
         ({"things": 3}, "give an earlier answer, or its entries things, at most 100, and labels"),
         ({"things": [4]}, r"previous\.things holds 4"),
-        ({"labels": [[1, 2], [3]]}, r"previous\.labels is"),
+        ({"labels": [[1, 2], [3]]}, r"previous\.labels has rows of different lengths"),
+        ({"labels": [["a"]]}, r"previous\.labels holds 'a' \(str\); give an earlier answer"),
+        ({"labels": None}, r"previous\.labels holds None"),
         ({"labels": [[0.5]]}, r"previous\.labels is float64"),
         ({"labels": [[2**62]]}, r"previous\.labels is"),
         ({"things": [{"thing": -1, **GOOD}]}, "give an integer that is not negative"),

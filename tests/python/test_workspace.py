@@ -29,11 +29,36 @@ SECOND = ((MIDDLE - 0.1, 0.2, 0.002), (MIDDLE + 0.2, 0.4, 0.2))
         ((0.0, 0.0, 0.1), (1.0, 1.0, 0.1), "has no extent along z, from 0.1 to 0.1 m"),
         ((0.0, 0.0), (1.0, 1.0), "has low = (0.0, 0.0); pass three finite numbers"),
         ((0.0, 0.0, 0.0), (1.0, float("nan"), 1.0), "has high = (1.0, nan, 1.0); pass three"),
+        (("a", "b", "c"), (1, 1, 1), "the workspace's low is ('a', 'b', 'c') (tuple); give an array of numbers"),
+        ((0, 0, 0), ((1, 2), 1, 1), "the workspace's high is ((1, 2), 1, 1) (tuple); give an array of numbers"),
+        ((0, None, 0), (1, 1, 1), "has low = (0, None, 0); pass three finite numbers"),
+        (None, (1, 1, 1), "the workspace's low is None"),
     ],
 )
 def test_wrong_corners_are_named(low: Any, high: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(message)):
         Workspace(low, high)
+
+
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        ([1, 2, 3], "workspace has shape (3,); pass six numbers, X Y Z X Y Z, metres"),
+        (5.0, "workspace has shape (); pass six numbers"),
+        ([[0, 0, 0], [1, 1, 1]], "workspace has shape (2, 3); pass six numbers"),
+        ("far", "workspace is 'far' (str); give an array of numbers"),
+        ([[0], 0, 0, 1, 1, 1], "workspace is [[0], 0, 0, 1, 1, 1] (list); give an array of numbers"),
+    ],
+)
+def test_wrong_boxes_are_told(corners: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        Workspace.of(corners, None)
+
+
+def test_arrays_are_corners() -> None:
+    box: Any = Workspace(np.zeros(3), np.ones(3))  # type: ignore[arg-type]
+    assert box == Workspace((0, 0, 0), (1, 1, 1))
+    assert hash(box) == hash(Workspace.of(np.array([0, 0, 0, 1, 1, 1]), None))  # type: ignore[arg-type]
 
 
 def test_frames_are_known() -> None:

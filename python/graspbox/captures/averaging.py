@@ -29,10 +29,10 @@ def check_count(images: int) -> None:
 def average(captures: Iterable[Capture]) -> Capture:
     """Average the images of a camera that stands still over a scene that does.
 
-    The depth of a pixel is the median of its measured values, and 0 where fewer than half of the images, or only one
-    of several, measured it. Of more than 31 images it is the median of the medians of groups of 31 (the remedian of
-    Rousseeuw and Bassett, 1990), without a last group of less than 16. Labels and pose are those of the first
-    image that has some.
+    The depth of a pixel is the median of its measured values, finite and not 0, and 0 where fewer than half of the
+    images, or only one of several, measured it. Of more than 31 images it is the median of the medians of groups of 31
+    (the remedian of Rousseeuw and Bassett, 1990), without a last group of less than 16. Labels and pose are those of
+    the first image that has some.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ class _Average:
     def __init__(self, first: Capture) -> None:
         self._first, self._labels, self._warnings = first, first.labels, dict.fromkeys(first.warnings)
         self._count = 1
-        self._measured = (first.depth > 0).astype(np.uint8)
-        self._group = [first.depth.astype(np.float32)]
+        depth = _measured(first)
+        self._measured, self._group = (depth > 0).astype(np.uint8), [depth]
         self._medians: list[NDArray[np.float32]] = []
 
     def add(self, other: Capture) -> None:
@@ -87,8 +87,9 @@ class _Average:
             self._medians.append(_median(self._group))
             self._group = []
         self._count += 1
-        self._measured += other.depth > 0
-        self._group.append(other.depth.astype(np.float32))
+        depth = _measured(other)
+        self._measured += depth > 0
+        self._group.append(depth)
         self._labels = other.labels if self._labels is None else self._labels
         self._warnings |= dict.fromkeys(other.warnings)
 
@@ -104,6 +105,14 @@ class _Average:
         depth = np.where(kept, _median([*self._medians, *left]), 0.0).astype(np.float64)
         source = f"{self._count} images, {self._first.source}"
         return replace(self._first, depth=depth, labels=self._labels, warnings=tuple(self._warnings), source=source)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _measured(capture: Capture) -> NDArray[np.float32]:
+    """Return the depth of an image, 0 where it is not positive or not finite: `_median` needs an order."""
+    depth = capture.depth.astype(np.float32)
+    depth[~np.isfinite(depth) | (depth < 0.0)] = 0.0
+    return depth
 
 
 def _median(images: list[NDArray[np.float32]]) -> NDArray[np.float32]:

@@ -1,14 +1,14 @@
 """One way in for depth data: the kind of a source by content, then the same checks of units, sizes and frames."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspbox._common.arguments import floats
+from graspbox._common.arguments import floats, natural
 from graspbox.captures.averaging import average, check_count
 from graspbox.captures.cameras import read_camera
 from graspbox.captures.capture import Camera, Capture, Found, listed
@@ -95,31 +95,33 @@ def read_capture(
         If the kind needs a package that is not installed.
     """
     path = Path(source)
+    check_count(natural(frames, "frames"))
     given = given_camera(intrinsics, path)
-    founds = iter([read_found(path, topic, time, frame, depth_scale)])
-    if frames != 1:
-        founds = _founds(path, topic, time, frame, frames, depth_scale)
-    return average(
-        capture_of(
-            found,
-            given,
-            depth_scale=depth_scale,
-            depth_is=depth_is,
-            camera_pose=camera_pose,
-            mask=mask,
-            labels=labels,
-            limits=limits,
-            region=region,
+    # A reader that is left before its end keeps its recording open.
+    with closing(_founds(path, topic, time, frame, frames, depth_scale)) as founds:
+        return average(
+            capture_of(
+                found,
+                given,
+                depth_scale=depth_scale,
+                depth_is=depth_is,
+                camera_pose=camera_pose,
+                mask=mask,
+                labels=labels,
+                limits=limits,
+                region=region,
+            )
+            for found in founds
         )
-        for found in founds
-    )
 
 
 def _founds(
     path: Path, topic: str | None, time: float | None, frame: int | None, frames: int, scale: float | None
-) -> Iterator[Found]:
-    """Read some images of a recording, one after another; arguments and errors as of `read_capture`."""
-    check_count(frames)
+) -> Generator[Found, None, None]:
+    """Read a source, or some images of a recording one after another; arguments and errors as of `read_capture`."""
+    if frames == 1:
+        yield read_found(path, topic, time, frame, scale)
+        return
     if not is_recording(path, "" if path.is_dir() else kind_of(path)):
         raise ConfigError(f"{path} is no recording; frames are averaged of one, or pass several files")
     check_place(time, frame)

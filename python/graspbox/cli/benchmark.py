@@ -9,7 +9,7 @@ from dataclasses import asdict
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
@@ -29,9 +29,14 @@ from graspbox.cli.common import (
 )
 from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
 from graspbox.configs import OVERHEAD, CamerasConfig
+from graspbox.errors import ConfigError
 from graspbox.evaluation.rounds import Film, Rounds, clear_rounds
 from graspbox.policies import Policy, names
 from graspbox.simulation.layouts import Layout, layout_named
+
+if TYPE_CHECKING:
+    from graspbox.evaluation.captures import Given
+    from graspbox.policies.grasp_image import ImageGrasper
 
 benchmark_app = typer.Typer(no_args_is_help=True, help="Measure policies by protocols of the field.")
 
@@ -213,55 +218,70 @@ def captures(
     judged, and right ones; wrong grasps that state a success of more than 0.7; and the mean stated success of the
     others. The files are documented in graspbox.evaluation.captures.
     """
-    from graspbox.evaluation.captures import captures_in, judge_captures, summary
+    from graspbox.evaluation.captures import captures_in
     from graspbox.policies.grasp_image import ImageGrasper
 
+    if disturb and (seed or pictures is not None):
+        raise ConfigError("--disturb finds no grasps, so it takes no --seed and no --pictures; leave them out")
     check_files(out)
     folders, grasper = captures_in(folder), ImageGrasper(policy)
     if disturb:
         _disturbed(grasper, folders, given, out, as_json)
-        return
-    draw = _drawer(pictures)
-    with ProgressBar(f"{policy}", len(folders), not as_json) as bar:
+    else:
+        _judged(grasper, folders, given, seed, _drawer(pictures), out, as_json)
+
+
+def _judged(
+    grasper: "ImageGrasper",
+    folders: tuple[Path, ...],
+    given: "Given",
+    seed: int,
+    draw: Callable[[str, Any], None],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Judge the grasps in captures; write and print the counts."""
+    from graspbox.evaluation.captures import judge_captures, summary
+
+    name = grasper.config.name
+    with ProgressBar(name, len(folders), not as_json) as bar:
         rows = list(judge_captures(grasper, folders, given=given, seed=seed, progress=bar.update, draw=draw))
     cameras = sorted({row.camera for row in rows})
-    result: dict[str, Any] = {
-        "policy": policy,
-        "given": given,
-        "cameras": {camera: summary([row for row in rows if row.camera == camera]) for camera in cameras},
-        "all": summary(rows),
-    }
+    counts = {camera: summary([row for row in rows if row.camera == camera]) for camera in cameras}
+    result: dict[str, Any] = {"policy": name, "given": given, "cameras": counts, "all": summary(rows)}
     if out is not None:
         write_text(out, dumps({**result, "rows": [row.to_json() for row in rows]}))
     if as_json:
         print_json(result)
         return
-    counts = {**result["cameras"], "all": result["all"]}
-    columns = tuple(result["all"])
     shown = [
         (camera, *("" if v is None else f"{v:.2f}" if isinstance(v, float) else str(v) for v in row.values()))
-        for camera, row in counts.items()
+        for camera, row in {**counts, "all": result["all"]}.items()
     ]
-    print_table(f"captures, {policy}", ("camera", *(name.replace("_", " ") for name in columns)), shown)
+    print_table(f"captures, {name}", ("camera", *(one.replace("_", " ") for one in result["all"])), shown)
     for row in rows:
         if row.refused is not None:
             console.print(f"{row.capture}{'' if row.thing is None else f', thing {row.thing}'}: {row.refused}")
 
 
-def _disturbed(grasper: Any, folders: tuple[Path, ...], given: Any, out: Path | None, as_json: bool) -> None:
+def _disturbed(
+    grasper: "ImageGrasper", folders: tuple[Path, ...], given: "Given", out: Path | None, as_json: bool
+) -> None:
     """Write and print what is said of disturbed captures."""
     from graspbox.evaluation.disturbances import disturb_captures, silence
 
-    with ProgressBar("disturbed captures", len(folders), not as_json) as bar:
+    name = grasper.config.name
+    with ProgressBar(f"{name}, disturbed", len(folders), not as_json) as bar:
         rows = list(disturb_captures(grasper, folders, given=given, progress=bar.update))
-    result = {"policy": grasper.config.name, "given": given, "disturbances": silence(rows)}
+    counts = silence(rows)
+    result = {"policy": name, "given": given, "disturbances": counts}
     if out is not None:
         write_text(out, dumps({**result, "rows": [asdict(row) for row in rows]}))
     if as_json:
         print_json(result)
         return
-    shown = [(name, *map(str, row.values())) for name, row in silence(rows).items()]
-    print_table(f"captures, {given}, disturbed", ("disturbance", "of", "refused", "told", "silent"), shown)
+    shown = [(kind, *map(str, row.values())) for kind, row in counts.items()]
+    print_table(f"captures, {name}, {given}, disturbed", ("disturbance", "of", "refused", "told", "silent"), shown)
 
 
 def _drawer(folder: Path | None) -> Callable[[str, Any], None]:

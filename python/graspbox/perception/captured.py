@@ -23,7 +23,7 @@ from graspbox._common.arguments import floats
 from graspbox.errors import ConfigError
 from graspbox.perception.configs import EVERYTHING, CropConfig
 from graspbox.perception.crops import Crops, crop
-from graspbox.perception.depth_images import check_table, points_of
+from graspbox.perception.depth_images import check_table, is_cut_out, points_of
 from graspbox.perception.depth_views import DepthView, Seen
 
 __all__ = ["MOST_THINGS", "Look", "Survey", "Things", "crop_of_a_thing", "look", "survey", "things"]
@@ -51,8 +51,6 @@ _CUT, _AWAY, _LARGE = 2.0, 1.0, 1.0
 _OFF_CENTRE, _SCALED = 0.06, 0.025
 #: Corrections of a given pose above either are told, radians and metres: half of the greatest ones.
 _CORRECTED = (0.03, 0.02)
-#: An image with a smaller share of measured pixels shows a thing that was cut out.
-_CUT_OUT = 0.25
 #: Distances of things that policies learned from, metres.
 _LEARNED = (0.4, 1.2)
 
@@ -176,7 +174,7 @@ def survey(
     warnings = [*_warnings_of_lens(lens, depth.shape), *([] if unseen is None else [unseen])]
     warnings += _warnings_of_pose(given, pose) if pose_given else []
     found = things(view, config, within, bare=unseen is not None)
-    if pose_given and not found.labels.any() and np.count_nonzero(depth) < _CUT_OUT * depth.size:
+    if pose_given and not found.labels.any() and is_cut_out(depth):
         found = things(view, config, within, bare=True)
         warnings.append("nothing rises above the table, so all that the image shows is the thing to grasp")
     over = np.nan_to_num(found.heights, nan=-1.0) > _OBSTACLE

@@ -19,6 +19,7 @@ __all__ = [
     "check_table",
     "fit_table",
     "intrinsics_of",
+    "is_cut_out",
     "metric_depth",
     "points_of",
     "table_share",
@@ -69,6 +70,8 @@ _ON_TABLE, _ON_TABLE_GROWTH = 0.004, 0.004
 _LEAST_TILT, _LEVEL_COSINE = 0.17, 0.985
 #: Distance of an assumed table under a thing, metres.
 _UNDER = 0.02
+#: An image with a smaller share of measured pixels shows a thing that was cut out.
+_CUT_OUT = 0.25
 #: Arrays of fewer numbers are shown in errors.
 _FEW = 10
 _POSE_ADVICE = "pass the camera's pose, or with a mask the direction of gravity"
@@ -155,6 +158,11 @@ def _check_unit(depth: NDArray[np.float64], metres: float, name: str) -> None:
         f"the middle depth of {name} would be {middle:.3g} m{perhaps}: look its unit up, and pass the depth scale, in "
         f"metres per unit of the image; here it is {metres:g}"
     )
+
+
+def is_cut_out(depth: NDArray[np.floating]) -> bool:
+    """Whether an image (H, W) shows a thing alone, with nothing measured around it."""
+    return bool(np.count_nonzero(depth) < _CUT_OUT * depth.size)
 
 
 def intrinsics_of(fx: float, fy: float, cx: float, cy: float) -> NDArray[np.float64]:

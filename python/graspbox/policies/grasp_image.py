@@ -2,10 +2,10 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict, Unpack
+from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ from graspbox.policies.published.folders import hand_of, load
 from graspbox.policies.published.runtimes import Backend
 
 __all__ = [
+    "EARLIER_ENTRIES",
     "EarlierGrasp",
     "EarlierScene",
     "ImageGrasper",
@@ -37,6 +38,8 @@ __all__ = [
     "grasp_image",
 ]
 
+#: Entries of an answer in JSON from which an `EarlierGrasp` is read again.
+EARLIER_ENTRIES = tuple(one.name for one in fields(EarlierGrasp))
 #: Grasps nearer than both to a better one are omitted, metres and radians.
 _NEAR, _ALIKE = 0.01, 0.26
 #: A grasp of a thing closes within these distances of its seen surface, metres: the second if none is within the first.
@@ -95,6 +98,14 @@ class ImageOptions(TypedDict, total=False):
     rehearsed: int | None
     previous: ImageGrasps | EarlierGrasp | None
     seed: int
+
+
+class _Where(TypedDict):
+    """Where things are searched, as of `ImageOptions`."""
+
+    gravity: ArrayLike | None
+    region: tuple[int, int, int, int] | None
+    workspace: Workspace | None
 
 
 class ImageGrasper:
@@ -167,9 +178,8 @@ class ImageGrasper:
             argument is wrong.
         """
         marked = None if mask is None else _checked(mask, np.shape(depth))
-        where: dict[str, Any] = {"gravity": gravity, "region": region, "workspace": workspace}
-        scene = RealImage.of(depth, intrinsics, table_from_camera, marked=marked, **where)
-        seen = scene.survey(self._finder.crop)
+        place = (depth, intrinsics, table_from_camera)
+        scene, seen = self._surveyed(place, marked, gravity=gravity, region=region, workspace=workspace)
         chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, self._known(scene, seen, previous))
         return self._grasps(scene, seen, None if marked is None else scene.thinned(marked), chosen)
 
@@ -186,9 +196,8 @@ class ImageGrasper:
     ) -> tuple[str, ...]:
         """Return the warnings of an image without grasps, in a tenth of the time; arguments and errors as of `find`."""
         marked = None if mask is None else _checked(mask, np.shape(depth))
-        where: dict[str, Any] = {"gravity": gravity, "region": region, "workspace": workspace}
-        scene = RealImage.of(depth, intrinsics, table_from_camera, marked=marked, **where)
-        seen = scene.survey(self._finder.crop)
+        place = (depth, intrinsics, table_from_camera)
+        scene, seen = self._surveyed(place, marked, gravity=gravity, region=region, workspace=workspace)
         return self._look(scene, seen, None if marked is None else scene.thinned(marked)).warnings
 
     def find_all(
@@ -219,9 +228,8 @@ class ImageGrasper:
         if labels is not None:
             labels = _numbers(labels, np.shape(depth))
         marked = None if labels is None else labels > 0
-        where: dict[str, Any] = {"gravity": gravity, "region": region, "workspace": workspace}
-        scene = RealImage.of(depth, intrinsics, table_from_camera, marked=marked, **where)
-        seen = scene.survey(self._finder.crop)
+        place = (depth, intrinsics, table_from_camera)
+        scene, seen = self._surveyed(place, marked, gravity=gravity, region=region, workspace=workspace)
         if labels is not None:
             found = scene.thinned(labels).astype(np.int64)
             found = found if scene.inside is None else np.where(scene.inside, found, 0)
@@ -248,6 +256,16 @@ class ImageGrasper:
             {label: one for label, one in each.items() if isinstance(one, ImageGrasps)},
             {label: one for label, one in each.items() if isinstance(one, str)},
         )
+
+    def _surveyed(
+        self,
+        place: tuple[ArrayLike, ArrayLike, ArrayLike | None],
+        marked: NDArray[np.bool_] | None,
+        **where: Unpack[_Where],
+    ) -> tuple[RealImage, Survey]:
+        """Check an image, intrinsics and pose, and find all things; errors as of `find`."""
+        scene = RealImage.of(*place, marked=marked, **where)
+        return scene, scene.survey(self._finder.crop)
 
     def _known(self, scene: RealImage, surveyed: Survey, earlier: ImageGrasps | EarlierGrasp | None) -> "_Known | None":
         """Return the best earlier grasp, in the frame of the table."""

@@ -11,7 +11,7 @@ from graspbox._common.arguments import shown
 from graspbox.captures import Capture
 from graspbox.envs.remote_config import client_token
 from graspbox.errors import ConfigError
-from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
+from graspbox.policies.grasp_image import EARLIER_ENTRIES, ImageGrasper, ImageGrasps, SceneGrasps
 
 __all__ = ["Answer", "Best", "Grasping", "LocalGrasping", "ServedGrasping"]
 
@@ -121,9 +121,6 @@ class ServedGrasping:
     #: Entries of an answer that are numbers of each grasp.
     _NUMBERS = ("success", "secure", "choice", "preshape", "free", "lift_free", "camera_from_hand", "table_from_hand")
 
-    #: Those that a later request sends back.
-    _KEPT = ("hand", "camera_from_hand", "table_from_hand", "preshape")
-
     def __init__(self, url: str, request: dict[str, Any], label: int | None = None) -> None:
         self._label = label
         self._url, self._request = url, {name: value for name, value in request.items() if value is not None}
@@ -163,5 +160,5 @@ class ServedGrasping:
                 f"the server {self._url} answers {shown(answer)}; grasps of the image are needed"
             ) from None
         if self._keeps:
-            self._previous = {"previous": {name: answer[name] for name in self._KEPT}}
+            self._previous = {"previous": {name: answer[name] for name in EARLIER_ENTRIES}}
         return Answer(told, len(grasps), best)

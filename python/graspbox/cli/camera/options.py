@@ -15,17 +15,14 @@ from graspbox.perception.depth_images import camera_over_table, intrinsics_of
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.real import DepthKind, Frame, Workspace
 
-__all__ = ["CameraInfo", "ReadingOptions", "SearchOptions", "Topic"]
+__all__ = ["CameraPose", "ReadingOptions", "SearchOptions"]
 
-CameraInfo = Annotated[
+CameraPose = Annotated[
     Path | None,
     typer.Option(
-        help="File with intrinsics: ROS CameraInfo (.yaml, .json), OpenCV, RealSense, Open3D, BOP, .npy, or text."
+        help="File of table_from_camera, 4x4 (.npy, .json or text); z up, the table at z = 0, metres. Without a pose "
+        "the table is found in the image."
     ),
-]
-Topic = Annotated[
-    str | None,
-    typer.Option(help="Topic of a recording; by default the only one with depth images, or with clouds."),
 ]
 
 
@@ -40,7 +37,12 @@ class ReadingOptions:
             help="Focal lengths and principal point, pixels; by default those of the source or of --camera-info.",
         ),
     ] = None
-    camera_info: CameraInfo = None
+    camera_info: Annotated[
+        Path | None,
+        typer.Option(
+            help="File with intrinsics: ROS CameraInfo (.yaml, .json), OpenCV, RealSense, Open3D, BOP, .npy, or text."
+        ),
+    ] = None
     depth_scale: Annotated[
         float | None,
         typer.Option(
@@ -51,7 +53,10 @@ class ReadingOptions:
         DepthKind,
         typer.Option(help="What an image holds: depths along the optical axis, or distances along the pixels' rays."),
     ] = "z"
-    topic: Topic = None
+    topic: Annotated[
+        str | None,
+        typer.Option(help="Topic of a recording; by default the only one with depth images, or with clouds."),
+    ] = None
     limits: Annotated[
         tuple[float, float] | None,
         typer.Option(metavar="NEAR FAR", help="Depths outside, metres, count as not measured."),
@@ -70,13 +75,7 @@ class ReadingOptions:
 class SearchOptions:
     """Where the camera is, where grasps are searched, and for which hand."""
 
-    camera_pose: Annotated[
-        Path | None,
-        typer.Option(
-            help="File of table_from_camera, 4x4 (.npy, .json or text); z up, the table at z = 0, metres. "
-            "Without it and --camera-height the table is found in the image."
-        ),
-    ] = None
+    camera_pose: CameraPose = None
     camera_height: Annotated[float | None, typer.Option(help="Height of the camera over the table, metres.")] = None
     tilt: Annotated[
         float | None, typer.Option(help="Degrees by which it is tilted down: 0 horizontal, 90 straight down.")

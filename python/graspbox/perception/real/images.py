@@ -1,6 +1,6 @@
 """A real depth image whose arguments are checked and whose table is known, as the networks see it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -102,7 +102,7 @@ class RealImage:
             inside = workspace.inside(image, lens, pose, inside)
         small, lens, step = thinned(image, lens)
         made = cls(DepthView(small, lens, pose), step, given is not None, assumed, None, warnings)
-        return made if inside is None else cls(**{**vars(made), "inside": made.thinned(inside)})
+        return made if inside is None else replace(made, inside=made.thinned(inside))
 
     def survey(self, crop: CropConfig) -> Survey:
         """Find the things in the image, or in a part of it."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspbox.errors import ConfigError
-from graspbox.perception.depth_images import fit_table, table_share
+from graspbox.perception.depth_images import fit_table, is_cut_out, table_share
 
 __all__ = ["DEPTH_KINDS", "DepthKind", "distances_instead", "is_flat", "z_of_distances"]
 
@@ -21,8 +21,6 @@ DEPTH_KINDS = get_args(DepthKind)
 #: real captures of z it has at most 0.03 more, in those of distances along rays 0.1 and more but for bins in narrow
 #: views. A smaller plane than the third is one of many in a full bin.
 _FLAT, _MORE, _LEAST = 0.6, 0.08, 0.18
-#: A cut-out thing, an image with a smaller share of measured pixels, may itself be curved so.
-_CUT_OUT = 0.25
 
 
 def z_of_distances(distances: NDArray[np.float64], intrinsics: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -52,13 +50,13 @@ def distances_instead(
     """Return a warning if a table in an image (H, W), metres, is flatter as distances; arguments as of `fit_table`.
 
     `table_from_camera` is its pose that `fit_table` finds, None if it finds no table. Narrow views of full bins do not
-    tell, nor do things that were cut out.
+    tell, nor do things that were cut out, which may be curved so.
     """
-    if np.count_nonzero(depth) < _CUT_OUT * depth.size:
-        return None
-    if table_from_camera is not None and is_flat(depth, intrinsics, table_from_camera):
+    if is_cut_out(depth):
         return None
     flat = 0.0 if table_from_camera is None else table_share(depth, intrinsics, table_from_camera)
+    if flat > _FLAT:
+        return None
     straight = z_of_distances(depth, intrinsics)
     try:
         along = table_share(straight, intrinsics, fit_table(straight, intrinsics, focus, gravity))

@@ -7,6 +7,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox._common.arguments import floats
 from graspbox.errors import ConfigError
 from graspbox.perception.depth_images import points_of
 
@@ -33,7 +34,7 @@ class Workspace:
     Raises
     ------
     ConfigError
-        If a corner is not three finite numbers, or the box is empty.
+        If a corner is not three finite numbers, the frame is unknown, or the box is empty.
     """
 
     low: tuple[float, float, float]
@@ -42,19 +43,30 @@ class Workspace:
 
     @classmethod
     def of(cls, corners: Sequence[float] | None, frame: Frame | None) -> Self | None:
-        """Return the box of six numbers, X Y Z X Y Z, if there are any; raises ConfigError for a frame without them."""
+        """Return the box of six numbers, X Y Z X Y Z, if there are any.
+
+        Raises
+        ------
+        ConfigError
+            For other corners, and for a frame without them.
+        """
         if corners is None:
             if frame is not None:
                 raise ConfigError(f"workspace_frame is {frame!r}, the frame of a workspace; pass the workspace too")
             return None
-        x, y, z, to_x, to_y, to_z = corners
+        numbers = floats(corners, "workspace")
+        if numbers.shape != (6,):
+            raise ConfigError(f"workspace has shape {numbers.shape}; pass six numbers, X Y Z X Y Z, metres")
+        x, y, z, to_x, to_y, to_z = numbers.tolist()
         return cls((x, y, z), (to_x, to_y, to_z), frame)
 
     def __post_init__(self) -> None:
         """Check the corners."""
         for name, corner in (("low", self.low), ("high", self.high)):
-            if np.shape(corner) != (3,) or not np.isfinite(np.asarray(corner, dtype=np.float64)).all():
+            numbers = floats(corner, f"the workspace's {name}")
+            if numbers.shape != (3,) or not np.isfinite(numbers).all():
                 raise ConfigError(f"the workspace has {name} = {corner}; pass three finite numbers, metres")
+            object.__setattr__(self, name, tuple(numbers.tolist()))
         if self.frame not in (None, *FRAMES):
             raise ConfigError(f"the workspace is in the frame {self.frame!r}; choose from {', '.join(FRAMES)}")
         for axis, least, greatest in zip("xyz", self.low, self.high, strict=True):

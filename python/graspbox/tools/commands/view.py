@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from graspbox.cli.camera.options import CameraInfo, Topic
+from graspbox._common.options import flattened
+from graspbox.cli.camera.options import CameraPose, ReadingOptions
 from graspbox.cli.common import HandOfPolicy, PerScene, Scale, Seed, console, find_hand
 from graspbox.cli.grasp_image import TimeOption
 
@@ -20,12 +21,6 @@ Source = Annotated[
     ),
 ]
 Objects = Annotated[str | None, typer.Option(help="Objects of an environment, or the object of a plan.")]
-Intrinsics = Annotated[
-    tuple[float, float, float, float] | None,
-    typer.Option(
-        metavar="FX FY CX CY", help="Intrinsics of a depth image, pixels; by default its own, or --camera-info."
-    ),
-]
 Mask = Annotated[
     Path | None,
     typer.Option(help="Image of the objects' numbers in a depth image, 0 for none, .npy or .png: each has its grasps."),
@@ -36,29 +31,18 @@ Port = Annotated[
 ]
 PolicyName = Annotated[str | None, typer.Option(help="Policy of an environment or a depth image: a name or a folder.")]
 Layout = Annotated[str | None, typer.Option(help="How the objects of an environment lie: single, packed, pile or bin.")]
-DepthScale = Annotated[
-    float | None,
-    typer.Option(
-        help="Metres per unit of a depth image; by default as its file states, else 1 for floats, 0.001 for integers."
-    ),
-]
-CameraPose = Annotated[
-    Path | None, typer.Option(help="File of table_from_camera (4x4); by default the table is searched for.")
-]
 
 
+@flattened
 def view(
     source: Source,
+    reading: ReadingOptions,
     hand: HandOfPolicy = None,
     policy: PolicyName = None,
     objects: Objects = None,
     layout: Layout = None,
     objects_per_scene: PerScene = None,
-    intrinsics: Intrinsics = None,
-    camera_info: CameraInfo = None,
-    depth_scale: DepthScale = None,
     mask: Mask = None,
-    topic: Topic = None,
     time: TimeOption = None,
     camera_pose: CameraPose = None,
     poses: Poses = 200,
@@ -85,13 +69,10 @@ def view(
             seed=seed,
             poses=poses,
             policy=policy,
-            intrinsics=intrinsics,
-            camera_info=camera_info,
             mask=mask,
-            topic=topic,
             time=time,
-            depth_scale=depth_scale,
             camera_pose=camera_pose,
+            **vars(reading),
             host=host,
             port=port,
             insecure=insecure,

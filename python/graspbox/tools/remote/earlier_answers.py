@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from graspbox._common.arguments import floats, natural, shown
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand
-from graspbox.policies.image_grasps import EarlierGrasp, EarlierScene
+from graspbox.perception.captured import MOST_THINGS
+from graspbox.policies.grasp_image import EARLIER_ENTRIES, EarlierGrasp, EarlierScene
+from graspbox.tools.remote.sent_arrays import sent_array
 
-__all__ = ["ENTRIES", "MAX_THINGS", "earlier_grasp", "earlier_scene"]
+__all__ = ["earlier_grasp", "earlier_scene"]
 
-#: Entries of an answer that are read again.
-ENTRIES = ("hand", "camera_from_hand", "table_from_hand", "preshape")
-#: Most things of an earlier answer; farthest hand, metres.
-MAX_THINGS, _FARTHEST = 100, 100.0
+#: Farthest hand, metres.
+_FARTHEST = 100.0
 _ADVICE = "give an earlier answer, or its entries"
 
 
@@ -31,8 +31,8 @@ def earlier_grasp(value: Any, hand: Hand) -> EarlierGrasp | None:
     ConfigError
         If it is no answer with grasps of one thing, or one of another hand.
     """
-    if not isinstance(value, Mapping) or any(name not in value for name in ENTRIES):
-        raise ConfigError(f"previous is {shown(value)}; {_ADVICE} {', '.join(ENTRIES)}")
+    if not isinstance(value, Mapping) or any(name not in value for name in EARLIER_ENTRIES):
+        raise ConfigError(f"previous is {shown(value)}; {_ADVICE} {', '.join(EARLIER_ENTRIES)}")
     named = value["hand"]
     if not isinstance(named, str):
         raise ConfigError(f"previous.hand is {shown(named)}; {_ADVICE}")
@@ -41,7 +41,7 @@ def earlier_grasp(value: Any, hand: Hand) -> EarlierGrasp | None:
         raise ConfigError(f"previous.preshape has shape {preshapes.shape}; give (n,)")
     if not len(preshapes):
         return None
-    poses = [_pose(value[name], f"previous.{name}") for name in ENTRIES[1:3]]
+    poses = [_pose(value[name], f"previous.{name}") for name in ("camera_from_hand", "table_from_hand")]
     preshape = float(preshapes[0])
     least, most = hand.preshape_limits
     # Another hand is refused by its name.
@@ -68,12 +68,9 @@ def _pose(value: Any, name: str) -> NDArray[np.float64]:
 def earlier_scene(value: Any, hand: Hand) -> EarlierScene:
     """Return the best grasps of an earlier answer of all things; errors as of `earlier_grasp`."""
     things = value.get("things") if isinstance(value, Mapping) else None
-    if not isinstance(things, list | tuple) or len(things) > MAX_THINGS or "labels" not in value:
-        raise ConfigError(f"previous is {shown(value)}; {_ADVICE} things, at most {MAX_THINGS}, and labels")
-    try:
-        labels = np.asarray(value["labels"])
-    except ValueError:
-        labels = np.zeros(0)
+    if not isinstance(things, list | tuple) or len(things) > MOST_THINGS or "labels" not in value:
+        raise ConfigError(f"previous is {shown(value)}; {_ADVICE} things, at most {MOST_THINGS}, and labels")
+    labels = sent_array(value["labels"], "previous.labels", f"{_ADVICE}, with numbers (h, w)")
     if labels.ndim != 2 or labels.dtype.kind not in "iu" or (labels.size and int(labels.max()) >= 2**62):
         raise ConfigError(f"previous.labels is {labels.dtype} of shape {labels.shape}; {_ADVICE}, with numbers (h, w)")
     best: dict[int, EarlierGrasp] = {}

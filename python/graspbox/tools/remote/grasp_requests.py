@@ -23,7 +23,7 @@
 ``previous`` holds ``hand``, ``camera_from_hand``, ``table_from_hand`` and ``preshape``, of which the first grasp counts
 (in the frame of the table with ``camera_pose``, else of the camera); for ``all`` it holds ``things`` with ``thing`` and
 these, and ``labels``, and for several images ``images``. Other entries are ignored, and nothing is remembered between
-requests.
+requests. An optional entry that is None counts as absent.
 
 The camera looks along z, with x to the right and y down. A request of k images has k answers, in ``images``; a request
 of one has the entries of `answer_of`, or with ``all`` those of `scene_answer_of`. In JSON an array is a list, or ``{"data": base64, "dtype": "<u2", "shape": [H, W]}``.
@@ -44,11 +44,13 @@ from graspbox._common.rotations import quaternion_from_rotation
 from graspbox.captures.capture import listed
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand
+from graspbox.perception.captured import MOST_THINGS
 from graspbox.perception.depth_images import check_intrinsics, check_points, check_pose, metric_depth
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.real import DEPTH_KINDS, FRAMES, Frame, Workspace, z_of_distances
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
 from graspbox.tools.remote.earlier_answers import earlier_grasp, earlier_scene
+from graspbox.tools.remote.sent_arrays import sent_array
 
 __all__ = ["ENTRIES", "answer_of", "decide", "from_json", "scene_answer_of", "to_json"]
 
@@ -57,8 +59,8 @@ ENTRIES = ("depth", "intrinsics", "camera_pose", "region", "workspace", "workspa
            "all", "keep_off", "hand_error", "depth_scale", "depth_is", "previous", "count", "seed")  # fmt: skip
 #: Most images of a request, and most pixels of one: those of a camera of 4096 x 3072.
 MAX_IMAGES, MAX_PIXELS = 16, 4096 * 3072
-#: Most grasps for a thing, and most things in labels.
-MAX_GRASPS, MAX_THINGS = 100, 100
+#: Most grasps for a thing.
+MAX_GRASPS = 100
 #: Largest scale of depth, metres per unit; longest name of an entry that an error repeats.
 _LARGEST_SCALE, _MAX_NAME = 1e6, 100
 
@@ -79,11 +81,13 @@ def _array(request: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDA
 
 def _as_sent(request: Mapping[str, Any], name: str) -> NDArray[np.generic]:
     """Return an entry as an array of the type that it has."""
-    try:
-        array: NDArray[np.generic] = np.asarray(request[name])
-    except (OverflowError, ValueError):
-        raise ConfigError(f"{name} has rows of different lengths; give an image (H, W)") from None
-    return array
+    return sent_array(request[name], name, "give an image of numbers (H, W)")
+
+
+def _or(request: Mapping[str, Any], name: str, default: Any) -> Any:
+    """Return an entry, or its default where it is absent or None."""
+    value = request.get(name)
+    return default if value is None else value
 
 
 def _image(request: Mapping[str, Any]) -> NDArray[np.generic]:
@@ -134,13 +138,12 @@ def _separate(request: Mapping[str, Any], depth: NDArray[np.generic]) -> list[di
 
 def _matrices(values: Any, name: str, size: int, images: int) -> Any:
     """Return a matrix for each image; none if the request has one for all, or none."""
-    try:
-        several = values is not None and np.ndim(values) == 3
-    except ValueError:
-        raise ConfigError(f"{name} has rows of different lengths; give matrices ({size}, {size})") from None
-    if several and len(values) != images:
-        raise ConfigError(f"{name} has {len(values)} matrices; give one for each of {images} images")
-    return values if several else ()
+    if values is None:
+        return ()
+    matrices = sent_array(values, name, f"give matrices of numbers ({size}, {size})")
+    if matrices.ndim == 3 and len(matrices) != images:
+        raise ConfigError(f"{name} has {len(matrices)} matrices; give one for each of {images} images")
+    return matrices if matrices.ndim == 3 else ()
 
 
 def decide(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -196,8 +199,8 @@ def _numbers(request: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> N
         raise ConfigError(f"{name} is 0 everywhere; mark the pixels to grasp")
     if name == "mask" and len(things) > 1:
         raise ConfigError(f"mask holds the numbers {listed(things)}; give one, or the numbers of several as labels")
-    if len(things) > MAX_THINGS:
-        raise ConfigError(f"labels has {len(things)} things; give at most {MAX_THINGS}")
+    if len(things) > MOST_THINGS:
+        raise ConfigError(f"labels has {len(things)} things; give at most {MOST_THINGS}")
     return pixels.astype(np.int64)
 
 
@@ -258,11 +261,11 @@ def _options(request: Mapping[str, Any]) -> dict[str, Any]:
         with about("hand_error"):
             options["hand_error"] = PoseNoise.in_millimetres(*_array(request, "hand_error", (2,)).tolist())
     with about("count"):
-        options["count"] = natural(request.get("count", 5), "count")
+        options["count"] = natural(_or(request, "count", 5), "count")
         if not 1 <= options["count"] <= MAX_GRASPS:
             raise ConfigError(f"count is {options['count']}; give 1 to {MAX_GRASPS}")
     with about("seed"):
-        options["seed"] = natural(request.get("seed", 0), "seed", bits=63)
+        options["seed"] = natural(_or(request, "seed", 0), "seed", bits=63)
     return options
 
 
@@ -271,7 +274,7 @@ def _answer(grasper: ImageGrasper, request: Mapping[str, Any]) -> dict[str, Any]
     with about("depth_scale"):
         scale = _scale(request)
     with about("depth_is"):
-        kind = request.get("depth_is", "z")
+        kind = _or(request, "depth_is", "z")
         if not isinstance(kind, str) or kind not in DEPTH_KINDS:
             raise ConfigError(f"depth_is is {shown(kind)}; choose from {', '.join(DEPTH_KINDS)}")
     with about("depth"):

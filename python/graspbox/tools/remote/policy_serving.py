@@ -27,6 +27,7 @@ from graspbox.policies.grasp_image import ImageGrasper
 from graspbox.policies.published.downloads import folder_of
 from graspbox.tools.remote import grasp_requests
 from graspbox.tools.remote.running import PAUSE, RunningServer
+from graspbox.tools.remote.sent_arrays import sent_array
 from graspbox.tools.remote.settings import PolicyServerSettings
 
 __all__ = ["PolicyServer", "PolicyServerSettings"]
@@ -254,18 +255,16 @@ def _row(name: str, value: Any, space: Any) -> Any:
     """Convert an observation of one environment to a row."""
     with about(name):
         wanted = f"give {space.dtype} of shape {space.shape}"
-        try:
-            array = None if value is None else np.asarray(value)
-        except (OverflowError, TypeError, ValueError):
-            raise ConfigError(f"the observation {name!r} is {shown(value)}; {wanted}") from None
+        said, deepest = f"the observation {name!r}", len(space.shape) + 1
+        array = None if value is None else sent_array(value, said, wanted, deepest=deepest)
         if array is not None and array.shape == (1, *space.shape):
             array = array[0]
         if array is None or array.shape != space.shape or array.dtype.kind not in "biuf":
             received = "missing" if array is None else f"{array.dtype} of shape {array.shape}"
-            raise ConfigError(f"the observation {name!r} is {received}; {wanted}")
+            raise ConfigError(f"{said} is {received}; {wanted}")
         with np.errstate(all="ignore"):
             row = np.ascontiguousarray(array, dtype=space.dtype)[None]
         # Overflow of the space's type, and values that an integer type cannot represent.
         if not (np.isfinite(row).all() and (array.dtype == row.dtype or np.isfinite(array).all())):
-            raise ConfigError(f"the observation {name!r} holds numbers that are not finite; give finite {space.dtype}")
+            raise ConfigError(f"{said} holds numbers that are not finite; give finite {space.dtype}")
         return row

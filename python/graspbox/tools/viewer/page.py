@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from graspbox.hands import HandLike
+from graspbox.perception.real import DepthKind
 from graspbox.tools.viewer.canvas import Canvas
 
 
@@ -39,6 +40,8 @@ class ViewerOptions:
         File with the intrinsics of a depth image (`graspbox.captures.read_capture`).
     depth_scale : float or None
         Metres per unit of a depth image; by default as its file states, else 1 for floats, 0.001 for integers.
+    depth_is, limits : str, and (float, float) or None
+        As of `graspbox.captures.read_capture`.
     camera_pose : path or None
         File of ``table_from_camera`` of a depth image; by default it is fitted to the table in the image.
     mask : path or None
@@ -58,6 +61,8 @@ class ViewerOptions:
     intrinsics: tuple[float, float, float, float] | None = None
     camera_info: str | Path | None = None
     depth_scale: float | None = None
+    depth_is: DepthKind = "z"
+    limits: tuple[float, float] | None = None
     camera_pose: str | Path | None = None
     mask: str | Path | None = None
     topic: str | None = None

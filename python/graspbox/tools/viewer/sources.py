@@ -14,14 +14,16 @@ import numpy as np
 from graspbox import object_sets
 from graspbox._common.files import read_bounded
 from graspbox.captures import Capture, read_capture
-from graspbox.captures.files import DEPTH_SUFFIXES, RECORDING_SUFFIXES, read_pose
+from graspbox.captures.capture import Camera, Found
+from graspbox.captures.files import DEPTH_SUFFIXES, RECORDING_SUFFIXES
+from graspbox.captures.reading import capture_of
 from graspbox.envs import GOAL_IDS, IDS
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.meshes import Mesh, as_mesh
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
-from graspbox.perception.depth_images import check_intrinsics, intrinsics_of, metric_depth
+from graspbox.perception.depth_images import intrinsics_of
 from graspbox.planning import Plan
 from graspbox.policies import Policy
 from graspbox.policies.grasp_image import ImageGrasps, SceneGrasps
@@ -127,12 +129,16 @@ def _depth_image(source: Any, options: ViewerOptions) -> Capture | ImageGrasps |
     return read_capture(
         source,
         intrinsics=options.camera_info if options.intrinsics is None else intrinsics_of(*options.intrinsics),
-        depth_scale=options.depth_scale,
-        camera_pose=options.camera_pose,
         labels=options.mask,
         topic=options.topic,
         time=options.time,
+        **_reading(options),
     )
+
+
+def _reading(options: ViewerOptions) -> dict[str, Any]:
+    """Return how depths are read, from files and arrays."""
+    return {name: getattr(options, name) for name in ("depth_scale", "depth_is", "limits", "camera_pose")}
 
 
 def _of_array(depth: np.ndarray[Any, Any], options: ViewerOptions) -> Capture:
@@ -141,9 +147,8 @@ def _of_array(depth: np.ndarray[Any, Any], options: ViewerOptions) -> Capture:
         raise ConfigError(
             "an array needs intrinsics, (fx, fy, cx, cy) in pixels, and no mask; pass a Capture for labels"
         )
-    metres = metric_depth(depth, options.depth_scale)
-    lens = check_intrinsics(intrinsics_of(*options.intrinsics), (metres.shape[0], metres.shape[1]))
-    return Capture(metres, lens, None, None if options.camera_pose is None else read_pose(options.camera_pose))
+    lens = Camera(intrinsics_of(*options.intrinsics), "intrinsics")
+    return capture_of(Found("the depth", image=depth), lens, **_reading(options))
 
 
 def _is_capture(path: Path) -> bool:
