@@ -2,8 +2,10 @@
 
 import base64
 import json
+import re
 import signal
 import time
+import tracemalloc
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -30,6 +32,7 @@ from graspbox.policies.published.folders import load, save
 from graspbox.policies.remote_policy import RemotePolicy
 from graspbox.tools.remote import grasp_requests
 from graspbox.tools.remote.policy_serving import PolicyServer, PolicyServerSettings
+from graspbox.tools.remote.sent_arrays import sent_array
 from hostile_wire import Peer, msgpack
 from test_serve import served
 
@@ -298,6 +301,72 @@ def test_wrong_json_names_entry_and_value(
     assert found.value.field == name
 
 
+#: Texts of which numpy would make an array as wide as the longest: 200 MB.
+LONG: list[Any] = [["a" * 100_000] + [""] * 500]
+
+
+@pytest.mark.parametrize("name", ["depth", "mask", "labels", "intrinsics", "camera_pose", "region", "previous.labels"])
+@pytest.mark.parametrize("images", [1, 2])
+def test_rows_of_texts_are_refused_in_little_memory(
+    server: PolicyServer, request_of_can: dict[str, Any], name: str, images: int
+) -> None:
+    request = {**request_of_can, "depth": np.stack([request_of_can["depth"]] * images)}
+    if images == 1:
+        request["depth"] = request_of_can["depth"]
+    request[name] = LONG
+    if name == "previous.labels":
+        earlier = {"things": [], "labels": LONG}
+        request["previous"] = earlier if images == 1 else {"images": [earlier] * images}
+        request["all"] = True
+        del request[name]
+    grasper = ImageGrasper(server._policy)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ConfigError, match=name) as found:
+            grasp_requests.decide(grasper, request)
+        used = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found.value.field == name.partition(".")[0]
+    assert len(str(found.value)) < 300
+    assert used < 1 << 24
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("x", "mask holds 'x' (str); give numbers"),
+        ([[None]], "mask holds None"),
+        ([[1], {"data": 1}], "mask holds {'data': 1} (dict)"),
+        ([[1], 2], "mask has rows of different lengths"),
+        ([[1, 2], [3]], "mask has rows of different lengths"),
+        ([[[[1]]]], "mask has lists more than 3 deep"),
+        ([b"1"], "mask holds b'1' (bytes)"),
+        ([np.zeros(2), np.zeros(3)], "mask has rows of different lengths"),
+    ],
+)
+def test_lists_of_other_things_than_numbers_are_told(value: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        sent_array(value, "mask", "give numbers")
+
+
+@pytest.mark.parametrize(
+    "value", [3, 1.5, [], [[]], [[1, True], [2.5, np.float32(1)]], [np.eye(2)] * 3, ((1, 2), [3, 4])]
+)
+def test_lists_of_numbers_are_those_of_numpy(value: Any) -> None:
+    found, wanted = sent_array(value, "mask", ""), np.asarray(value)
+    assert found.dtype == wanted.dtype
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_an_optional_entry_may_be_null(server: PolicyServer, request_of_can: dict[str, Any]) -> None:
+    needed = {name: np.asarray(request_of_can[name]).tolist() for name in ("depth", "intrinsics", "camera_pose")}
+    known = [name for name in grasp_requests.ENTRIES if name not in needed]
+    status, answer = posted(server.url, json.dumps({**needed, **dict.fromkeys(known)}).encode())
+    assert status == 200, answer
+    assert {**answer, "server_timing": 0} == {**posted(server.url, json.dumps(needed).encode())[1], "server_timing": 0}
+
+
 def test_matrices_of_several_images_that_are_none(server: PolicyServer, request_of_can: dict[str, Any]) -> None:
     several = {**request_of_can, "depth": np.stack([request_of_can["depth"]] * 2)}
     assert "intrinsics has rows of different lengths" in asked(server, {**several, "intrinsics": [[1], [1, 2]]})
@@ -378,7 +447,9 @@ def seen(server: PolicyServer) -> dict[str, Any]:
         ({"reset": 1}, "reset is 1 (int); give True or False"),
         ({"depth": np.full((128, 128, 1), np.nan, np.float32)}, "'depth' holds numbers that are not finite"),
         ({"proprio": np.full(28, 1e300)}, "'proprio' holds numbers that are not finite"),
-        ({"proprio": [[1.0], [1.0, 2.0]]}, "the observation 'proprio' is [[1.0], [1.0, 2.0]] (list); give float32"),
+        ({"proprio": [[1.0], [1.0, 2.0]]}, "the observation 'proprio' has rows of different lengths; give float32"),
+        ({"proprio": [["a"] * 28]}, "the observation 'proprio' holds 'a' (str); give float32 of shape (28,)"),
+        ({"proprio": [[[0.0]]]}, "the observation 'proprio' has lists more than 2 deep; give float32"),
     ],
     ids=lambda value: str(value)[:40],
 )

@@ -5,6 +5,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from graspbox import errors, object_sets
 from graspbox.captures import read_capture
 from graspbox.policies.grasp_image import SceneGrasps
 from graspbox.tools.hand_links import HandLinks
-from graspbox.tools.viewer import Viewer, show
+from graspbox.tools.viewer import Viewer, ViewerOptions, show
 from graspbox.tools.viewer.grasp_points import GraspPoints
-from graspbox.tools.viewer.sources import PAGES
+from graspbox.tools.viewer.sources import PAGES, page_of
 
 ROOT = Path(__file__).parents[2]
 CAN = "procedural:can:0"
@@ -369,6 +370,50 @@ def test_all_things_of_a_real_image_are_shown(tiny: str) -> None:
         assert not viewer.canvas.problem.visible
         assert page.thing.visible
         assert len(page.rows) > before
+
+
+def test_distances_and_limits_are_those_of_other_commands(
+    depth_image: tuple[Path, tuple[float, float, float, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A warning advises to read an image with --depth-is distance."""
+    path, lens = depth_image
+    matrix, options = (
+        np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]]),
+        ViewerOptions(intrinsics=lens),
+    )
+    depths = read_capture(path, intrinsics=matrix).depth
+    near = float(np.quantile(depths[depths > 0], 0.2))
+    chosen = replace(options, depth_is="distance", limits=(near, 5.0))
+    wanted = read_capture(path, intrinsics=matrix, depth_is="distance", limits=(near, 5.0))
+    assert (wanted.depth != depths).any()
+    for source in (path, np.load(path)):
+        np.testing.assert_array_equal(page_of(source, chosen)[1].depth, wanted.depth)
+        np.testing.assert_array_equal(page_of(source, options)[1].depth, depths)
+        with pytest.raises(errors.ConfigError, match="depth_is is 'ray'; choose from z, distance"):
+            page_of(source, replace(options, depth_is="ray"))  # type: ignore[arg-type]
+    given: dict[str, Any] = {}
+
+    def keep(source: str, **all_options: Any) -> Viewer:
+        given.update(all_options)
+        raise errors.ConfigError("enough")
+
+    monkeypatch.setattr("graspbox.tools.viewer.show", keep)
+    words = [
+        "view",
+        path,
+        "--intrinsics",
+        *lens,
+        "--depth-is",
+        "distance",
+        "--limits",
+        near,
+        "5",
+        "--camera-pose",
+        "t.npy",
+    ]
+    assert str(invoke(words).exception) == "enough"
+    assert (given["depth_is"], given["limits"], given["intrinsics"]) == ("distance", (near, 5.0), lens)
+    assert given["camera_pose"] == Path("t.npy")
 
 
 def test_clouds_and_meshes_are_told_apart(tmp_path: Path) -> None:
