@@ -1,6 +1,7 @@
 """First files of hands that are harder to guess: arms before the palm, one jaw, linkages, limits below the palm."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ from typer.testing import Result
 
 import graspbox
 from command_line import invoke
-from graspbox.errors import HandError
+from graspbox.errors import ConfigError, HandError
 from graspbox.hand_tools import GuessedHand, check_hand, guess_hand
+from graspbox.hand_tools.palm import cut_above_palm
 from made_hands import Box, Joint, urdf
 
 PALM = Box((0.0, 0.0, 0.015), (0.1, 0.05, 0.03))
@@ -157,6 +159,110 @@ def test_the_command_writes_the_urdf_of_the_hand_alone(tmp_path: Path) -> None:
     assert run("new", robot, "--out", out, "--base", "palm").exit_code == 0
     assert graspbox.load_hand((tmp_path / "hand.urdf", out)).joints == ["slide"]
     assert run("new", robot, "--out", tmp_path / "other.toml", "--base", "claw").exit_code == 2
+    # The names of the files that are written differ from each other.
+    found = json.loads(run("new", robot, "--out", tmp_path / "x.urdf", "--json").stdout)
+    assert (found["urdf"], found["out"]) == (str(tmp_path / "x_hand.urdf"), str(tmp_path / "x.urdf"))
+
+
+def test_another_urdf_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither after a search, nor after minutes of fitting."""
+
+    def refuse(*_: Any) -> None:
+        raise AssertionError("too late")
+
+    links, joints = arm(2)
+    robot, other = tmp_path / "robot.urdf", tmp_path / "hand.urdf"
+    text = urdf({**links, **JAWS}, {**joints, **SLIDES})
+    robot.write_text(text.replace('<box size="0.1 0.05 0.03"/>', '<mesh filename="none.stl"/>'))
+    other.write_text("another robot")
+    monkeypatch.setattr("graspbox.cli.hand._search", refuse)
+    for options in ((), ("--search", "100")):
+        result = run("new", robot, "--out", tmp_path / "hand.toml", *options)
+        assert isinstance(result.exception, ConfigError)
+        assert "hand.urdf' exists; give --force" in str(result.exception)
+    assert other.read_text() == "another robot"
+
+
+def test_lines_are_those_of_files_that_exist(tmp_path: Path) -> None:
+    """Errors name the robot's, also of what is left out; assumptions that of the hand alone."""
+    links, joints = arm(2)
+    robot, out = tmp_path / "robot.urdf", tmp_path / "hand.toml"
+    text = urdf({**links, **JAWS}, {**joints, **SLIDES})
+    lines = text.splitlines()
+    palm, arm_link = (
+        next(i for i, one in enumerate(lines) if f'link name="{name}"' in one) for name in ("palm", "arm_1")
+    )
+
+    def changed(at: int, old: str, new: str) -> None:
+        assert old in lines[at]
+        robot.write_text("\n".join([*lines[:at], lines[at].replace(old, new), *lines[at + 1 :]]))
+
+    changed(palm, '<box size="0.1 0.05 0.03"/>', '<mesh filename="none.stl"/>')
+    message = f"{robot}:{palm + 1}: collider 'palm_0': mesh 'none.stl' is missing"
+    with pytest.raises(HandError, match=re.escape(message)):
+        guess_hand(robot)
+    changed(arm_link, '<mass value="0.1"/>', '<mass value="-1"/>')
+    with pytest.raises(HandError, match=re.escape(f"{robot}:{arm_link + 1}: ")):
+        guess_hand(robot)
+    lines[palm] = re.sub("<inertial>.*</inertial>", "", lines[palm])
+    robot.write_text("\n".join(lines))
+    result = run("new", robot, "--out", out)
+    (place,) = re.findall(r"assumed: (\S+):(\d+): link \"palm\"", result.stdout)
+    assert place[0] == str(tmp_path / "hand.urdf")
+    assert 'link name="palm"' in Path(place[0]).read_text().splitlines()[int(place[1]) - 1]
+
+
+def test_a_large_robot_may_have_a_hand(tmp_path: Path) -> None:
+    """More moving joints than a hand may have are no error of the hand alone."""
+    links, joints = arm(70)
+    assert loaded(guess(tmp_path, {**links, **JAWS}, {**joints, **SLIDES})).joints == ["slide"]
+    with pytest.raises(HandError, match=r"made.urdf:1: there are \d+ moving joints; at most 64"):
+        guess(tmp_path, {**links, **JAWS}, {**joints, **SLIDES}, base="arm_0")
+
+
+def ring() -> dict[str, Joint]:
+    return {"turn": Joint("left", "palm", (0, 0, 0), (0, 0, 1), (0, 1)), **SLIDES}
+
+
+@pytest.mark.parametrize(
+    ("joints", "change", "base"),
+    [
+        ({**SLIDES, "more": Joint("left", "right", (0, 0, 0), (0, 0, 1), (0, 1))}, ("", ""), None),
+        (SLIDES, ('<parent link="palm"/><child link="right"/>', '<parent link="none"/><child link="right"/>'), None),
+        (ring(), ("", ""), "palm"),
+        (SLIDES, ('<link name="right">', '<link name="left">'), None),
+        (SLIDES, ('xyz="1 0 0"', 'xyz="1 0"'), None),
+        (SLIDES, ('xyz="1 0 0"', 'xyz="1 nan 0"'), None),
+        (arm(1500)[1], ("", ""), None),
+    ],
+)
+def test_what_is_no_tree_is_not_cut(
+    joints: dict[str, Joint], change: tuple[str, str], base: str | None, tmp_path: Path
+) -> None:
+    links = arm(1500)[0] if len(joints) > 1000 else {"world": [PALM], "more": [PALM]}
+    wrist = {} if len(joints) > 1000 else {"wrist": Joint("world", "palm", (0, 0, 0), (0, 0, 1), (0, 1))}
+    if base is not None:  # nothing hangs on the world but another link
+        wrist = {"wrist": Joint("world", "more", (0, 0, 0), (0, 0, 1), (0, 1))}
+    text = urdf({**links, **JAWS}, {**wrist, **joints})
+    assert change[0] in text
+    path = tmp_path / "made.urdf"
+    path.write_text(text.replace(*change) if change[0] else text)
+    assert cut_above_palm(path, path.read_text(), base) is None
+    with pytest.raises(HandError, match=r"made.urdf:\d+: "):
+        guess_hand(path, base=base)
+
+
+def test_a_comment_about_xacro_is_no_xacro(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Path) -> str:
+        raise AssertionError("expanded")
+
+    monkeypatch.setattr("graspbox.hands.reading._expanded", refuse)
+    monkeypatch.setattr("graspbox.hands.reading.find_spec", lambda _: object())
+    path = tmp_path / "made.urdf"
+    path.write_text(
+        urdf(JAWS, SLIDES).replace("</robot>", '<!-- made from\n<xacro:include filename="a"/> -->\n</robot>')
+    )
+    assert loaded(guess_hand(path)).joints == ["slide"]
 
 
 # How it opens and closes.

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox.errors import HandError
-from graspbox.hands import Hand, Primitive, corners_of, fit_mesh, fitted_urdf, load_hand
+from graspbox.hands import Hand, Primitive, corners_of, fit_mesh, fitted_urdf, load_hand, urdf_meshes
+from graspbox.hands.description import describe
 from graspbox.meshes import mesh_from_arrays
 
 ROOT = Path(__file__).parents[2]
@@ -141,6 +142,69 @@ def test_a_pad_of_several_shapes_is_a_pad_as_a_whole(tmp_path: Path) -> None:
     assert 'name="leftfinger_pad.1"' in hand.files[0]
 
 
+def test_a_shape_of_a_mesh_may_pass_through_others(tmp_path: Path) -> None:
+    """Its name is known only once the mesh is fitted."""
+    x, y, z = pad_size()
+    write_obj(tmp_path / "pad.obj", box_corners((x, y, z)), box_corners((x, y, z / 3), (0.0, 1.5 * y, z / 3)))
+    folder = with_meshes(tmp_path, "pad.obj")
+    toml = folder / "hand.toml"
+    text = toml.read_text()
+    head = text.index("\n[")
+    for name, message in (("leftfinger_pad.1", ""), ("leftfinger_pad.7", "there is no link or collider")):
+        toml.write_text(f'{text[:head]}\nno_contact = [["{name}", "rightfinger_pad"]]\n{text[head:]}')
+        if message:
+            with pytest.raises(HandError, match=message):
+                load_hand((folder / "hand.urdf", toml))
+        else:
+            pairs = describe(load_hand((folder / "hand.urdf", toml))).no_contact
+            assert frozenset(("leftfinger_pad.1", "rightfinger_pad.0")) in pairs
+
+
+def write_gltf(folder: Path, corners: NDArray[np.float64]) -> None:
+    """Write a mesh whose vertices and triangles are in a file beside it."""
+    points, faces = corners.astype("<f4").tobytes(), box_faces().astype("<u4").tobytes()
+    (folder / "pad.bin").write_bytes(points + faces)
+    views = [{"buffer": 0, "byteOffset": 0, "byteLength": len(points)}]
+    views.append({"buffer": 0, "byteOffset": len(points), "byteLength": len(faces)})
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3", "min": [-1, -1, -1], "max": [1, 1, 1]},
+        {"bufferView": 1, "componentType": 5125, "count": 36, "type": "SCALAR"},
+    ]
+    scene = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"uri": "pad.bin", "byteLength": len(points + faces)}],
+        "bufferViews": views, "accessors": accessors,
+    }  # fmt: skip
+    (folder / "pad.gltf").write_text(json.dumps(scene))
+
+
+def test_fits_of_a_gltf_follow_the_files_beside_it(tmp_path: Path) -> None:
+    folder = with_meshes(tmp_path, "pad.gltf")
+    for factor in (1.0, 0.5):
+        size = tuple(factor * side for side in pad_size())
+        write_gltf(folder, box_corners((size[0], size[1], size[2])))
+        (found,) = fitted_urdf(folder / "hand.urdf").fits["leftfinger_pad"].primitives
+        np.testing.assert_allclose(sorted(found.size), sorted(size), atol=1e-5)
+
+
+def test_fits_of_another_version_are_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its readers may have read the same file in another way."""
+    folder = with_meshes(tmp_path, "pad.obj")
+    write_obj(tmp_path / "pad.obj", box_corners(pad_size()))
+    keys: list[str] = []
+
+    def seen(key: str, make: Any) -> Any:
+        keys.append(key)
+        return make()
+
+    monkeypatch.setattr(urdf_meshes, "cached_fits", seen)
+    fitted_urdf(folder / "hand.urdf")
+    monkeypatch.setattr("graspbox._core.__version__", "another")
+    fitted_urdf(folder / "hand.urdf")
+    assert len(set(keys)) == 2
+
+
 def test_errors_name_the_given_files(tmp_path: Path) -> None:
     write_obj(tmp_path / "pad.obj", box_corners(pad_size()))
     folder = with_meshes(tmp_path, "pad.obj")
@@ -184,6 +248,7 @@ def test_a_urdf_without_meshes_stays_as_it_is() -> None:
     ("filename", "scale", "message"),
     [
         ("none.obj", "", r"collider 'leftfinger_pad': mesh 'none.obj' is missing; name it"),
+        ("a" * 400 + ".obj", "", r"hand.urdf:\d+: collider 'leftfinger_pad': mesh 'a+.obj' is missing; name it"),
         ("pad.obj", ' scale="1 1"', r'hand.urdf:\d+: attribute scale is "1 1"; give 3 finite'),
         ("pad.obj", ' scale="0 1 1"', r"hand.urdf:\d+: .*scale is 0; it must be other than 0"),
         ("pad.obj", ' scale="a b c"', r'hand.urdf:\d+: attribute scale is "a b c"; give 3 finite'),

@@ -12,13 +12,13 @@ import pytest
 
 import graspbox
 from command_line import invoke
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, HandError
 from graspbox.hand_tools import searching
 from graspbox.hand_tools.closing import follow
 from graspbox.hand_tools.guessing import Guess, begin_guess
 from graspbox.hand_tools.postures import Postures
 from graspbox.hand_tools.searching import Budget, SearchedHand, search_hand
-from graspbox.hand_tools.trials import Judged, judge, resting
+from graspbox.hand_tools.trials import LEAST_OPENING, Judged, judge, resting
 from made_hands import urdf
 from test_hand_guessing import JAWS, turning
 
@@ -117,6 +117,30 @@ def test_a_known_journal_is_not_simulated_again(tmp_path: Path, small: None, mon
     assert calls == [2]  # the verdict alone
 
 
+def same_value(hands: Sequence[graspbox.Hand | None], tasks: Sequence[Any], poses: int, **_: Any) -> list[list[Judged]]:
+    return [[Judged(poses, poses, 1, 0, 0.4) for _ in tasks] for _ in hands]
+
+
+def test_large_seeds(tmp_path: Path, small: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of CMA-ES have 32 bits, those of the command 64; each start has its own."""
+    monkeypatch.setattr(searching, "judge", same_value)
+    guess, points = wrong_guess(tmp_path), []
+    for number, seed in enumerate((2**64 - 1, 2**32, 0)):
+        assert searched(guess, tmp_path / f"journal_{number}", 200, seed=seed).finished
+        rows = (tmp_path / f"journal_{number}").read_text().splitlines()[1:-1]
+        points.append([json.loads(row)["point"] for row in rows][8:])
+        assert points[-1]
+    assert points[0] != points[1] != points[2] != points[0]
+
+
+def test_a_hand_that_does_not_open_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Postures, "opening", lambda _: 0.0004)
+    with pytest.raises(HandError, match=r"made.urdf: the hand opens by 0.4 mm between its fingers, .* leave out"):
+        searched(wrong_guess(tmp_path), tmp_path / "journal", 100)
+    hand = graspbox.load_hand("panda_gripper")
+    assert len(resting(hand, LEAST_OPENING, (0, 1, 10, 11, 12, 13))) == 18  # such small objects can be simulated
+
+
 def test_numbers_of_a_hand(tmp_path: Path) -> None:
     """Parallel fingers share theirs; mirrors of the hand fix turns and shifts; the guess is the first posture."""
     leap = begin_guess(ASSETS / "leap/leap.urdf")
@@ -158,9 +182,18 @@ def test_the_command(tmp_path: Path, small: None) -> None:
     assert graspbox.load_hand((path, out)).name == "made"
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert (tmp_path / "hand.search.jsonl").exists()
-    # With its journal it resumes, and replaces its own file.
+    # The file of a finished search may have been edited since.
+    out.write_text(edited := out.read_text() + "# edited")
+    refused = invoke(words, catch_exceptions=True)
+    assert isinstance(refused.exception, ConfigError)
+    assert "hand.toml' exists; give --force" in str(refused.exception)
+    assert out.read_text() == edited
+    # An interrupted one resumes, and replaces its own file.
+    journal = tmp_path / "hand.search.jsonl"
+    journal.write_text("\n".join(journal.read_text().splitlines()[:-1]) + "\n")
     result = invoke(words)
     assert result.exit_code == 0, result.output
     assert "held-out objects" in result.stdout
+    assert not out.read_text().endswith("# edited")
     wrong = invoke([*words[:-3], "ten", "--force"], catch_exceptions=True)
     assert isinstance(wrong.exception, ConfigError)

@@ -18,7 +18,10 @@ from graspbox.hand_tools import Finding, check_hand, guess_hand
 from graspbox.hand_tools.bodies import inertia_of
 from graspbox.hand_tools.boxes import gaps
 from graspbox.hand_tools.closing import Fingers, guess_closing
+from graspbox.hand_tools.findings import CheckedHand
+from graspbox.hand_tools.motion import overlaps
 from graspbox.hand_tools.tables import minimal, quoted
+from graspbox.hand_tools.trials import trials
 from graspbox.hands.description import describe_urdf
 
 NAMES = graspbox.Hand.names()
@@ -231,6 +234,20 @@ def test_overlaps() -> None:
     assert any("onto the palm" in f.message for f in findings(graspbox.load_hand("reflex"), "self-collision"))
 
 
+def test_round_shapes_that_miss_each_other_are_open() -> None:
+    """Boxes around two upright cylinders side by side overlap; the cylinders do not."""
+    shape = '<collision name="{}"><geometry><cylinder radius="0.01" length="0.04"/></geometry></collision>'
+    links = "".join(f'<link name="{name}">{INERTIAL}{shape.format(f"{name}_shape")}</link>' for name in ("a", "b"))
+    slide = (
+        '<joint name="{0}" type="prismatic"><parent link="palm"/><child link="{0}"/><origin xyz="{1} {1} 0.1"/>'
+        '<axis xyz="0 0 {2}"/><limit lower="0" upper="0.01" effort="10" velocity="1"/></joint>'
+    )
+    joints = slide.format("a", 0.0085, 1) + slide.format("b", -0.0085, 1)
+    text = f'<robot name="r"><link name="palm">{INERTIAL}</link>{links}{joints}</robot>'
+    hand = graspbox.Hand(text, minimal(describe_urdf(text, "r")))
+    assert list(overlaps(CheckedHand(hand))) == []
+
+
 def test_gaps_between_boxes() -> None:
     turned = np.eye(4)
     turned[:2, :2] = np.array([[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2)
@@ -274,6 +291,13 @@ def test_trials_of_hands_that_cannot_grasp() -> None:
 
 
 # The command line.
+
+
+def test_trials_of_a_hand_that_does_not_open() -> None:
+    jaw = broken("panda_gripper", (r"width = \{ value = \[[^\]]*\]", "width = { value = [0.0, 1e-5]"))
+    rows = [finding for finding in trials(CheckedHand(jaw)) if finding.subject != "planner"]
+    assert len(rows) == 3
+    assert all("the hand opens by 0.0 mm, too little for an object (10 mm); check" in row.message for row in rows)
 
 
 def test_check_prints_findings_and_a_picture(tmp_path: Path) -> None:
@@ -416,7 +440,7 @@ def test_new_keeps_files(tmp_path: Path) -> None:
     assert out.read_text() == "mine"
     result = run("new", urdf, "--out", out, "--force", "--json")
     assert result.exit_code == 0
-    assert set(json.loads(result.stdout)) == {"hand", "out", "assumptions", "review", "meshes", "loops"}
+    assert set(json.loads(result.stdout)) == {"hand", "out", "urdf", "assumptions", "review", "meshes", "loops"}
     assert tomllib.loads(out.read_text())["name"] == "panda_gripper"
 
 

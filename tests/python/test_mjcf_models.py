@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 import mjcf_models as models
+from command_line import invoke
 from graspbox.errors import HandError
 from graspbox.hand_tools import guess_hand
 from graspbox.hands import FittedUrdf, Hand, load_hand, urdf_of_mjcf
@@ -148,8 +149,8 @@ def test_what_was_assumed_is_named_with_its_line(tmp_path: Path) -> None:
 def test_one_of_several_things_is_the_hand(tmp_path: Path) -> None:
     """Its joints branch; a second hand must be chosen, and a body that pulls the hand about is not part of it."""
     alone = models.ARM.replace('<connect body1="shoulder" body2="world" anchor="0 0 0"/>', "")
-    fitted, hand = converted(tmp_path, alone)
-    assert hand.joints[:2] == ["shoulder", "wrist"]
+    fitted = urdf_of_mjcf(written(tmp_path, alone))
+    assert list(efforts(fitted))[:2] == ["shoulder", "wrist"]
     assert any("body 'other': moves beside the hand; it is left out" in text for text in fitted.assumptions)
     finger = '<body name="more" pos="0 0 0.2"><joint axis="0 1 0" range="0 1"/><geom size="0.01"/></body></body>'
     two = models.ARM.replace('<geom type="sphere" size="0.01"/></body></body>', f'<geom size="0.01"/></body>{finger}')
@@ -383,9 +384,51 @@ def test_the_command_takes_a_base_and_prints_what_it_assumed(tmp_path: Path) -> 
     path = written(tmp_path, models.ARM)
     done = run("hand", "convert", str(path), "--base", "palm", "--out", str(tmp_path / "hand"))
     assert done.returncode == 0, done.stderr
-    assert any(line.startswith(f"{path}:") and "is the base; the 4 bodies" in line for line in done.stdout.splitlines())
+    head = f"assumed: {path}:"
+    assert any(line.startswith(head) and "is the base; the 4 bodies" in line for line in done.stdout.splitlines())
     words = ("--base", "palm", "--out", str(tmp_path / "hand"), "--force", "--json")
     found = json.loads(run("hand", "convert", str(path), *words).stdout)
     assert any("body 'palm': is the base" in text for text in found["assumptions"])
     wrong = run("hand", "convert", str(path), "--base", "hip", "--out", str(tmp_path / "other"))
     assert (wrong.returncode, "has no body 'hip'" in wrong.stderr) == (2, True)
+
+
+def test_a_new_hand_of_several_in_a_file(tmp_path: Path) -> None:
+    """The base chooses one; its URDF is written beside, since the file alone would not say which one it is."""
+    finger = '<body name="more" pos="0 0 0.2"><joint axis="0 1 0" range="0 1"/><geom size="0.01"/></body></body>'
+    two = models.ARM.replace('<geom type="sphere" size="0.01"/></body></body>', f'<geom size="0.01"/></body>{finger}')
+    path, out = written(tmp_path, two), tmp_path / "new.toml"
+    result = invoke(["hand", "new", path, "--base", "palm", "--out", out, "--json"])
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["urdf"] == str(tmp_path / "new.urdf")
+    assert set(found["meshes"]) == {"left_mesh"}
+    hand = load_hand((found["urdf"], out))
+    assert hand.joints == ["left", "left_slide"]
+    with pytest.raises(HandError, match="has no body 'hip'"):
+        guess_hand(path, base="hip")
+
+
+def test_a_given_base_is_not_cut_further(tmp_path: Path) -> None:
+    alone = models.ARM.replace('<connect body1="shoulder" body2="world" anchor="0 0 0"/>', "")
+    path, out = written(tmp_path, alone), tmp_path / "hand"
+    for base, joints in (("foot", ["shoulder", "wrist"]), (None, ["left", "left_slide"])):
+        words = ["hand", "convert", path, "--out", out, "--force", *(() if base is None else ("--base", base))]
+        assert invoke(words).exit_code == 0
+        assert load_hand((out / "hand.urdf", out / "hand.toml")).joints[:2] == joints
+
+
+def test_a_conversion_writes_both_files_or_none(tmp_path: Path) -> None:
+    """Where nothing can be guessed, older files stay."""
+    bare = re.sub(r"<geom [^>]*/>", "", models.PLAIN).replace("<geom density", "<geom  density")
+    bare = bare.replace('<joint name="left"', f'{models.INERTIAL}<joint name="left"').replace(
+        '<joint name="right"', f'{models.INERTIAL}<joint name="right"'
+    ).replace('<joint name="left_slide"', f'{models.INERTIAL}<joint name="left_slide"')  # fmt: skip
+    path, out = written(tmp_path, bare), tmp_path / "hand"
+    result = invoke(["hand", "convert", path, "--out", out])
+    assert result.exit_code == 2, result.output
+    assert "hand.xml: no link that a joint moves has a collision shape" in result.stderr
+    assert list(out.glob("*")) == []
+    (out / "hand.urdf").write_text("good")
+    assert invoke(["hand", "convert", path, "--out", out, "--force"]).exit_code == 2
+    assert (out / "hand.urdf").read_text() == "good"

@@ -20,6 +20,7 @@ from graspbox.errors import HandError
 from graspbox.hand_tools import guess_hand
 from graspbox.hands import MeshFit, Primitive, fitted_urdf, load_hand, mesh_fits, urdf_meshes
 from graspbox.hands.description import Link, describe_urdf
+from graspbox.hands.reading import read_hand
 from graspbox.tools import scene_export
 
 ASSETS = Path(__file__).parents[2] / "env/hand/assets/panda_gripper"
@@ -137,11 +138,43 @@ def test_assumptions_are_told_once_and_kept(tmp_path: Path, capsys: pytest.Captu
     assert load_hand(files) == hand  # without another warning
     other = written(tmp_path, GRIPPER, "other.urdf")
     assert find_hand(f"{other},{files[1]}") == hand
-    assert f"warning: {other}:3: " in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert f"warning: {other}:3: " in err
+    assert "; 1 more are listed by `graspbox hand check`" in err
+    assert "Hand.assumptions" not in err
     assert pickle.loads(pickle.dumps(hand)).assumptions == hand.assumptions
     made = graspbox.Hand(*hand.files, None, ["made from a drawing"])
     assert pickle.loads(pickle.dumps(made)).assumptions[0] == "made from a drawing"
     assert graspbox.load_hand("reflex").assumptions == ()
+
+
+def test_deprecations_of_other_packages_are_not_about_the_hand(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def load(_: Any) -> graspbox.Hand:
+        warnings.warn("old function", DeprecationWarning, stacklevel=1)
+        return load_hand("reflex")
+
+    monkeypatch.setattr("graspbox.cli.common.load_hand", load)
+    with pytest.warns(DeprecationWarning, match="old function"):
+        find_hand("reflex")
+    assert capsys.readouterr().err == ""
+
+
+def test_check_reads_a_hand_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cube.obj").write_text(CUBE)
+    urdf, toml = with_toml(written(tmp_path, as_mesh(GRIPPER)))
+    read: list[Path] = []
+
+    def counted(path: Path, *rest: Any) -> Any:
+        read.append(path)
+        return read_hand(path, *rest)
+
+    for module in ("loading", "reading"):
+        monkeypatch.setattr(f"graspbox.hands.{module}.read_hand", counted)
+    result = invoke(["hand", "check", urdf, toml, "--no-trials", "--json"])
+    assert json.loads(result.stdout)["meshes"]["left_pad"]["shapes"] == ["box"]
+    assert read == [urdf]
 
 
 def test_the_commands_tell_assumptions(tmp_path: Path) -> None:

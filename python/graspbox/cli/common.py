@@ -17,6 +17,7 @@ from graspbox import _core, object_sets, policies
 from graspbox._common.files import check_output, dumps, write_text
 from graspbox.errors import ObjectSetError
 from graspbox.hands import Hand, load_hand
+from graspbox.hands.loading import AssumedWarning, told
 from graspbox.object_sets.mesh_folders import MASSES
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
@@ -139,11 +140,18 @@ def hand_like(name: str) -> str | tuple[str, str]:
 
 def find_hand(name: str) -> Hand:
     """Load the hand that the command line names, by its name or its two files; print what its URDF does not state."""
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
         hand = load_hand(hand_like(name))
-    for warning in told:
-        console.print(f"warning: {warning.message}", style="yellow", soft_wrap=True)
+    for warning in caught:
+        if isinstance(warning.message, AssumedWarning):
+            text = told(warning.message.assumed, "are listed by `graspbox hand check`")
+        elif issubclass(warning.category, UserWarning):
+            text = str(warning.message)
+        else:  # such as a deprecation in another package, which is not about the hand
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+            continue
+        console.print(f"warning: {text}", style="yellow", soft_wrap=True)
     return hand
 
 

@@ -1,7 +1,6 @@
 """Check the files of your hand, or make them from a URDF or MJCF file."""
 
 import sys
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,11 +13,12 @@ from rich.table import Table
 from graspbox._common.files import check_output, write_text
 from graspbox.cli.common import Json, Seed, check_files, console, hand_like, print_json, print_table
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
-from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand, guess_hand
+from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand
 from graspbox.hand_tools.checking import unit_findings
-from graspbox.hand_tools.guessing import Guess, begin_guess
-from graspbox.hand_tools.searching import Budget, SearchedHand, search_hand
-from graspbox.hands import FittedUrdf, Hand, MeshFit, fitted_urdf, load_hand, urdf_of_mjcf
+from graspbox.hand_tools.guessing import Guess, begin_guess, guess_converted
+from graspbox.hand_tools.searching import Budget, SearchedHand, search_hand, was_interrupted
+from graspbox.hands import FittedUrdf, Hand, MeshFit, load_hand, urdf_of_mjcf
+from graspbox.hands.loading import load_fitted
 
 __all__ = ["hand_app"]
 
@@ -35,16 +35,18 @@ def _refuse(error: GraspboxError, hints: Sequence[Finding] = ()) -> NoReturn:
     raise typer.Exit(2)
 
 
-def _load(words: list[str]) -> Hand:
-    """Load the hand that the arguments name: a name, one word with both files, or both files."""
+def _load(words: list[str]) -> tuple[Hand, Mapping[str, MeshFit]]:
+    """Load the hand that the arguments name: a name, one word with both files, or both files, with its fits."""
     if len(words) > 2:
         raise ConfigError(f"{len(words)} arguments; give the name of a hand, or its URDF and its hand.toml")
-    urdf = words[0].partition(",")[0]
+    named = (words[0], words[1]) if len(words) == 2 else hand_like(words[0])
     try:
-        with warnings.catch_warnings(action="ignore"):  # all assumptions are printed
-            return load_hand((words[0], words[1]) if len(words) == 2 else hand_like(words[0]))
+        if isinstance(named, str) or not all(Path(file).is_file() for file in named):
+            return load_hand(named), {}
+        hand, fitted = load_fitted(Path(named[0]), Path(named[1]))
+        return hand, fitted.fits
     except HandError as error:
-        _refuse(error, unit_findings(urdf))
+        _refuse(error, unit_findings(words[0].partition(",")[0]))
     except FileError as error:
         _refuse(error)
 
@@ -64,12 +66,6 @@ def _print_fits(fits: Mapping[str, MeshFit]) -> None:
             f"{name}: its mesh became {', '.join(counts)}; {1e3 * fit.mean:.1f} mm from it on average, "
             f"{1e3 * fit.most:.1f} mm at most"
         )
-
-
-def _fits_of(words: list[str]) -> Mapping[str, MeshFit]:
-    """Return the fits of the collision meshes of the URDF that the arguments name, if they name one."""
-    urdf = Path(words[0].partition(",")[0])
-    return fitted_urdf(urdf).fits if urdf.is_file() else {}
 
 
 def _print_report(report: HandReport) -> None:
@@ -108,10 +104,9 @@ def check(
     there are errors, and 2 if the files are no hand: then every wrong line is listed.
     """
     check_files(None, picture)
-    loaded = _load(hand)
+    loaded, fits = _load(hand)
     with console.status("checking"):
         report = check_hand(loaded, trials=trials, seed=seed)
-    fits = _fits_of(hand)
     if as_json:
         meshes = {name: _fit_table(fit) for name, fit in fits.items()}
         print_json({**report.table(), "assumptions": list(loaded.assumptions), "meshes": meshes})
@@ -153,20 +148,26 @@ def new(
 
     A xacro is expanded (extra urdf), an MJCF file converted (extra mjcf) each time that the hand is loaded. The file
     begins with a list of guesses to review. An arm or a wrist above the palm is left out: the URDF of the hand alone is
-    then written beside. Only a search has random numbers.
+    then written beside, and loads with the file. Only a search has random numbers.
     """
     check_files(None, picture)
     budget = None if search is None else Budget.of(search)
     journal = out.with_suffix(".search.jsonl")
-    _check_new(out, force or (budget is not None and journal.exists()))
+    # A search that was interrupted goes on, and replaces its own files.
+    replaces = force or (budget is not None and was_interrupted(journal))
+    _check_new(out, replaces)
+    alone = _urdf_beside(urdf, out)
     try:
-        guess = begin_guess(urdf, name, base=base)
+        guess = begin_guess(urdf, name, base=base, leaves_out=lambda: _check_new(alone, replaces))
     except (HandError, FileError) as error:
         _refuse(error, unit_findings(urdf))
     searched = None if budget is None else _search(guess, budget, journal, seed)
     guessed = guess.write() if searched is None else searched.guessed
-    files = _write_guessed(guessed, urdf, out, force or searched is not None)
-    _print_guessed(guessed, guessed.fitted, files, as_json, searched)
+    if guessed.urdf is not None:
+        write_text(alone, guessed.urdf)
+    write_text(out, guessed.text)
+    fitted = guessed.fitted if guessed.urdf is None else replace(guessed.fitted, name=str(alone))
+    _print_guessed(guessed, fitted, out, None if guessed.urdf is None else alone, as_json, searched)
     if picture is not None:
         _save_picture(picture, Hand(guessed.fitted.text, guessed.text))
 
@@ -210,18 +211,11 @@ def _save_picture(path: Path, hand: Hand) -> None:
     console.print(f"wrote {path}")
 
 
-def _write_guessed(guessed: GuessedHand, urdf: Path, out: Path, force: bool) -> list[Path]:
-    """Write the file of a hand, and the URDF of the hand alone if the given one has more."""
-    files = [out]
-    if guessed.urdf is not None:
-        alone = out.with_suffix(".urdf")
-        if alone.exists() and alone.samefile(urdf):
-            alone = out.with_name(f"{out.stem}_hand.urdf")
-        _check_new(alone, force)
-        write_text(alone, guessed.urdf)
-        files = [alone, out]
-    write_text(out, guessed.text)
-    return files
+def _urdf_beside(urdf: Path, out: Path) -> Path:
+    """Return the place of the URDF of the hand alone, beside its ``hand.toml``: none of the other two files."""
+    alone = out.with_suffix(".urdf")
+    taken = alone == out or (alone.exists() and urdf.exists() and alone.samefile(urdf))
+    return out.with_name(f"{out.stem}_hand.urdf") if taken else alone
 
 
 @hand_app.command("convert")
@@ -250,15 +244,12 @@ def convert(
     try:
         with console.status("converting"):
             converted = urdf_of_mjcf(mjcf, base)
-            out.mkdir(parents=True, exist_ok=True)
-            write_text(urdf, converted.text)
-            guessed = guess_hand(urdf, name or mjcf.stem, converted.no_contact)
+            guessed = guess_converted(mjcf, converted, urdf.name, name or mjcf.stem, base)
     except (HandError, FileError) as error:
         _refuse(error)
-    if guessed.urdf is not None:
-        write_text(urdf, guessed.urdf)
+    write_text(urdf, guessed.fitted.text)
     write_text(toml, guessed.text)
-    _print_guessed(guessed, replace(converted, text=guessed.fitted.text, name=str(urdf)), [urdf, toml], as_json)
+    _print_guessed(guessed, replace(guessed.fitted, name=str(urdf)), toml, urdf, as_json)
 
 
 def _check_new(path: Path, force: bool) -> None:
@@ -271,7 +262,8 @@ def _check_new(path: Path, force: bool) -> None:
 def _print_guessed(
     guessed: GuessedHand,
     urdf: FittedUrdf,
-    files: Sequence[Path],
+    out: Path,
+    beside: Path | None,
     as_json: bool,
     searched: SearchedHand | None = None,
 ) -> None:
@@ -283,14 +275,15 @@ def _print_guessed(
         review = list(guessed.review)
         done: dict[str, Any] = {
             "hand": guessed.name,
-            "out": str(files[-1]),
+            "out": str(out),
+            "urdf": None if beside is None else str(beside),
             "assumptions": list(assumed),
             "review": review,
         }
         done |= {"meshes": meshes, "loops": loops}
         print_json(done if searched is None else {**done, "search": searched.table()})
         return
-    console.print(f"wrote {' and '.join(map(str, files))}")
+    console.print(f"wrote {out}" if beside is None else f"wrote {beside} and {out}")
     _print_assumptions(assumed)
     _print_fits(urdf.fits)
     for name, fit in urdf.loops.items():

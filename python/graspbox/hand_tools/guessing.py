@@ -1,7 +1,8 @@
 """A first ``hand.toml`` for a URDF: joints, actuators, pads and grasp frame, guessed from its geometry."""
 
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,10 +18,10 @@ from graspbox.hand_tools.palm import Cut, cut_above_palm
 from graspbox.hand_tools.tables import Drive, Frame
 from graspbox.hands import FittedUrdf, Hand
 from graspbox.hands.description import Link, describe_urdf, independent, passing_links
-from graspbox.hands.reading import read_hand
-from graspbox.hands.urdf_meshes import LARGEST
+from graspbox.hands.reading import is_mjcf, read_hand
+from graspbox.hands.urdf_meshes import LARGEST, read_text
 
-__all__ = ["Guess", "GuessedHand", "begin_guess", "guess_hand"]
+__all__ = ["Guess", "GuessedHand", "begin_guess", "guess_converted", "guess_hand"]
 
 #: Greatest number of actuators, as in the core.
 _MOST = 32
@@ -80,6 +81,8 @@ class Guess:
         Lists of links and colliders that do not touch each other.
     passing : tuple of str
         Pairs of links that overlap in the open hand.
+    alone : bool
+        Whether the given file has more than the hand, which thus needs a URDF of its own.
     """
 
     name: str
@@ -92,6 +95,7 @@ class Guess:
     axes: Floats
     no_contact: tuple[tuple[str, ...], ...] = ()
     passing: tuple[str, ...] = ()
+    alone: bool = False
 
     def write(self) -> GuessedHand:
         """Write the file of the guess."""
@@ -99,7 +103,7 @@ class Guess:
 
     def written(self, text: str, review: tuple[str, ...]) -> GuessedHand:
         """Return a file of this hand with the URDF that it needs."""
-        return GuessedHand(self.name, text, review, self.fitted, self.fitted.text if self.cut else None)
+        return GuessedHand(self.name, text, review, self.fitted, self.fitted.text if self.alone else None)
 
     def text(self, closing: Closing, frame: Frame, found: str | None = None) -> tuple[str, tuple[str, ...]]:
         """Return the file of a hand that closes so and has this grasp frame, and what to review of it.
@@ -146,7 +150,8 @@ def guess_hand(
     no_contact : sequence of sequences of str
         Lists of links and colliders that do not touch each other, such as `FittedUrdf.no_contact`.
     base : str, optional
-        A link of the palm; by default the link from which chains branch. What is above it is left out.
+        A link of the palm, of an MJCF file a body; by default the link from which chains branch. What is above it is
+        left out.
 
     Raises
     ------
@@ -163,25 +168,51 @@ def begin_guess(
     name: str | None = None,
     no_contact: Sequence[Sequence[str]] = (),
     base: str | None = None,
+    leaves_out: Callable[[], object] = lambda: None,
 ) -> Guess:
-    """Guess how a hand closes and where it grasps; parameters and errors as for `guess_hand`."""
+    """Guess how a hand closes and where it grasps; parameters and errors as for `guess_hand`.
+
+    `leaves_out` is called as soon as it is known that the file has more than the hand, and may raise.
+    """
     path = Path(urdf)
     read_bounded(path, LARGEST)  # raises if it cannot be read
+    chosen = base is not None and is_mjcf(read_text(path))
     cut: Cut | None = None
+    if chosen:
+        leaves_out()
 
     def hand_alone(text: str) -> str:
         nonlocal cut
         cut = cut_above_palm(path, text, base)
-        return text if cut is None else cut.text
+        if cut is None:
+            return text
+        leaves_out()
+        return cut.text
 
     def check(text: str, place: str) -> None:
         _check_joints(path, describe_urdf(text, place))
 
     # What is wrong besides meshes is found before minutes of fitting.
-    fitted = read_hand(path, check, hand_alone)
+    fitted = read_hand(path, check, None if chosen else hand_alone, base)
+    guess = _guessed(path, path.stem if name is None else name, fitted, cut, no_contact)
+    return replace(guess, alone=chosen or cut is not None)
+
+
+def guess_converted(mjcf: Path, fitted: FittedUrdf, urdf: str, name: str, base: str | None) -> GuessedHand:
+    """Guess a ``hand.toml`` for a converted MJCF file, whose URDF will be the file `urdf`; its base stays if given."""
+    cut = None if base is not None else cut_above_palm(mjcf, fitted.text)
+    converted = replace(fitted, text=fitted.text if cut is None else cut.text, name=f"{mjcf} (converted)")
+    return replace(_guessed(mjcf, name, converted, cut), urdf=urdf, alone=True).write()
+
+
+def _guessed(
+    path: Path, name: str, fitted: FittedUrdf, cut: Cut | None, no_contact: Sequence[Sequence[str]] = ()
+) -> Guess:
+    """Guess from the URDF of the hand alone; `path` is the file that errors name."""
     names = (fitted.name, "hand.toml")
     links = describe_urdf(fitted.text, names[0])
     _check_joints(path, links)
+    fitted = _of_hand(fitted, links)
     fingers = Fingers(Hand(fitted.text, tables.minimal(links), names))
     if not fingers.tips:
         raise HandError(f"{path}: no link that a joint moves has a collision shape; a hand touches objects with them")
@@ -189,18 +220,25 @@ def begin_guess(
     z = approach_of(fingers, closing)
     closing = with_raised_fingers(fingers, closing, z)
     pads = guess_pads(fingers, closing)
-    chosen = (path.stem if name is None else name).encode(errors="replace").decode()
-    apart = _still_there((*map(tuple, no_contact), *fitted.no_contact), links, fitted)
-    guess = Guess(chosen, path.name, fitted, cut, fingers, closing, pads, axes_of(fingers, closing, z), apart)
+    written = name.encode(errors="replace").decode()
+    apart = _still_there((*map(tuple, no_contact), *fitted.no_contact), links)
+    guess = Guess(written, path.name, fitted, cut, fingers, closing, pads, axes_of(fingers, closing, z), apart)
     passing = passing_links(Hand(fitted.text, guess.write().text, names))
     return replace(guess, passing=tuple(passing))
 
 
-def _still_there(
-    lists: Sequence[tuple[str, ...]], links: tuple[Link, ...], fitted: FittedUrdf
-) -> tuple[tuple[str, ...], ...]:
+def _of_hand(fitted: FittedUrdf, links: tuple[Link, ...]) -> FittedUrdf:
+    """Leave out the fits of meshes and loops of a converted file that are not below the palm."""
+    shapes, joints = {shape.name for link in links for shape in link.shapes}, {link.joint for link in links}
+    fits = {name: fit for name, fit in fitted.fits.items() if {name, f"{name}.0"} & shapes}
+    return replace(fitted, fits=fits, loops={name: fit for name, fit in fitted.loops.items() if name in joints})
+
+
+def _still_there(lists: Sequence[tuple[str, ...]], links: tuple[Link, ...]) -> tuple[tuple[str, ...], ...]:
     """Keep the names of links and colliders that the hand has, in lists that still name two."""
-    known = {link.name for link in links} | {shape.name for link in links for shape in link.shapes} | set(fitted.fits)
+    shapes = {shape.name for link in links for shape in link.shapes}
+    # NAME also stands for NAME.0, NAME.1, ...
+    known = {link.name for link in links} | shapes | {re.sub(r"\.\d+$", "", name) for name in shapes}
     kept = (tuple(name for name in names if name in known) for names in lists)
     return tuple(names for names in kept if len(names) > 1)
 

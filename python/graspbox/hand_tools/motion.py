@@ -77,11 +77,14 @@ def overlaps(checked: CheckedHand) -> Iterator[Finding]:
         return
     groups = np.sort(checked.chains[pairs], axis=1)
     facing = checked.pads[pairs].all(axis=1) & (groups[:, 0] != groups[:, 1])
-    seen: set[tuple[str, str, bool]] = set()
+    seen: set[tuple[str, str]] = set()
     for name, preshape in checked.preshapes:
         motion = _motion(checked, preshape, pairs)
         for group in np.unique(groups, axis=0):
             own = np.flatnonzero((groups == group).all(axis=1))
+            if group[0] != group[1]:
+                # Shapes that overlap in the open hand pass through each other: these do so only by their boxes.
+                own = own[motion[0, own] >= -_DEPTH]
             deep = motion[:, own] < -_DEPTH
             if not deep.any():
                 continue
@@ -91,7 +94,7 @@ def overlaps(checked: CheckedHand) -> Iterator[Finding]:
             involved = facing & np.isin(groups, group).any(axis=1)
             apart = float(motion[: step + 1, involved].min()) if involved.any() else np.inf
             finding = _overlap(checked, pairs[pair], name, step, float(-motion[:, pair].min()), apart)
-            key = (finding.subject, finding.severity, step == 0)
+            key = (finding.subject, finding.severity)
             if key not in seen:
                 seen.add(key)
                 yield finding
@@ -112,15 +115,12 @@ def _overlap(checked: CheckedHand, pair: Ints, preshape: str, step: int, deepest
     if chains[0] == chains[1]:
         severity, message = "note", "links of one chain overlap; the simulation lets them, a real finger may not"
         remedy = "check limits and mimic ratios if the picture shows it, else shrink the boxes"
-    elif step > 0 and checked.pads[[i, j]].all():
+    elif checked.pads[[i, j]].all():
         severity, message, remedy = "note", "pads touch as the empty hand closes", ""
-    elif step > 0 and (chains < 0).any():
+    elif (chains < 0).any():
         severity, message, remedy = "note", "a finger closes onto the palm", ""
-    elif step > 0 and apart < _MEET:
+    elif apart < _MEET:
         severity, message, remedy = "note", "fingers touch as the empty hand closes, where their pads meet", ""
-    elif step == 0:
-        message = "they overlap in the open hand, so the simulation starts by pushing them apart"
-        remedy = "shrink or move one of the shapes, or correct the origin of a joint"
     else:
         distance = f"with the pads {apart * 1e3:.0f} mm apart" if np.isfinite(apart) else "before any pad"
         message = f"bare shapes meet {distance}, so the fingers stop there and cannot close further"

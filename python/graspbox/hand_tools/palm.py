@@ -15,6 +15,8 @@ __all__ = ["Cut", "cut_above_palm"]
 _ARM = 4
 #: Joints between two bodies from which chains branch, from which on the first one is no palm.
 _WRIST = 3
+#: Most links, as in the core.
+_LINKS = 192
 #: Most candidates that an error names.
 _NAMED = 8
 
@@ -56,9 +58,14 @@ class _Link:
 
 
 class _Tree:
-    """The links of a URDF as a tree; rigid bodies are given by their first links."""
+    """The links of a URDF as a tree; rigid bodies are given by their first links.
+
+    Raises ValueError for what is no tree, or too large.
+    """
 
     def __init__(self, robot: ElementTree.Element) -> None:
+        if len(robot.findall("link")) > _LINKS:
+            raise ValueError("too many links")
         self.links = {
             name: _Link(name, link.find("collision") is not None or link.find("visual") is not None)
             for link in robot.findall("link")
@@ -67,12 +74,16 @@ class _Tree:
         for joint in robot.findall("joint"):
             parent, child = (_attribute(joint, kind, "link") for kind in ("parent", "child"))
             if parent not in self.links or child not in self.links or self.links[child].parent:
-                continue
+                raise ValueError("joints between other links than those of a tree")
             link = self.links[child]
             link.parent, link.joint = parent, joint.get("name", "")
             link.moves, link.follows = joint.get("type") != "fixed", _attribute(joint, "mimic", "joint")
-            link.axis = tuple(map(float, (_attribute(joint, "axis", "xyz") or "1 0 0").split()))
+            link.axis = _axis(joint)
             self.links[parent].children.append(child)
+        roots = [name for name, link in self.links.items() if not link.parent]
+        if len(roots) != 1 or len(self.under(roots[0])) < len(robot.findall("link")):
+            raise ValueError("several roots, joints in a ring, or links with the same name")
+        self.root = roots[0]
 
     def first(self, name: str) -> str:
         """Return the first link of the rigid body of a link."""
@@ -134,6 +145,13 @@ def _attribute(joint: ElementTree.Element, tag: str, key: str) -> str:
     return "" if element is None else element.get(key, "")
 
 
+def _axis(joint: ElementTree.Element) -> tuple[float, ...]:
+    axis = tuple(map(float, (_attribute(joint, "axis", "xyz") or "1 0 0").split()))
+    if len(axis) != 3 or not np.isfinite(axis).all():
+        raise ValueError("an axis has three finite numbers")
+    return axis
+
+
 def cut_above_palm(path: Path, text: str, base: str | None = None) -> Cut | None:
     """Cut off what is above the palm of a URDF, such as an arm or a wrist; None where the hand begins with its root.
 
@@ -157,13 +175,10 @@ def cut_above_palm(path: Path, text: str, base: str | None = None) -> Cut | None
         tree = _Tree(robot)
     except (ElementTree.ParseError, ValueError):
         return None
-    roots = [name for name, link in tree.links.items() if not link.parent]
     if base is not None and base not in tree.links:
         known = ", ".join(list(tree.links)[:_NAMED])
         raise HandError(f"{path}: there is no link {base!r}, the base of the hand; its links are {known}, ...")
-    if len(roots) != 1:
-        return None
-    palm = tree.first(base) if base is not None else _palm(path, tree, roots[0])
+    palm = tree.first(base) if base is not None else _palm(path, tree, tree.root)
     above = tuple(link.joint for link in tree.above(palm))
     kept = set(tree.under(palm))
     if not above:

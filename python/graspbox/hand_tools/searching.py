@@ -22,10 +22,10 @@ from graspbox.configs import PlanConfig
 from graspbox.errors import ConfigError, HandError
 from graspbox.hand_tools.guessing import Guess, GuessedHand
 from graspbox.hand_tools.postures import Posture, Postures
-from graspbox.hand_tools.trials import Judged, judge, resting
+from graspbox.hand_tools.trials import LEAST_OPENING, Judged, judge, resting
 from graspbox.hands import Hand
 
-__all__ = ["Budget", "SearchedHand", "search_hand"]
+__all__ = ["Budget", "SearchedHand", "search_hand", "was_interrupted"]
 
 #: Numbers of the objects that candidates are tried with, and of those that decide in the end.
 _OBJECTS, _HELD_OUT = (0, 1), (10, 11, 12, 13)
@@ -38,7 +38,9 @@ _FIRST, _BATCH = 36, 4
 #: Standard deviation with which CMA-ES begins; first postures from which it begins again once it has converged.
 _SIGMA, _STARTS = 0.2, 4
 #: Changes with the method, so that a journal of another one is not continued. Largest journal, bytes.
-_METHOD, _LARGEST = 1, 64 << 20
+_METHOD, _LARGEST = 2, 64 << 20
+#: Last line of the journal of a search whose budget was used.
+_FINISHED = json.dumps({"finished": True})
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
@@ -133,7 +135,18 @@ def search_hand(
             told(run.trials, run.best_value)
     except KeyboardInterrupt:
         finished = False
-    return run.verdict(finished)
+    found = run.verdict(finished)
+    if finished:
+        run.close()
+    return found
+
+
+def was_interrupted(journal: Path) -> bool:
+    """Whether a journal is that of a search that did not use up its budget, so that it may replace its own files."""
+    if not journal.exists():
+        return False
+    lines = read_bounded(journal, _LARGEST).decode(errors="replace").splitlines()
+    return not lines or lines[-1] != _FINISHED
 
 
 @dataclass(frozen=True)
@@ -158,6 +171,12 @@ class _Run:
         text = guess.write().text
         self._first_hand = Hand(guess.fitted.text, text)
         self._opening = self._postures.opening()
+        if self._opening < LEAST_OPENING:
+            raise HandError(
+                f"{guess.urdf}: the hand opens by {1e3 * self._opening:.1f} mm between its fingers, and a search needs "
+                f"{1e3 * LEAST_OPENING:g} mm for an object; check the limits and axes of its joints, or leave out "
+                "--search"
+            )
         self._tasks = resting(self._first_hand, self._opening, _OBJECTS)
         mark = hashlib.sha256(f"{_METHOD}\n{_core.__version__}\n{guess.fitted.text}\n{text}".encode()).hexdigest()
         self._head = {"search": mark, "seed": seed}
@@ -237,11 +256,17 @@ class _Run:
         tried.sort(key=lambda pair: -pair[0])
         for number in range(2**20):
             start = tried[number % _STARTS][1]
-            optimizer = self._cmaes.CMA(mean=start.point, sigma=_SIGMA, seed=self._seed + number)
+            # Its seeds have 32 bits.
+            seed = int(np.random.SeedSequence([self._seed, number]).generate_state(1)[0])
+            optimizer = self._cmaes.CMA(mean=start.point, sigma=_SIGMA, seed=seed)
             while not optimizer.should_stop():
                 points = [optimizer.ask() for _ in range(optimizer.population_size)]
                 values = yield [Posture(start.facing, point) for point in points]
                 optimizer.tell([(point, -value) for point, value in zip(points, values, strict=True)])
+
+    def close(self) -> None:
+        """Mark the journal as that of a finished search."""
+        write_text(self._journal, "\n".join([*self._lines, _FINISHED]) + "\n")
 
     def verdict(self, finished: bool) -> SearchedHand:
         """Compare the best posture with the guess on objects that were not searched with."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core, object_sets
 from graspbox.configs import DecomposeConfig, PlanConfig
-from graspbox.errors import GraspboxError, InternalError
+from graspbox.errors import GraspboxError, HandError, InternalError
 from graspbox.evaluation.planner_trials import ObjectResult, try_object
 from graspbox.hand_tools.bodies import Floats
 from graspbox.hand_tools.findings import CheckedHand, Finding
@@ -19,7 +19,10 @@ from graspbox.meshes import Mesh
 from graspbox.planning import plan
 from graspbox.simulation import Scene
 
-__all__ = ["Judged", "Task", "judge", "resting", "trials"]
+__all__ = ["LEAST_OPENING", "Judged", "Task", "judge", "resting", "trials"]
+
+#: Least opening for which objects are scaled down, metres: none of less than 5 mm or 10 mg are simulated.
+LEAST_OPENING = 10e-3
 
 #: Objects that are tried, and the first poses of each.
 _OBJECTS, _POSES = ("procedural:box:0", "procedural:can:0", "procedural:ball:0"), 5
@@ -79,7 +82,18 @@ def _result(checked: CheckedHand, name: str, seed: int) -> ObjectResult:
 
 
 def _fitting(opening: float, name: str) -> object_sets.ObjectSpec:
-    """Return the object of a name, scaled down to the opening of a hand, metres, if it is larger."""
+    """Return the object of a name, scaled down to the opening of a hand, metres, if it is larger.
+
+    Raises
+    ------
+    HandError
+        If nothing fits between the fingers.
+    """
+    if opening < LEAST_OPENING:
+        raise HandError(
+            f"the hand opens by {1e3 * opening:.1f} mm, too little for an object ({1e3 * LEAST_OPENING:g} mm); check "
+            "`travel` of the closing actuators and `width` in [[grasp.preshapes]]"
+        )
     mesh = object_sets.load(name)[0].load()
     middle = float(np.sort(mesh.bounds[1] - mesh.bounds[0])[1])
     scale = min(1.0, _FILLED * opening / middle)

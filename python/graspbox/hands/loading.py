@@ -1,7 +1,9 @@
 """Loading hands by name or from their two files."""
 
 import os
+import re
 import warnings
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -9,9 +11,9 @@ from typing import TypeAlias
 from graspbox._core import Hand
 from graspbox.errors import ConfigError, HandError
 from graspbox.hands.reading import read_hand
-from graspbox.hands.urdf_meshes import read_text
+from graspbox.hands.urdf_meshes import FittedUrdf, read_text
 
-__all__ = ["HandLike", "load_hand"]
+__all__ = ["AssumedWarning", "HandLike", "load_fitted", "load_hand", "told"]
 
 #: A name, a hand, or the paths of a URDF and a ``hand.toml``.
 HandLike: TypeAlias = str | Hand | tuple[str | os.PathLike[str], str | os.PathLike[str]]
@@ -48,21 +50,40 @@ def load_hand(hand: HandLike = "reflex") -> Hand:
     raise ConfigError(f"there is no hand {hand!r}; choose from {known}, or pass the paths of a URDF and a hand.toml")
 
 
+#: A name that may be that of a shape in place of a mesh.
+_UNKNOWN = re.compile(r"there is no (?:link or )?collider ")
 #: Files about whose assumptions a warning was given.
 _TOLD: set[str] = set()
 
 
-def _loaded(urdf: Path, toml: Path) -> Hand:
-    """Load a hand from its files; both are checked together before meshes are fitted."""
-    if not urdf.is_file() or not toml.is_file():
-        return Hand.load(urdf, toml)  # raises
+class AssumedWarning(UserWarning):
+    """The first of the sentences `assumed` about what the files of a hand do not state."""
+
+    def __init__(self, assumed: Sequence[str]) -> None:
+        self.assumed = tuple(assumed)
+        super().__init__(told(assumed, "in Hand.assumptions"))
+
+
+def told(assumed: Sequence[str], where: str) -> str:
+    """Return the first of some assumptions, and how many more there are, where."""
+    return assumed[0] if len(assumed) == 1 else f"{assumed[0]}; {len(assumed) - 1} more {where}"
+
+
+def load_fitted(urdf: Path, toml: Path) -> tuple[Hand, FittedUrdf]:
+    """Load a hand from its files, and its URDF without meshes; both are checked together before meshes are fitted."""
     text = read_text(toml)
     fitted = read_hand(urdf, partial(_check, text, str(toml)))
-    hand = Hand(fitted.text, text, (fitted.name, str(toml)), fitted.assumptions)
-    if (assumed := hand.assumptions) and fitted.name not in _TOLD:
+    return Hand(fitted.text, text, (fitted.name, str(toml)), fitted.assumptions), fitted
+
+
+def _loaded(urdf: Path, toml: Path) -> Hand:
+    """Load a hand from its files, and warn once of what was assumed."""
+    if not urdf.is_file() or not toml.is_file():
+        return Hand.load(urdf, toml)  # raises
+    hand, fitted = load_fitted(urdf, toml)
+    if hand.assumptions and fitted.name not in _TOLD:
         _TOLD.add(fitted.name)
-        more = f"; {len(assumed) - 1} more in Hand.assumptions" if len(assumed) > 1 else ""
-        warnings.warn(f"{assumed[0]}{more}", UserWarning, stacklevel=3)
+        warnings.warn(AssumedWarning(hand.assumptions), stacklevel=3)
     return hand
 
 
@@ -71,5 +92,5 @@ def _check(toml: str, toml_name: str, urdf: str, urdf_name: str) -> None:
     try:
         Hand(urdf, toml, (urdf_name, toml_name))
     except HandError as error:
-        if any("there is no collider" not in line for line in str(error).splitlines()[1:]):
+        if not all(_UNKNOWN.search(line) for line in str(error).splitlines()[1:]):
             raise

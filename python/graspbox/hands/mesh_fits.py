@@ -23,7 +23,7 @@ from graspbox._core import Mesh
 from graspbox.configs import DecomposeConfig
 from graspbox.hands.caching import cache_folder
 
-__all__ = ["MeshFit", "MeshFits", "Primitive", "cached_fits", "chosen", "fit_mesh", "fits_of"]
+__all__ = ["MeshFit", "MeshFits", "Primitive", "cached_fits", "chosen", "fit_mesh", "fits_of", "mesh_key"]
 
 Array = NDArray[np.float64]
 
@@ -151,8 +151,12 @@ def fit_mesh(mesh: Mesh) -> MeshFit:
     PlanError
         If the mesh is flat.
     """
-    content = mesh.vertices.tobytes() + mesh.faces.tobytes()
-    return chosen([cached_fits(hashlib.sha256(content).hexdigest(), lambda: fits_of(mesh))])[0]
+    return chosen([cached_fits(mesh_key(mesh), lambda: fits_of(mesh))])[0]
+
+
+def mesh_key(mesh: Mesh) -> str:
+    """Return the key of the fits of a mesh: its vertices and triangles."""
+    return hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
 
 
 def chosen(meshes: Sequence[MeshFits]) -> list[MeshFit]:

@@ -11,12 +11,15 @@ from typing import Any
 from graspbox._common.imports import imported
 from graspbox.errors import HandError
 from graspbox.hands.mjcf import urdf_of_mjcf
-from graspbox.hands.urdf_meshes import FittedUrdf, read_text, with_primitives
+from graspbox.hands.urdf_meshes import FittedUrdf, mesh_places, read_text, with_primitives
 
-__all__ = ["fitted_urdf", "read_hand"]
+__all__ = ["fitted_urdf", "is_mjcf", "read_hand"]
 
 #: The first element of an XML file, after declaration and comments.
 _ROOT = re.compile(r"\s*+(?:(?><\?.*?\?>|<!--.*?-->)\s*+)*+<([\w:.-]+)", re.DOTALL)
+_COMMENT, _XACRO = re.compile(r"<!--.*?-->", re.DOTALL), re.compile(r"<\s*xacro:")
+#: The error of a robot that has more parts than a hand may have.
+_TOO_MANY = re.compile(r"there are \d+ [\w ]+; at most \d+ are allowed")
 
 
 def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> FittedUrdf:
@@ -26,8 +29,8 @@ def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> Fitted
     ----------
     path : str or PathLike
         The URDF; a xacro is expanded (extra ``urdf``), an MJCF file converted (`urdf_of_mjcf`). Meshes are STL, OBJ,
-        PLY or COLLADA files in metres, named relative to its folder, by ``file://``, or by ``package://NAME/...``,
-        where a folder NAME above the URDF holds them.
+        PLY, OFF, GLB, glTF or COLLADA files in metres, named relative to its folder, by ``file://``, or by
+        ``package://NAME/...``, where a folder NAME above the URDF holds them.
     text : str, optional
         A URDF to use instead of the file's content, with the same lines.
 
@@ -47,23 +50,44 @@ def read_hand(
     path: Path,
     check: Callable[[str, str], object] | None = None,
     edit: Callable[[str], str] | None = None,
+    base: str | None = None,
 ) -> FittedUrdf:
     """Do as `fitted_urdf`, with an edited URDF.
 
     `check` is called with a text and its name before meshes are fitted, and may raise. `edit` returns the URDF to use
-    instead of a text.
+    instead of a text, which has no errors but numbers of parts that are too large. `base` is that of `urdf_of_mjcf`.
     """
     text = read_text(path)
-    root = _ROOT.match(text)
-    if root is not None and root[1] == "mujoco":
-        converted = replace(urdf_of_mjcf(path), name=f"{path} (converted)")
+    if is_mjcf(text):
+        converted = replace(urdf_of_mjcf(path, base), name=f"{path} (converted)")
         return converted if edit is None else replace(converted, text=edit(converted.text))
-    name = str(path)
-    if re.search(r"<\s*xacro:", text) and find_spec("xacrodoc") is not None:
+    name, places = str(path), None
+    if _XACRO.search(_COMMENT.sub("", text)) and find_spec("xacrodoc") is not None:
         text, name = _expanded(path), f"{path} (expanded)"
-    if edit is not None and (edited := edit(text)) != text:
-        text, name = edited, f"{name} (without what is above the palm)"
-    return with_primitives(text, path, name, None if check is None else lambda simple: check(simple, name))
+    if edit is not None:
+        # Errors of the whole have the lines of the file.
+        places = _places(text, name)
+        if (edited := edit(text)) != text:
+            text, name = edited, f"{name} (without what is above the palm)"
+        else:
+            places = None
+    return with_primitives(text, path, name, None if check is None else lambda simple: check(simple, name), places)
+
+
+def is_mjcf(text: str) -> bool:
+    """Whether a file is an MJCF file, by its first element."""
+    root = _ROOT.match(text)
+    return root is not None and root[1] == "mujoco"
+
+
+def _places(text: str, name: str) -> dict[str, str] | None:
+    """Return the places of the meshes of a URDF, and raise its errors; None if a part of it may be a hand."""
+    try:
+        return mesh_places(text, name)
+    except HandError as error:
+        if all(_TOO_MANY.search(line) for line in str(error).splitlines()[1:]):
+            return {}
+        raise
 
 
 def _expanded(path: Path) -> str:

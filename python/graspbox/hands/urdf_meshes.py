@@ -6,8 +6,9 @@ old one, so that errors and assumptions about it name those of the file.
 
 import hashlib
 import logging
+import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,9 @@ from graspbox._common.rotations import euler_from_rotation
 from graspbox.errors import FileError, GraspboxError, HandError, MissingExtraError
 from graspbox.hands.loop_fits import LoopFit
 from graspbox.hands.mesh_files import LARGEST_MESH, check_reader, read_mesh
-from graspbox.hands.mesh_fits import MeshFit, MeshFits, Primitive, cached_fits, chosen, fits_of
+from graspbox.hands.mesh_fits import MeshFit, MeshFits, Primitive, cached_fits, chosen, fits_of, mesh_key
 
-__all__ = ["FittedUrdf", "add_origin", "collisions", "numbers_text", "read_text", "with_primitives"]
+__all__ = ["FittedUrdf", "add_origin", "collisions", "mesh_places", "numbers_text", "read_text", "with_primitives"]
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,8 @@ _LOG = logging.getLogger(__name__)
 LARGEST = 1 << 20
 #: Most collision meshes of a hand.
 _MOST_MESHES = 256
+#: Mesh files whose triangles may be in files beside them.
+_WITH_OTHERS = (".gltf", ".glb")
 #: Time after which fitting shows its progress, seconds.
 _DELAY = 2.0
 
@@ -55,6 +58,8 @@ class FittedUrdf:
         What was assumed to make it, a sentence each; those about the text itself are in `graspbox.Hand.assumptions`.
     name : str
         What errors and assumptions about the text call it: the file with the same lines.
+    no_contact : tuple of tuple of str
+        Lists of links and colliders of an MJCF file that do not touch each other.
     """
 
     text: str
@@ -65,7 +70,13 @@ class FittedUrdf:
     no_contact: tuple[tuple[str, ...], ...] = ()
 
 
-def with_primitives(text: str, path: Path, name: str, check: Callable[[str], object] | None = None) -> FittedUrdf:
+def with_primitives(
+    text: str,
+    path: Path,
+    name: str,
+    check: Callable[[str], object] | None = None,
+    places: Mapping[str, str] | None = None,
+) -> FittedUrdf:
     """Replace the collision meshes of a URDF by primitives; without any, its text stays the same.
 
     Parameters
@@ -79,16 +90,19 @@ def with_primitives(text: str, path: Path, name: str, check: Callable[[str], obj
     check : callable, optional
         Called before meshes are fitted, which may take minutes, with the URDF with a box in place of each; raises the
         errors of what goes with it.
+    places : dict of str to str
+        For an edited text: the file and line that errors name for a mesh, by the name of its collider.
     """
     if not re.search(r"<\s*mesh\b", text):
         return FittedUrdf(text, {}, name=name)
     meshes, unnamed = _core.urdf_meshes(text, name)
     if len(meshes) > _MOST_MESHES:
         raise HandError(f"{name}: has {len(meshes)} collision meshes; merge them, or use primitives ({_MOST_MESHES})")
-    files = [_file_of(path.parent, name, mesh) for mesh in meshes]
+    at = [_place(name, mesh, places) for mesh in meshes]
+    files = [_file_of(path.parent, place, mesh["file"]) for place, mesh in zip(at, meshes, strict=True)]
     if check is not None:
         check(_replaced(text, meshes, unnamed, {mesh["name"]: (_PLACEHOLDER,) for mesh in meshes}))
-    found = _fitted(name, meshes, files)
+    found = _fitted(at, meshes, files)
     fits = dict(zip((mesh["name"] for mesh in meshes), chosen(found), strict=True))
     for each, fit in fits.items():
         _LOG.info(
@@ -102,12 +116,23 @@ def with_primitives(text: str, path: Path, name: str, check: Callable[[str], obj
 _PLACEHOLDER = Primitive("box", np.eye(4), (0.01, 0.01, 0.01))
 
 
-def _fitted(name: str, meshes: Sequence[dict[str, Any]], files: Sequence[Path]) -> list[MeshFits]:
+def mesh_places(text: str, name: str) -> dict[str, str]:
+    """Return the file and line of each collision mesh of a URDF, by the name of its collider; raise its errors."""
+    return {mesh["name"]: f"{name}:{mesh['line']}" for mesh in _core.urdf_meshes(text, name)[0]}
+
+
+def _place(name: str, mesh: dict[str, Any], places: Mapping[str, str] | None) -> str:
+    """Return what errors call a mesh; a visual one that collides only in an edited text has no line of the file."""
+    at = f"{name}:{mesh['line']}" if places is None else places.get(mesh["name"], name)
+    return f"{at}: collider {mesh['name']!r}: mesh {mesh['file']!r}"
+
+
+def _fitted(places: Sequence[str], meshes: Sequence[dict[str, Any]], files: Sequence[Path]) -> list[MeshFits]:
     """Fit primitives to every mesh."""
     found = []
     with ProgressBar("fit shapes to meshes", len(meshes), delay=_DELAY) as bar:
-        for number, (mesh, file) in enumerate(zip(meshes, files, strict=True)):
-            found.append(_fit(f"{name}:{mesh['line']}: collider {mesh['name']!r}", mesh, file))
+        for number, (place, mesh, file) in enumerate(zip(places, meshes, files, strict=True)):
+            found.append(_fit(place, mesh, file))
             bar.update(number + 1)
     return found
 
@@ -142,10 +167,10 @@ def read_text(path: Path) -> str:
         raise HandError(f"{path}: {error}") from None
 
 
-def _file_of(folder: Path, name: str, mesh: dict[str, Any]) -> Path:
+def _file_of(folder: Path, place: str, filename: str) -> Path:
     """Find the file of a mesh, and what reads it."""
-    place = f"{name}:{mesh['line']}: collider {mesh['name']!r}: mesh {mesh['file']!r}"
-    file = next((each for each in _places(folder, mesh["file"]) if each.is_file()), None)
+    # A name that is too long for the system is that of no file.
+    file = next((each for each in _places(folder, filename) if os.path.isfile(each)), None)
     if file is None:
         raise HandError(
             f"{place} is missing; name it from the URDF's folder, or as package://NAME/... with NAME above it"
@@ -158,12 +183,17 @@ def _fit(place: str, mesh: dict[str, Any], file: Path) -> MeshFits:
     """Fit primitives to the mesh of a collider, or take them from the cache."""
     try:
         content = read_bounded(file, LARGEST_MESH)
-        key = hashlib.sha256(f"{mesh['scale']} {file.suffix}".encode() + content).hexdigest()
+        if file.suffix.lower() in _WITH_OTHERS:
+            read = read_mesh(file, content, mesh["scale"])
+            return cached_fits(mesh_key(read), lambda: fits_of(read))
+        # Readers change with the version.
+        head = f"{_core.__version__} {mesh['scale']} {file.suffix.lower()} "
+        key = hashlib.sha256(head.encode() + content).hexdigest()
         return cached_fits(key, lambda: fits_of(read_mesh(file, content, mesh["scale"])))
     except MissingExtraError:
         raise
     except GraspboxError as error:
-        raise HandError(f"{place}: mesh {mesh['file']!r}: {error}") from None
+        raise HandError(f"{place}: {error}") from None
 
 
 def _places(folder: Path, filename: str) -> Iterator[Path]:
