@@ -128,8 +128,10 @@ def shown(value: object) -> str:
         text = repr(value)
     except ValueError:  # an integer of more digits than Python prints
         text = "too large"
-    text = " ".join(text.split())
-    return f"{text if len(text) <= _SHOWN else text[:_SHOWN] + '...'} ({kind})"
+    # Split no more than is shown: a list of numbers has as many words.
+    start = " ".join(text[: 8 * _SHOWN].split())
+    whole = len(text) <= 8 * _SHOWN and len(start) <= _SHOWN
+    return f"{start if whole else start[:_SHOWN] + '...'} ({kind})"
 
 
 def plain(value: Any, name: str, kind: Any = None, depth: int = 0) -> Any:
