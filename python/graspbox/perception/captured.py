@@ -24,7 +24,7 @@ from graspbox.errors import ConfigError
 from graspbox.perception.configs import EVERYTHING, CropConfig
 from graspbox.perception.crops import Crops, crop
 from graspbox.perception.depth_images import check_table, is_cut_out, points_of
-from graspbox.perception.depth_views import DepthView, Seen
+from graspbox.perception.depth_views import DepthView, Seen, voxels_of
 
 __all__ = ["MOST_THINGS", "Look", "Survey", "Things", "crop_of_a_thing", "look", "survey", "things"]
 
@@ -68,7 +68,7 @@ class Things(NamedTuple):
 class Survey(NamedTuple):
     """A real depth image: its levelled view, its things, and what was assumed.
 
-    What may be an obstacle are pixels `over` (H, W) the table, and their points (k, 3), table's frame, metres.
+    `points` (H, W, 3) are those of all pixels, table's frame, metres; pixels `over` (H, W) the table may be obstacles.
     """
 
     view: DepthView
@@ -178,7 +178,7 @@ def survey(
         found = things(view, config, within, bare=True)
         warnings.append("nothing rises above the table, so all that the image shows is the thing to grasp")
     over = np.nan_to_num(found.heights, nan=-1.0) > _OBSTACLE
-    return Survey(view, found, over, _points(over, view), tuple(warnings))
+    return Survey(view, found, over, _points(view), tuple(warnings))
 
 
 def look(
@@ -213,7 +213,7 @@ def look(
     view, found = scene.view, scene.things
     depth, lens, pose = _arrays(view)
     if mask is None:
-        best = _best(found, view, config)
+        best = _best(scene, config)
         if not best:
             raise ConfigError(_no_thing(depth))
         own = found.labels == best
@@ -232,12 +232,13 @@ def look(
             "the thing to grasp is more than 5 m from the table's origin; check the depth scale and the pose"
         )
     frame = made.world_from_crop[0]
-    target = view.voxels(own, frame, config)
-    warnings = (*scene.warnings, *_warnings_of_thing(own, target, view, config))
+    surface = scene.points[own]
+    target = voxels_of(surface, frame, config)
+    warnings = (*scene.warnings, *_warnings_of_thing(scene, own, target, config))
     # Where it is alone, nothing need be told apart.
-    others = view.voxels(labels & ~own, frame, config)
+    others = voxels_of(scene.points[labels & ~own], frame, config)
     seen = Seen(made, target, view, others) if others.any() else Seen(made, None, view)
-    return Look(seen, own, _spaced(_points(own, view)), _obstacles(scene, own, frame, config), warnings)
+    return Look(seen, own, _spaced(surface), _obstacles(scene, own, frame, config), warnings)
 
 
 def crop_of_a_thing(view: DepthView, config: CropConfig, rng: np.random.Generator) -> Crops:
@@ -264,10 +265,12 @@ def _arrays(view: DepthView) -> tuple[NDArray[np.float32], NDArray[np.float64], 
     )
 
 
-def _points(own: NDArray[np.bool_], view: DepthView) -> NDArray[np.float64]:
-    """Return the points (n, 3) of pixels, table's frame, metres."""
+def _points(view: DepthView) -> NDArray[np.float64]:
+    """Return the points (H, W, 3) of all pixels, table's frame, metres."""
     depth, lens, pose = _arrays(view)
-    return np.asarray(points_of(np.where(own, depth, 0.0), lens) @ pose[:3, :3].T + pose[:3, 3])
+    points = np.zeros((*depth.shape, 3))
+    points[depth > 0] = points_of(depth, lens) @ pose[:3, :3].T + pose[:3, 3]
+    return points
 
 
 def _spaced(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -295,20 +298,19 @@ def _is_cut(own: NDArray[np.bool_]) -> bool:
     return bool(own[:2].any() or own[-2:].any() or own[:, :2].any() or own[:, -2:].any())
 
 
-def _extent(own: NDArray[np.bool_], view: DepthView) -> float:
-    """Return the greater extent of pixels along the table's x and y, metres."""
-    points = _points(own, view)
+def _extent(points: NDArray[np.float64]) -> float:
+    """Return the greater extent of points (n, 3) along the table's x and y, metres."""
     return float(np.ptp(points[:, :2], axis=0).max()) if len(points) else 0.0
 
 
-def _best(found: Things, view: DepthView, config: CropConfig) -> int:
+def _best(scene: Survey, config: CropConfig) -> int:
     """Choose the thing to grasp; 0 if there is none."""
-    best, chosen = -np.inf, 0
-    middle = np.array(found.labels.shape) / 2
-    for label in range(1, int(found.labels.max()) + 1):
-        own = found.labels == label
+    best, chosen, labels = -np.inf, 0, scene.things.labels
+    middle = np.array(labels.shape) / 2
+    for label in range(1, int(labels.max()) + 1):
+        own = labels == label
         away = np.linalg.norm((np.array([places.mean() for places in np.nonzero(own)]) - middle) / middle)
-        large = _extent(own, view) > config.side
+        large = _extent(scene.points[own]) > config.side
         score = np.log(own.sum()) - _CUT * _is_cut(own) - _AWAY * away - _LARGE * large
         if score > best:
             best, chosen = float(score), label
@@ -322,10 +324,11 @@ def _obstacles(
 
     Those of its neighbours in the crop are among them: a completed shape may lack what is seen.
     """
-    local = (scene.points - frame[:3, 3]) @ frame[:3, :3]
+    points = scene.points[scene.over]
+    local = (points - frame[:3, 3]) @ frame[:3, :3]
     least = np.array(config.origin)
     grasped = ((local >= least) & (local < least + config.side)).all(axis=1) & own[scene.over]
-    return _spaced(scene.points[~grasped & (np.linalg.norm(local[:, :2], axis=1) < _REACH)])
+    return _spaced(points[~grasped & (np.linalg.norm(local[:, :2], axis=1) < _REACH)])
 
 
 def _warnings_of_lens(lens: NDArray[np.float64], shape: tuple[int, ...]) -> list[str]:
@@ -353,7 +356,7 @@ def _warnings_of_pose(given: NDArray[np.float64], leveled: NDArray[np.float64]) 
 
 
 def _warnings_of_thing(
-    own: NDArray[np.bool_], target: NDArray[np.bool_], view: DepthView, config: CropConfig
+    scene: Survey, own: NDArray[np.bool_], target: NDArray[np.bool_], config: CropConfig
 ) -> list[str]:
     """Warn of a thing that is cut, too large, or at an unusual distance."""
     found = []
@@ -361,13 +364,13 @@ def _warnings_of_thing(
         found.append(
             "the image's border cuts the thing to grasp: it may be a wall or the robot; pass a mask or a region"
         )
-    extent = _extent(own, view)
+    extent = _extent(scene.points[own])
     if extent > config.side or not target.any():
         found.append(
             f"the thing to grasp extends over {extent:.2f} m, more than the {config.side:.2f} m that the policy sees; "
             "pass the mask of one thing, and check intrinsics and depth scale"
         )
-    distance = float(np.median(view.metres()[own]))
+    distance = float(np.median(scene.view.metres()[own]))
     if not _LEARNED[0] <= distance <= _LEARNED[1]:
         found.append(
             f"the thing to grasp is {distance:.2f} m away, but policies learned from {_LEARNED[0]} to {_LEARNED[1]} m; "

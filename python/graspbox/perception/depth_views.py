@@ -13,7 +13,7 @@ from graspbox.perception.crops import Crops, crop
 from graspbox.perception.depth_images import points_of
 from graspbox.perception.leveling import level
 
-__all__ = ["DepthView", "Seen"]
+__all__ = ["DepthView", "Seen", "voxels_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +76,7 @@ class DepthView:
             raise ConfigError(f"the mask has shape {np.shape(pixels)}; pass bool {depth.shape}, as the image")
         points = points_of(np.where(pixels, depth, 0.0), floats(self.intrinsics, "intrinsics")).T
         crop_from_camera = np.linalg.inv(world_from_crop) @ floats(self.world_from_camera, "world_from_camera")
-        points = crop_from_camera[:3, :3] @ points + crop_from_camera[:3, 3:]
-        cells = np.floor((points.T - config.origin) / config.voxel_size).astype(np.int64)
-        inside = cells[((cells >= 0) & (cells < config.resolution)).all(axis=1)]
-        visible = np.zeros((config.resolution,) * 3, dtype=np.bool_)
-        visible[tuple(inside.T)] = True
-        return visible
+        return _filled((crop_from_camera[:3, :3] @ points + crop_from_camera[:3, 3:]).T, config)
 
 
 class Seen(NamedTuple):
@@ -95,3 +90,19 @@ class Seen(NamedTuple):
     target: NDArray[np.bool_] | None = None
     view: DepthView | None = None
     others: NDArray[np.bool_] | None = None
+
+
+def voxels_of(
+    points: NDArray[np.float64], world_from_crop: NDArray[np.float64], config: CropConfig
+) -> NDArray[np.bool_]:
+    """Return the voxels (N, N, N) of a crop that hold points (n, 3), world frame, metres."""
+    return _filled((points - world_from_crop[:3, 3]) @ world_from_crop[:3, :3], config)
+
+
+def _filled(points: NDArray[np.float64], config: CropConfig) -> NDArray[np.bool_]:
+    """Return the voxels (N, N, N) of a crop that hold points (n, 3) in its frame, metres."""
+    cells = np.floor((points - config.origin) / config.voxel_size).astype(np.int64)
+    inside = cells[((cells >= 0) & (cells < config.resolution)).all(axis=1)]
+    visible = np.zeros((config.resolution,) * 3, dtype=np.bool_)
+    visible[tuple(inside.T)] = True
+    return visible

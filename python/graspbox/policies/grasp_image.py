@@ -425,8 +425,11 @@ def _belongs(
     centers = {preshape: hand.closing_center(preshape) for preshape in np.unique(preshapes).tolist()}
     local = np.array([centers[preshape] for preshape in preshapes.tolist()]).reshape(-1, 3)
     points = np.einsum("nij,nj->ni", poses[:, :3, :3], local) + poses[:, :3, 3]
-    distances = np.array([np.linalg.norm(surface - point, axis=1).min() for point in points])
-    return distances < (_OF_SURFACE[0] if (distances < _OF_SURFACE[0]).any() else _OF_SURFACE[1])
+    middle = surface.mean(axis=0)
+    seen, wanted = surface - middle, points - middle
+    squares = (wanted**2).sum(axis=1)[:, None] - 2.0 * wanted @ seen.T + (seen**2).sum(axis=1)
+    distances = np.sqrt(np.maximum(squares.min(axis=1, initial=np.inf), 0.0))
+    return np.asarray(distances < (_OF_SURFACE[0] if (distances < _OF_SURFACE[0]).any() else _OF_SURFACE[1]))
 
 
 def _checked(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
