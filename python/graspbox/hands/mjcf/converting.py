@@ -91,20 +91,43 @@ def urdf_of_mjcf(path: str | os.PathLike[str], base: str | None = None) -> Fitte
     path = Path(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
+        lines = Lines(path)
+        assumed = None if lines.states_angle else _radians(mujoco, model, path)
+        if assumed is not None:
+            spec = mujoco.MjSpec.from_file(str(path))
+            spec.compiler.degree = False
+            model = spec.compile()
     except ValueError as error:
         raise HandError(f"{path}: {' '.join(str(error).split())}") from None
     try:
-        return _Converted(mujoco, model, path, base).urdf()
+        converted = _Converted(mujoco, model, path, lines, base)
+        if assumed is not None:
+            converted.assumptions.insert(0, assumed)
+        return converted.urdf()
     except HandError as error:
         raise HandError(f"{path}: {error}") from None
+
+
+def _radians(mujoco: Any, model: Any, path: Path) -> str | None:
+    """Return the assumption that angles are radians, where hinges hardly move if they are degrees, MuJoCo's default.
+
+    Files that are made to be included in others leave the unit to those.
+    """
+    limited = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
+    most = float(np.abs(model.jnt_range[limited]).max(initial=0.0))
+    if not 0.0 < most < _TINY_RANGE:
+        return None
+    return (
+        f"{path}: no <compiler angle=...>: angles are read as radians, since as degrees, MuJoCo's default, all hinges "
+        f'move within {np.degrees(most):.2g} degrees of 0; write <compiler angle="degree"/> if they do'
+    )
 
 
 class _Converted:
     """The links of a compiled model."""
 
-    def __init__(self, mujoco: Any, model: Any, path: Path, base: str | None) -> None:
-        self._mujoco, self._model, self._path = mujoco, model, path
-        self._lines = Lines(path)
+    def __init__(self, mujoco: Any, model: Any, path: Path, lines: Lines, base: str | None) -> None:
+        self._mujoco, self._model, self._path, self._lines = mujoco, model, path, lines
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         self._selected = select(mujoco, model, data, self._lines, base)
@@ -139,7 +162,6 @@ class _Converted:
         joints = [link.joint for link in self._links if link.joint is not None]
         ranges = {joint: self._limits(joint, mimics) for joint in joints}
         found = forces(self._mujoco, self._model, ranges, mimics)
-        self._note_angles(joints)
         for link in self._links:
             self._write_link(robot, link)
         for link in self._links:
@@ -277,21 +299,6 @@ class _Converted:
                 if of_palm or (first is not base and one[-2] is not two[-2]):
                     pairs.append((first.name, second.name))
         return contacts.apart(self._model, pairs, {link.name: link.geoms for link in shaped})
-
-    def _note_angles(self, joints: list[int]) -> None:
-        """Note hinges that hardly move, where the file does not say that its angles are degrees."""
-        model, hinge = self._model, self._mujoco.mjtJoint.mjJNT_HINGE
-        hinges = [joint for joint in joints if model.jnt_type[joint] == hinge and model.jnt_limited[joint]]
-        if self._lines.states_angle or not hinges:
-            return
-        most = {joint: float(np.abs(model.jnt_range[joint]).max()) for joint in hinges}
-        widest = max(most, key=most.__getitem__)
-        if most[widest] < _TINY_RANGE:
-            self.assumptions.insert(
-                0,
-                f"{self._path}: no <compiler angle=...>: angles are read as degrees, and all hinges move within "
-                f'{np.degrees(most[widest]):.2g} degrees of 0; if they are radians, write <compiler angle="radian"/>',
-            )
 
     def _write_link(self, robot: ElementTree.Element, link: _Link) -> None:
         element = ElementTree.SubElement(robot, "link", name=link.name)
