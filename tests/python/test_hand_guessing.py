@@ -184,7 +184,7 @@ def test_another_urdf_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_lines_are_those_of_files_that_exist(tmp_path: Path) -> None:
-    """Errors name the robot's, also of what is left out; assumptions that of the hand alone."""
+    """Errors name the robot's, but for those of what is left out; assumptions that of the hand alone."""
     links, joints = arm(2)
     robot, out = tmp_path / "robot.urdf", tmp_path / "hand.toml"
     text = urdf({**links, **JAWS}, {**joints, **SLIDES})
@@ -201,9 +201,11 @@ def test_lines_are_those_of_files_that_exist(tmp_path: Path) -> None:
     message = f"{robot}:{palm + 1}: collider 'palm_0': mesh 'none.stl' is missing"
     with pytest.raises(HandError, match=re.escape(message)):
         guess_hand(robot)
-    changed(arm_link, '<mass value="0.1"/>', '<mass value="-1"/>')
-    with pytest.raises(HandError, match=re.escape(f"{robot}:{arm_link + 1}: ")):
+    changed(palm, '<mass value="0.1"/>', '<mass value="-1"/>')
+    with pytest.raises(HandError, match=re.escape(f"{robot}:{palm + 1}: ")):
         guess_hand(robot)
+    changed(arm_link, '<mass value="0.1"/>', '<mass value="-1"/>')
+    assert loaded(guess_hand(robot)).joints == ["slide"]
     lines[palm] = re.sub("<inertial>.*</inertial>", "", lines[palm])
     robot.write_text("\n".join(lines))
     result = run("new", robot, "--out", out)

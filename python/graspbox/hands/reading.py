@@ -18,8 +18,6 @@ __all__ = ["fitted_urdf", "is_mjcf", "read_hand"]
 #: The first element of an XML file, after declaration and comments.
 _ROOT = re.compile(r"\s*+(?:(?><\?.*?\?>|<!--.*?-->)\s*+)*+<([\w:.-]+)", re.DOTALL)
 _COMMENT, _XACRO = re.compile(r"<!--.*?-->", re.DOTALL), re.compile(r"<\s*xacro:")
-#: The error of a robot that has more parts than a hand may have.
-_TOO_MANY = re.compile(r"there are \d+ [\w ]+; at most \d+ are allowed")
 
 
 def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> FittedUrdf:
@@ -55,7 +53,7 @@ def read_hand(
     """Do as `fitted_urdf`, with an edited URDF.
 
     `check` is called with a text and its name before meshes are fitted, and may raise. `edit` returns the URDF to use
-    instead of a text, which has no errors but numbers of parts that are too large. `base` is that of `urdf_of_mjcf`.
+    instead of a text; errors of what it leaves out do not matter. `base` is that of `urdf_of_mjcf`.
     """
     text = read_text(path)
     if is_mjcf(text):
@@ -64,13 +62,9 @@ def read_hand(
     name, places = str(path), None
     if _XACRO.search(_COMMENT.sub("", text)) and find_spec("xacrodoc") is not None:
         text, name = _expanded(path), f"{path} (expanded)"
-    if edit is not None:
-        # Errors of the whole have the lines of the file.
-        places = _places(text, name)
-        if (edited := edit(text)) != text:
-            text, name = edited, f"{name} (without what is above the palm)"
-        else:
-            places = None
+    if edit is not None and (edited := edit(text)) != text:
+        places = _places(text, name, edited)
+        text, name = edited, f"{name} (without what is above the palm)"
     return with_primitives(text, path, name, None if check is None else lambda simple: check(simple, name), places)
 
 
@@ -80,12 +74,19 @@ def is_mjcf(text: str) -> bool:
     return root is not None and root[1] == "mujoco"
 
 
-def _places(text: str, name: str) -> dict[str, str] | None:
-    """Return the places of the meshes of a URDF, and raise its errors; None if a part of it may be a hand."""
+def _places(text: str, name: str, edited: str) -> dict[str, str]:
+    """Return the places of the meshes of a URDF, and raise its errors, which have the lines of the file.
+
+    Errors of what the edited text leaves out do not matter; then no mesh has a place.
+    """
     try:
         return mesh_places(text, name)
-    except HandError as error:
-        if all(_TOO_MANY.search(line) for line in str(error).splitlines()[1:]):
+    except HandError:
+        try:
+            mesh_places(edited, name)
+        except HandError:
+            pass
+        else:
             return {}
         raise
 
