@@ -44,6 +44,16 @@ fn a_file_without_gaps_needs_no_assumption() {
 }
 
 #[test]
+fn shapes_without_size_are_left_out() {
+    for point in ["<sphere radius=\"0\"/>", "<box size=\"0 0 0\"/>", "<cylinder radius=\"0\" length=\"0\"/>"] {
+        let mark = format!("<collision name=\"mark\"><geometry>{point}</geometry></collision>");
+        let (hand, assumed) = changed("<link name=\"palm\">", &format!("<link name=\"palm\">{mark}"));
+        assert_eq!(assumed, ["hand.urdf:4: collider \"mark\": all its sizes are 0; it is left out"]);
+        assert!(hand.links.iter().flat_map(|link| &link.colliders).all(|shape| shape.name != "mark"));
+    }
+}
+
+#[test]
 fn frames_have_no_mass_and_stay_usable_by_name() {
     let frame = "<link name=\"tool\"/>\n<joint name=\"t\" type=\"fixed\"><parent link=\"right_tip\"/><child link=\"tool\"/></joint>";
     let (hand, assumed) = added(frame);

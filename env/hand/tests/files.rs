@@ -170,7 +170,11 @@ fn numbers_that_matter_cannot_have_are_refused() {
         "hand.urdf:59: joint \"left_root\": limit is [2, 1.5]; the upper end must be greater"
     );
     assert_eq!(
-        urdf_with("<sphere radius=\"0.01\"/>", "<sphere radius=\"0\"/>"),
+        urdf_with("<sphere radius=\"0.01\"/>", "<sphere radius=\"-0.01\"/>"),
+        "hand.urdf:32: collider \"left_ball\": least size is -0.01; it must be greater than 0 m"
+    );
+    assert_eq!(
+        urdf_with("<sphere radius=\"0.01\"/>", "<box size=\"0.01 0.01 0\"/>"),
         "hand.urdf:32: collider \"left_ball\": least size is 0; it must be greater than 0 m"
     );
 }

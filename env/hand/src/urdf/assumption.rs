@@ -113,6 +113,9 @@ pub enum AssumptionKind {
         from: &'static str,
         limits: [f64; 2],
     },
+    /// A shape without size.
+    #[error("collider \"{collider}\": all its sizes are 0; it is left out")]
+    Point { collider: String },
     /// A fixed joint that follows another one.
     #[error("joint \"{joint}\": is fixed; its <mimic> is ignored")]
     FixedFollower { joint: String },

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 
+use super::assumption::AssumptionKind;
 use super::element::Element;
 use super::names_of;
 use crate::error::{ProblemKind, Report};
@@ -93,6 +94,10 @@ impl<'a, 'r> ShapeReader<'a, 'r> {
             self.report.add(written.line, kind);
             return;
         };
+        if has_no_extent(shape) {
+            self.report.assume(shape.line, AssumptionKind::Point { collider: name.to_owned() });
+            return;
+        }
         let mut add = |name: String, shape, link_from_shape| {
             colliders.push(Collider { name, shape, link_from_shape, material: Material::Bare });
         };
@@ -161,6 +166,13 @@ impl<'a, 'r> ShapeReader<'a, 'r> {
             span: written.span.clone(),
         });
     }
+}
+
+/// Whether all sizes of a shape are 0, as of one that only marks a place.
+fn has_no_extent(shape: &Element) -> bool {
+    let lengths = ["radius", "length"].into_iter().filter_map(|name| shape.numbers::<1>(name)).flatten();
+    let sizes: Vec<f64> = lengths.chain(shape.numbers::<3>("size").into_iter().flatten()).collect();
+    shape.name != "mesh" && !sizes.is_empty() && sizes.iter().all(|size| *size == 0.0)
 }
 
 /// Size of a shape that is not known, metres.
