@@ -130,8 +130,8 @@ def search_hand(
     run = _Run(guess, journal, seed)
     began, finished = time.monotonic(), True
     try:
-        # With a time, all that is known counts, also if none is left.
-        while budget.leaves(run.trials, began) or (budget.trials is None and run.replays):
+        # With a time, all that is known counts, also if none is left. Nothing is worth more than 1.
+        while run.best_value < 1.0 and (budget.leaves(run.trials, began) or (budget.trials is None and run.replays)):
             run.step()
             told(run.trials, run.best_value)
     except KeyboardInterrupt:

@@ -3,6 +3,7 @@
 `graspbox.learn.recipes.settings.own_hand.OwnHandSettings` describes the stages.
 """
 
+import re
 import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from graspbox import load_hand, pictures
 from graspbox._common.files import write_text
 from graspbox._common.progress import shown_time
 from graspbox._common.runs import Run
-from graspbox.errors import HandError
+from graspbox.errors import ConfigError, HandError
 from graspbox.hand_tools import GuessedHand, check_hand
 from graspbox.hand_tools.guessing import Guess, begin_guess
 from graspbox.hand_tools.searching import Budget, search_hand
@@ -71,9 +72,10 @@ def train(settings: OwnHandSettings, command: str, echo: Callable[[str], None]) 
     MissingExtraError
         Without the package ``cmaes``.
     """
-    kept = settings.kept()
-    for policy in (settings.start, settings.completion):
-        read_depth_policy(folder_of(policy))
+    kept, command = settings.kept(), command.replace("graspbox train hand", "graspbox hand train", 1)
+    start, _ = (read_depth_policy(folder_of(policy)) for policy in (settings.start, settings.completion))
+    if start.hand_numbers is None:
+        raise ConfigError(f"--start is {settings.start!r}, a policy of the hand {start.hand!r}; name one of many hands")
     guess, given = None, None
     if not (settings.out / "hand.json").exists():
         if settings.given is None:
@@ -82,7 +84,7 @@ def train(settings: OwnHandSettings, command: str, echo: Callable[[str], None]) 
             given = load_hand(settings.given)
     with settings.run(echo, kept) as run:
         run_stages(run, _Context(settings, command, echo, guess, given), _stages(settings))
-        return _outcome(settings, run)
+        return _outcome(settings, run, command)
 
 
 def _stages(settings: OwnHandSettings) -> Iterator[Stage[_Context]]:
@@ -139,7 +141,8 @@ def _check(context: _Context, stage: Run) -> dict[str, Any]:
             f"{context.files[1]}: no policy can use this hand; correct the file (see {picture}), and repeat the "
             "command:\n" + "\n".join(lines)
         )
-    return {**report.table(), "picture": str(picture)}
+    worth = [each.row() for each in report.findings if each.severity != "note"]
+    return {**report.table(), "findings": worth, "picture": str(picture)}
 
 
 def _evaluate_start(context: _Context, stage: Run) -> dict[str, Any]:
@@ -158,18 +161,18 @@ def _train_policy(context: _Context, stage: Run, own: bool) -> dict[str, Any]:
     return {"policy": str(folder), "objects": {each: done["evaluate"][each] for each in options.evaluated}}
 
 
-def _outcome(settings: OwnHandSettings, run: Run) -> TrainingOutcome:
+def _outcome(settings: OwnHandSettings, run: Run, command: str) -> TrainingOutcome:
     """Return what the stages found, and the next commands."""
     made = {name: run.stages[name] for name in _POLICIES if name in run.stages}
     shares = {name: _share(stage["objects"]) for name, stage in made.items()}
     last, best = list(made)[-1], max(shares, key=lambda name: shares[name])
     policy = str(made[last]["policy"])
+    again = re.sub(r" --minutes\.own[ =]\S+", "", command)
     commands = [
         f"graspbox evaluate {shlex.quote(policy)} --objects {settings.tested[0][0]}",
         f"graspbox play {shlex.quote(policy)} --episodes 5 --video {shlex.quote(str(settings.out / 'policy.webp'))}",
+        f"{again} --minutes.own {settings.more_minutes:g}",
     ]
-    again = f"graspbox hand train {shlex.quote(settings.file)} --out {shlex.quote(str(settings.out))}"
-    commands.append(f"{again} --minutes.own {max(120.0, 2 * settings.minutes.own):g}  # further rounds, for hours")
     stages = [
         {"stage": name, "folder": str(settings.out / name), "figure": _figure(name, results), **results}
         for name, results in run.stages.items()
@@ -178,7 +181,7 @@ def _outcome(settings: OwnHandSettings, run: Run) -> TrainingOutcome:
     note = []
     if shares[best] > shares[last]:
         note = [f"{best} grasps more of these objects than {last}: the minutes were too few, or chance decided"]
-    text = "\n".join([*rows, *note, "", "Next:", *commands])
+    text = "\n".join([*rows, *note, "", "Evaluate it, watch it, train it further:", *commands])
     results = {"policy": policy, "best": str(made[best]["policy"]), "stages": stages, "next": commands}
     return TrainingOutcome(results, text)
 

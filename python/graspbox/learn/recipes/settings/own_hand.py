@@ -73,10 +73,10 @@ class OwnHandSettings(Options):
     """
 
     free: ClassVar[tuple[str, ...]] = (*Options.free, "minutes")
-    growing: ClassVar[dict[str, tuple[str, ...]]] = {"own_rounds": ("own*",)}
+    growing: ClassVar[dict[str, tuple[str, ...]]] = {"rounds_of_minutes_own": ("own*",)}
 
     file: Annotated[str, typer.Argument()]
-    """URDF, xacro or MJCF file of the hand. With its hand.toml after a comma, or a hand by name, nothing is searched."""
+    """URDF, xacro or MJCF file of the hand. Nothing is searched with its hand.toml after a comma, or a name instead."""
     name: str | None = None
     """Name of the hand and of its policies; that of the file by default."""
     base: str | None = None
@@ -124,12 +124,17 @@ class OwnHandSettings(Options):
         """Rounds of stage `own`."""
         return 0 if not self.minutes.own else max(1, int(self.minutes.own / _PER_ROUND))
 
+    @property
+    def more_minutes(self) -> float:
+        """Minutes of stage `own` for a later call."""
+        return _PER_ROUND * max(6, 2 * self.own_rounds)
+
     def kept(self) -> dict[str, Any]:
         """Return the options on which the results depend; of the files their names and contents, wherever they are."""
         files = [] if self.given == self.file else [Path(word) for word in self.file.split(",", 1)]
         content = hashlib.sha256(b"\0".join(read_bounded(path, LARGEST) for path in files)).hexdigest()[:16]
         named = ",".join(path.name for path in files) or self.file
-        return {**super().kept(), "file": named, "contents": content, "own_rounds": self.own_rounds}
+        return {**super().kept(), "file": named, "contents": content, "rounds_of_minutes_own": self.own_rounds}
 
     @property
     def tested(self) -> tuple[tuple[str, ...], int]:
