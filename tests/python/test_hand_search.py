@@ -130,7 +130,8 @@ def test_a_journal_counts_when_no_time_is_left(tmp_path: Path, small: None) -> N
     assert again.rows
     perfect = replace(guess, name="perfect")
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(searching, "judge", lambda hands, tasks, poses, **_: [[Judged(1, 1, 1, 1, 1.0)] for _ in hands])
+        firm = Judged(4, 4, 4, 4, 1.0)
+        patched.setattr(searching, "judge", lambda hands, tasks, *_, **__: [[firm] * len(tasks) for _ in hands])
         assert searched(perfect, tmp_path / "perfect", 5000).trials <= 48
 
 
