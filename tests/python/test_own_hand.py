@@ -15,6 +15,7 @@ from command_line import invoke  # noqa: E402
 from graspbox import load_hand  # noqa: E402
 from graspbox.errors import ConfigError, FileError, HandError  # noqa: E402
 from graspbox.hand_tools import guess_hand  # noqa: E402
+from graspbox.hand_tools.searching import search_hand  # noqa: E402
 from graspbox.learn.recipes import own_hand  # noqa: E402
 from graspbox.learn.recipes.settings.depth import DepthSettings  # noqa: E402
 from graspbox.learn.recipes.settings.own_hand import Minutes, OwnHandSettings  # noqa: E402
@@ -27,7 +28,7 @@ from test_hand_guessing import JAWS, turning  # noqa: E402
 pytestmark = pytest.mark.train
 POLICIES = Path(__file__).parents[2] / "policies"
 #: The published policies are installed for users; here they are folders.
-PUBLISHED = {"start": str(POLICIES / "any_hand"), "completion": str(POLICIES / "depth")}
+PUBLISHED: dict[str, Any] = {"start": str(POLICIES / "any_hand"), "completion": str(POLICIES / "depth")}
 BOTTLES = "procedural:bottle:2000-2003"
 
 
@@ -115,7 +116,7 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[DepthSettings | KeyboardInte
     def result(number: int) -> dict[str, Any]:
         return {"trials": 6, "succeeded": 7 - number, "rate": (7 - number) / 6, "ci95": [0.0, 1.0]}
 
-    monkeypatch.setattr(own_hand.depth, "train", train)
+    monkeypatch.setattr("graspbox.learn.recipes.depth.train", train)
     monkeypatch.setattr(own_hand, "evaluated", lambda *_: result(5))
     return calls
 
@@ -123,7 +124,7 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[DepthSettings | KeyboardInte
 def test_the_clock_decides_rounds_and_ctrl_c_loses_nothing(
     file: Path, tmp_path: Path, called: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out, search = tmp_path / "run", own_hand.search_hand
+    out = tmp_path / "run"
 
     def run(**minutes: float) -> TrainingOutcome:
         settings = OwnHandSettings(file=str(file), out=out, quick=True, minutes=Minutes(**minutes), **PUBLISHED)
@@ -133,7 +134,7 @@ def test_the_clock_decides_rounds_and_ctrl_c_loses_nothing(
         def stop(trials: int, best: float) -> None:
             raise KeyboardInterrupt
 
-        return search(*given, told=stop, **more)
+        return search_hand(*given, told=stop, **more)
 
     with monkeypatch.context() as patched:
         patched.setattr(own_hand, "search_hand", interrupt)
@@ -198,6 +199,8 @@ def test_wrong_input_is_refused_before_anything_is_written(file: Path, tmp_path:
     refused("there is no link 'wrist'", HandError, base="wrist")
     refused(r"--base is 'palm', but the hand has its hand\.toml", file="leap", base="palm")
     refused("a policy of the hand 'reflex'; name one of many hands", start=PUBLISHED["completion"])
+    refused("name objects from which nothing is learned", evaluated=("procedural:seen:0-9",))
+    refused("there is no policy 'any_hans'", start="any_hans")
     refused("--minutes.search is 0; pass a positive number", minutes=Minutes(search=0.0))
     refused("--minutes.tuned is 2; pass 5 or more", minutes=Minutes(tuned=2.0))
     refused("--minutes.tuned is nan; pass 5 or more", minutes=Minutes(tuned=float("nan")))

@@ -5,6 +5,7 @@
 
 import re
 import shlex
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +14,7 @@ from typing import Any
 
 from graspbox import load_hand, pictures
 from graspbox._common.files import write_text
+from graspbox._common.imports import imported
 from graspbox._common.progress import shown_time
 from graspbox._common.runs import Run
 from graspbox.errors import ConfigError, HandError
@@ -20,7 +22,9 @@ from graspbox.hand_tools import GuessedHand, check_hand
 from graspbox.hand_tools.guessing import Guess, begin_guess
 from graspbox.hand_tools.searching import Budget, search_hand
 from graspbox.hands import Hand
+from graspbox.hands.loading import AssumedWarning
 from graspbox.learn.recipes import depth
+from graspbox.learn.recipes.collection import unlearned
 from graspbox.learn.recipes.depth.evaluate import evaluated
 from graspbox.learn.recipes.settings.own_hand import OwnHandSettings
 from graspbox.learn.recipes.stages import Stage, run_stages
@@ -70,21 +74,33 @@ def train(settings: OwnHandSettings, command: str, echo: Callable[[str], None]) 
     ConfigError
         If the folder holds a run of another file or with other settings, or there is no policy to begin with.
     MissingExtraError
-        Without the package ``cmaes``.
+        Without a package that a stage needs.
     """
     kept, command = settings.kept(), command.replace("graspbox train hand", "graspbox hand train", 1)
-    start, _ = (read_depth_policy(folder_of(policy)) for policy in (settings.start, settings.completion))
+    _check_needs(settings)
+    with warnings.catch_warnings():
+        # The first stage logs what the file does not state.
+        warnings.simplefilter("ignore", AssumedWarning)
+        guess, given = None, None
+        if not (settings.out / "hand.json").exists():
+            if settings.given is None:
+                guess = begin_guess(settings.file, settings.name, base=settings.base)
+            else:
+                given = load_hand(settings.given)
+        with settings.run(echo, kept) as run:
+            run_stages(run, _Context(settings, command, echo, guess, given), _stages(settings))
+            return _outcome(settings, run, command)
+
+
+def _check_needs(settings: OwnHandSettings) -> None:
+    """Find what later stages lack before minutes of search."""
+    start, completion = (read_depth_policy(folder_of(policy)) for policy in (settings.start, settings.completion))
     if start.hand_numbers is None:
         raise ConfigError(f"--start is {settings.start!r}, a policy of the hand {start.hand!r}; name one of many hands")
-    guess, given = None, None
-    if not (settings.out / "hand.json").exists():
-        if settings.given is None:
-            guess = begin_guess(settings.file, settings.name, base=settings.base)
-        else:
-            given = load_hand(settings.given)
-    with settings.run(echo, kept) as run:
-        run_stages(run, _Context(settings, command, echo, guess, given), _stages(settings))
-        return _outcome(settings, run, command)
+    for objects in settings.tested[0]:
+        unlearned(objects, [*start.learned_from, *completion.learned_from])
+    for package, extra in (("cmaes", "search"), ("pyarrow", "data")):
+        imported(package, f"graspbox hand train needs the package {package}", extra)
 
 
 def _stages(settings: OwnHandSettings) -> Iterator[Stage[_Context]]:
