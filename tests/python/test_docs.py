@@ -141,6 +141,9 @@ def check_graspbox(words: list[str]) -> None:
     assert words[1] in {*entry_points_of(COMMANDS), "--help", "--version"}, words
     if len(words) == 2:  # named in a sentence
         return
+    if words[1:3] == ["hand", "train"] and "--out" in words:
+        parse("hand", words[3:])
+        return
     if words[1] == "train":
         assert words[2] in entry_points_of(TRAININGS), words
         if "--out" in words:

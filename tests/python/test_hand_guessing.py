@@ -17,6 +17,8 @@ from graspbox.hand_tools import GuessedHand, check_hand, guess_hand
 from graspbox.hand_tools.palm import cut_above_palm
 from made_hands import Box, Joint, urdf
 
+ASSETS = Path(__file__).parents[2] / "env/hand/assets"
+
 PALM = Box((0.0, 0.0, 0.015), (0.1, 0.05, 0.03))
 #: A pad in front of a finger that closes along x, or against it.
 LEFT, RIGHT = (
@@ -353,6 +355,23 @@ def test_slow_motors_are_taken_to_be_faster(tmp_path: Path) -> None:
 
 
 # What is said.
+
+
+@pytest.mark.parametrize(("effort", "believed"), [(0.93, True), (5.0, True), (10.0, False)])
+def test_efforts_that_no_finger_has_are_not_believed(effort: float, believed: bool, tmp_path: Path) -> None:
+    """Equal motors are judged together, where they push least.
+
+    5 N m are 52 N at the fingertip with the longest lever, and 217 N with the shortest.
+    """
+    path = tmp_path / "leap.urdf"
+    path.write_text((ASSETS / "leap/leap.urdf").read_text().replace('effort="0.93"', f'effort="{effort}"'))
+    limits = [actuator["load_limit"] for actuator in tomllib.loads(guess_hand(path).text)["actuators"]]
+    assert len(limits) == 16
+    source = "URDF: effort of the joint"
+    if not believed:
+        source = "guess: the URDF states an effort of 10 N m, which is not believable; 30 N at the fingertip"
+    assert {limit["source"] for limit in limits} == {source}
+    assert all((limit["value"] == effort) == believed for limit in limits)
 
 
 def test_wrong_lines_come_before_meshes(tmp_path: Path) -> None:

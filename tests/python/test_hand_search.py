@@ -121,6 +121,20 @@ def same_value(hands: Sequence[graspbox.Hand | None], tasks: Sequence[Any], pose
     return [[Judged(poses, poses, 1, 0, 0.4) for _ in tasks] for _ in hands]
 
 
+def test_a_journal_counts_when_no_time_is_left(tmp_path: Path, small: None) -> None:
+    """The verdict may have been interrupted; and nothing is searched once all grasps hold firmly."""
+    guess = wrong_guess(tmp_path)
+    searched(guess, tmp_path / "journal", 96)
+    again = search_hand(guess, Budget(seconds=0.0), tmp_path / "journal")
+    assert again.trials >= 96
+    assert again.rows
+    perfect = replace(guess, name="perfect")
+    with pytest.MonkeyPatch.context() as patched:
+        firm = Judged(4, 4, 4, 4, 1.0)
+        patched.setattr(searching, "judge", lambda hands, tasks, *_, **__: [[firm] * len(tasks) for _ in hands])
+        assert searched(perfect, tmp_path / "perfect", 5000).trials <= 48
+
+
 def test_large_seeds(tmp_path: Path, small: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of CMA-ES have 32 bits, those of the command 64; each start has its own."""
     monkeypatch.setattr(searching, "judge", same_value)

@@ -22,6 +22,7 @@ from graspbox.learn.sb3.settings import Sb3Settings, read_parameters
 NEEDED = {
     "depth": [],
     "any-hand": [],
+    "hand": ["hand.urdf"],
     "feel": ["--policy", "policies/depth"],
     "head": ["--data", "out/data"],
     "clone": ["ppo", "out/shown"],
@@ -50,7 +51,7 @@ def test_help_names_every_option_and_loads_no_torch(name: str) -> None:
     assert done.stdout.rstrip().endswith("0 []")
     options = parse(name, ["--out", "x", *NEEDED[name]])
     for field in (one.name for one in fields(options)):
-        if field not in ("base", "algorithm", "demonstrations", "teacher", "hours", "sizes"):
+        if field not in ("base", "algorithm", "demonstrations", "teacher", "file", "hours", "minutes", "sizes"):
             assert f"--{field.replace('_', '-')}" in done.stdout, field
     listed = run("train", "--help")
     assert listed.returncode == 0

@@ -63,15 +63,16 @@ def test_a_policy_of_the_hand_is_trained(hand: tuple[str, str]) -> None:
     """The commands of the section about policies, in order, with few trials and small networks."""
     section = PAGE.partition("## 7. A policy")[2].partition("\n## ")[0]
     commands = re.findall(r"^```\n(graspbox .*?)\n```$", section, flags=re.DOTALL | re.MULTILINE)
-    assert [shlex.split(command)[1] for command in commands] == ["evaluate", "train", "evaluate"]
+    assert [shlex.split(command)[1] for command in commands] == ["evaluate", "hand", "evaluate"]
     for command in commands:
         # The published policies are installed for users; here they are folders.
         command = command.replace("\\\n", "").replace(" any_hand", f" {POLICIES}/any_hand")
-        words = shlex.split(command.replace("--completion depth", f"--completion {POLICIES}/depth"))[1:]
-        words += ["--trials", "2"] if words[0] == "evaluate" else ["--quick"]
+        words = shlex.split(command)[1:]
+        folders = ["--start", str(POLICIES / "any_hand"), "--completion", str(POLICIES / "depth")]
+        words += ["--trials", "2"] if words[0] == "evaluate" else ["--quick", *folders]
         result = invoke(words)
         assert result.exit_code == 0, result.output
-    folder = Path("out/pincher/policy")
+    folder = Path("out/pincher/tuned/policy")
     assert {"hand.urdf", "hand.toml", "scorer.onnx", "README.md"} <= {file.name for file in folder.iterdir()}
 
 

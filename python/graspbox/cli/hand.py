@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from graspbox._common.entry_points import load_entry_point
 from graspbox._common.files import check_output, write_text
 from graspbox.cli.common import Json, Seed, check_files, console, hand_like, print_json, print_table
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
@@ -250,6 +251,16 @@ def convert(
     write_text(urdf, guessed.fitted.text)
     write_text(toml, guessed.text)
     _print_guessed(guessed, replace(guessed.fitted, name=str(urdf)), toml, urdf, as_json)
+
+
+@hand_app.command(
+    "train", context_settings={"allow_extra_args": True, "ignore_unknown_options": True}, add_help_option=False
+)
+def train(context: typer.Context) -> None:
+    """Make a policy for a hand from its file: search, check, trials and training, in one folder (extra train)."""
+    trainings: typer.Typer = load_entry_point("graspbox.commands", "train", "command", "graspbox --help lists all")
+    words = ["hand", *context.args]
+    raise typer.Exit(typer.main.get_command(trainings).main(words, "graspbox train", standalone_mode=False) or 0)
 
 
 def _check_new(path: Path, force: bool) -> None:

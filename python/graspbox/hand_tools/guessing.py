@@ -25,8 +25,9 @@ __all__ = ["Guess", "GuessedHand", "begin_guess", "guess_converted", "guess_hand
 
 #: Greatest number of actuators, as in the core.
 _MOST = 32
-#: Force at a fingertip where the URDF has no effort or a placeholder, and the range that is believed, N.
-_FORCE, _BELIEVED = 30.0, (0.5, 300.0)
+#: Force at a fingertip where the URDF has no effort or a placeholder, and the range that is believed, N: of jaws the
+#: strongest that grasp (2F-85: 235 N), of hands with more fingers than two (3-Finger Gripper: 60 N; most 10 to 20 N).
+_FORCE, _LEAST_FORCE, _JAW, _FINGER = 30.0, 0.5, 300.0, 60.0
 #: Least range of a joint, rad or m, and least speed that is believed, rad/s or m/s.
 _LEAST_RANGE, _LEAST_SPEED = 1e-5, 1e-3
 #: Time in which a joint comes from the open hand to where the fingers meet at the speed of its motor, seconds; a trial
@@ -110,7 +111,8 @@ class Guess:
 
         `found` is the source of these, if they are no guess.
         """
-        drives = tuple(_drive(self.fingers, closing, index) for index in range(len(self.fingers.limits)))
+        levers = _levers(self.fingers, closing)
+        drives = tuple(_drive(self.fingers, closing, index, levers) for index in range(len(levers)))
         review = (*self._left_out, *_review(self.fingers, closing, drives, frame, found))
         if self.passing:
             review += (f"links that overlap in the open hand, and pass through each other: {', '.join(self.passing)}",)
@@ -260,20 +262,38 @@ def _check_joints(path: Path, links: tuple[Link, ...]) -> None:
             )
 
 
-def _drive(fingers: Fingers, closing: Closing, index: int) -> Drive:
+def _levers(fingers: Fingers, closing: Closing) -> Floats:
+    """Return how far the fingertips of the half-closed hand move by each independent joint, m/rad or 1: (n,).
+
+    A joint that others follow shares its force among the fingers that it moves.
+    """
+    half_closed, spans = (closing.opened + closing.closed) / 2, np.diff(fingers.limits, axis=1)[:, 0]
+    levers = []
+    for step in 1e-3 * np.diag(spans):
+        moved = fingers.tip_centers(half_closed + step) - fingers.tip_centers(half_closed - step)
+        levers.append(float(np.linalg.norm(moved, axis=1).sum()) / (2 * float(step.sum())))
+    return np.maximum(levers, _LEAST_LEVER)
+
+
+def _is_believed(fingers: Fingers, index: int, levers: Floats) -> bool:
+    """Whether the effort of an independent joint may be that of its motor.
+
+    Motors that are alike are judged where they push least: the same motor pushes more with a shorter lever.
+    """
+    joints = independent(fingers.described.links)
+    joint, jaw = joints[index], len(fingers.tips) <= 2 or joints[index].kind == "prismatic"
+    alike = [each.effort == joint.effort and each.kind == joint.kind for each in joints]
+    return _LEAST_FORCE <= joint.effort / float(levers[alike].max()) <= (_JAW if jaw else _FINGER)
+
+
+def _drive(fingers: Fingers, closing: Closing, index: int, levers: Floats) -> Drive:
     """Guess the servo of an independent joint."""
     joint = independent(fingers.described.links)[index]
     low, high = (float(limit) for limit in fingers.limits[index])
     closes = bool(closing.closes[index])
     rising = not closes or bool(closing.closed[index] > closing.opened[index])
-    step = np.zeros(len(fingers.limits))
-    step[index] = 1e-3 * (high - low)
-    half_closed, way = (closing.opened + closing.closed) / 2, abs(float(closing.meets[index] - closing.opened[index]))
-    moved = fingers.tip_centers(half_closed + step) - fingers.tip_centers(half_closed - step)
-    # A joint that others follow shares its force among the fingers that it moves.
-    lever = max(float(np.linalg.norm(moved, axis=1).sum()) / (2 * float(step[index])), _LEAST_LEVER)
-    force = joint.effort / lever
-    stated = _BELIEVED[0] <= force <= _BELIEVED[1]
+    way = abs(float(closing.meets[index] - closing.opened[index]))
+    stated = _is_believed(fingers, index, levers)
     return Drive(
         link=joint,
         limits=(low, high),
@@ -282,10 +302,10 @@ def _drive(fingers: Fingers, closing: Closing, index: int) -> Drive:
         offset=low if rising else high,
         neutral=float(closing.opened[index]) - low,
         opened=abs(float(closing.opened[index]) - (low if rising else high)),
-        load=joint.effort if stated else _FORCE * lever,
+        load=joint.effort if stated else _FORCE * float(levers[index]),
         load_stated=stated,
         speed=joint.velocity if joint.velocity >= max(_LEAST_SPEED, way / _IN_TIME) else None,
-        inertia=inertia_of(fingers.hand, index, half_closed),
+        inertia=inertia_of(fingers.hand, index, (closing.opened + closing.closed) / 2),
     )
 
 

@@ -130,7 +130,8 @@ def search_hand(
     run = _Run(guess, journal, seed)
     began, finished = time.monotonic(), True
     try:
-        while budget.leaves(run.trials, began):
+        # With a time, all that is known counts, also if none is left. Nothing is worth more than 1.
+        while run.best_value < 1.0 and (budget.leaves(run.trials, began) or (budget.trials is None and run.replays)):
             run.step()
             told(run.trials, run.best_value)
     except KeyboardInterrupt:
@@ -207,6 +208,11 @@ class _Run:
             except (ValueError, KeyError, TypeError):
                 break  # cut off by an interruption
         return known
+
+    @property
+    def replays(self) -> bool:
+        """Whether the journal has values of the next candidates."""
+        return len(self._lines) - 1 + len(self._asked) <= len(self._known)
 
     def step(self) -> None:
         """Judge the next candidates, or take their values from the journal."""

@@ -48,5 +48,5 @@ def _count(context: DepthContext, split: object_sets.Split, late: bool) -> int:
         spent = context.settings.hours.data
         raise ConfigError(
             f"{context.data[0]} has no trials of the split {split!r} after --hours.data {spent:g}; run the same "
-            "command with more, and it goes on"
+            "command with more (graspbox hand train: --minutes.tuned), and it goes on"
         ) from error

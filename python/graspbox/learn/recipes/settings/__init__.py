@@ -5,5 +5,6 @@
 | `depth` | ``graspbox train depth`` |
 | `any_hand` | ``graspbox train any-hand`` |
 | `feel` | ``graspbox train feel`` |
+| `own_hand` | ``graspbox hand train`` |
 | `head` | ``graspbox train head`` |
 """
