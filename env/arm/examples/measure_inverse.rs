@@ -35,7 +35,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 beyond += usize::from(q.iter().zip(&limits).any(|(x, [low, high])| !(low..=high).contains(&x)));
                 let met = arm.forward_kinematics(q).is_ok_and(|poses| {
                     let at = poses[arm.flange];
-                    (at.translation.vector - target.translation.vector).norm() < 2e-6 && at.rotation.angle_to(&target.rotation) < 2e-5
+                    (at.translation.vector - target.translation.vector).norm() < 2e-6
+                        && at.rotation.angle_to(&target.rotation) < 2e-5
                 });
                 unmet += usize::from(!met);
                 ControlFlow::Break(())

@@ -140,7 +140,8 @@ impl ArmBodies {
         let solids = |body: usize| {
             let first = carriers[body];
             let links = (0..arm.links.len()).filter(|link| arm.carrier(*link) == first);
-            let body_from_first = body.checked_sub(1).map_or_else(Isometry3::identity, |axis| *chain.axis_from_link(axis));
+            let body_from_first =
+                body.checked_sub(1).map_or_else(Isometry3::identity, |axis| *chain.axis_from_link(axis));
             links
                 .flat_map(|link| {
                     let body_from_link = body_from_first * poses[first].inverse() * poses[link];
@@ -200,7 +201,8 @@ impl ArmBodies {
     /// The shapes of a posture.
     pub(crate) fn place(&self, frames: &Frames) -> Placed {
         let at: Vec<Isometry3<f64>> = (0..self.bodies.len()).map(|body| frame(frames, body)).collect();
-        let shapes = |(body, at): (&Body, &Isometry3<f64>)| body.solids.iter().map(|s| at * s.body_from_shape).collect();
+        let shapes =
+            |(body, at): (&Body, &Isometry3<f64>)| body.solids.iter().map(|s| at * s.body_from_shape).collect();
         Placed {
             shapes: self.bodies.iter().zip(&at).map(shapes).collect(),
             centers: self.bodies.iter().zip(&at).map(|(body, at)| at * body.center).collect(),
@@ -235,13 +237,16 @@ impl ArmBodies {
     pub(crate) fn hand_contact(&self, placed: &Placed, frames: &Frames, hand: &Carried) -> Option<usize> {
         let last = frame(frames, self.bodies.len() - 1);
         let center = last * hand.body.center;
-        let near = |body: &&usize| {
-            (placed.centers[**body] - center).norm() <= self.bodies[**body].radius + hand.body.radius
-        };
+        let near =
+            |body: &&usize| (placed.centers[**body] - center).norm() <= self.bodies[**body].radius + hand.body.radius;
         hand.meets.iter().filter(near).copied().find(|&body| {
             hand.body.solids.iter().any(|own| {
                 let at = last * own.body_from_shape;
-                self.bodies[body].solids.iter().zip(&placed.shapes[body]).any(|(other, theirs)| own.overlaps(&at, other, theirs))
+                self.bodies[body]
+                    .solids
+                    .iter()
+                    .zip(&placed.shapes[body])
+                    .any(|(other, theirs)| own.overlaps(&at, other, theirs))
             })
         })
     }
@@ -309,4 +314,3 @@ pub(crate) fn is_near(shape: &Shape, point: &Vector3<f64>, distance: f64) -> boo
         Shape::Sphere { radius } => point.norm() <= radius + distance,
     }
 }
-

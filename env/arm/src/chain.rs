@@ -160,7 +160,10 @@ impl Chain {
             at = at.then(&axis.before);
             if axis.revolute {
                 let (sin, cos) = positions[index].sin_cos();
-                let (x, y) = (at.turn.column(0) * cos + at.turn.column(1) * sin, at.turn.column(1) * cos - at.turn.column(0) * sin);
+                let (x, y) = (
+                    at.turn.column(0) * cos + at.turn.column(1) * sin,
+                    at.turn.column(1) * cos - at.turn.column(0) * sin,
+                );
                 at.turn.set_column(0, &x);
                 at.turn.set_column(1, &y);
             } else {
@@ -250,8 +253,10 @@ impl Chain {
         // Points of axes i and i + 1 in the frame of axis i; a prismatic axis adds its travel.
         let travel: f64 =
             self.axes.iter().filter(|a| !a.revolute).map(|a| a.limits[0].abs().max(a.limits[1].abs())).sum();
-        let point = |axis: usize, slide: f64| self.axes[axis].before.turn.column(2) * slide + self.axes[axis].before.shift;
-        let between = |slides: &[f64], axis: usize| (point(axis + 1, slides[axis + 1]) - Vector3::z() * slides[axis]).norm();
+        let point =
+            |axis: usize, slide: f64| self.axes[axis].before.turn.column(2) * slide + self.axes[axis].before.shift;
+        let between =
+            |slides: &[f64], axis: usize| (point(axis + 1, slides[axis + 1]) - Vector3::z() * slides[axis]).norm();
         for _ in 0..SWEEPS {
             for axis in 0..count {
                 let cost = |slide: f64| {

@@ -123,7 +123,14 @@ impl<'a> Descent<'a> {
         let mut columns = [Vector6::zeros(); crate::chain::MAX_AXES];
         for (axis, column) in columns.iter_mut().enumerate().take(self.chain.len()) {
             let own = self.chain.column(&frames, axis);
-            *column = Vector6::new(own[0] * place, own[1] * place, own[2] * place, own[3] * turn, own[4] * turn, own[5] * turn);
+            *column = Vector6::new(
+                own[0] * place,
+                own[1] * place,
+                own[2] * place,
+                own[3] * turn,
+                own[4] * turn,
+                own[5] * turn,
+            );
         }
         let (a, r) = (away * place, rotation * turn);
         let weighted = Vector6::new(a.x, a.y, a.z, r.x, r.y, r.z);
@@ -189,7 +196,8 @@ impl<'a> Descent<'a> {
 
 /// Axis times angle of a rotation, with an angle in [0, pi].
 fn rotation_vector(turn: &Matrix3<f64>) -> Vector3<f64> {
-    let skew = Vector3::new(turn[(2, 1)] - turn[(1, 2)], turn[(0, 2)] - turn[(2, 0)], turn[(1, 0)] - turn[(0, 1)]) * 0.5;
+    let skew =
+        Vector3::new(turn[(2, 1)] - turn[(1, 2)], turn[(0, 2)] - turn[(2, 0)], turn[(1, 0)] - turn[(0, 1)]) * 0.5;
     let (sin, cos) = (skew.norm(), 0.5 * (turn.trace() - 1.0));
     if sin > 1e-6 {
         return skew * (sin.atan2(cos) / sin);

@@ -13,7 +13,9 @@ pub enum ArmError {
         z: f64,
     },
     /// The hand is heavier than the arm may carry.
-    #[error("hand \"{hand}\" weighs {mass:.2} kg, but arm \"{arm}\" carries {payload:.2} kg; choose another arm or hand")]
+    #[error(
+        "hand \"{hand}\" weighs {mass:.2} kg, but arm \"{arm}\" carries {payload:.2} kg; choose another arm or hand"
+    )]
     TooHeavy { hand: String, arm: String, mass: f64, payload: f64 },
     /// The mounted hand touches the arm where nothing moves.
     #[error(

@@ -35,8 +35,7 @@ impl Postures {
     pub fn new(chain: &Chain, seed: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let at_zero = chain.frames(&[0.0; MAX_AXES]).axes[0];
-        let mut table =
-            Self { seen: Vec::new(), postures: Vec::new(), first: at_zero, turns: chain.is_revolute(0) };
+        let mut table = Self { seen: Vec::new(), postures: Vec::new(), first: at_zero, turns: chain.is_revolute(0) };
         for _ in 0..COUNT {
             let positions = within_limits(chain, || random.random());
             let (seen, azimuth) = table.seen(&chain.frames(&positions).flange, chain.length());

@@ -63,8 +63,7 @@ impl Scene {
         if z < -UNDER {
             return Err(ArmError::UnderTable { z });
         }
-        for (what, count, limit) in
-            [("points", points.len(), MAX_POINTS), ("objects", obstacles.len(), MAX_OBSTACLES)]
+        for (what, count, limit) in [("points", points.len(), MAX_POINTS), ("objects", obstacles.len(), MAX_OBSTACLES)]
         {
             if count > limit {
                 return Err(ArmError::TooMany { what, count, limit });

@@ -19,9 +19,9 @@ use nalgebra::Isometry3;
 
 use crate::error::{HandError, Problems, Report};
 use crate::kinematics::link_poses;
-use crate::load::{read_files, read_tree, read_table, sorted};
+use crate::load::{read_files, read_table, read_tree, sorted};
 use crate::model::{Hand, Joint, Link};
-use crate::urdf::assumption::Assumption;
+use crate::urdf::assumption::{Assumption, AssumptionKind};
 use assemble::assemble;
 use table::ArmTable;
 
@@ -106,7 +106,14 @@ impl Arm {
         tables.problems.sort_by_key(|p| p.line);
         links.problems.append(&mut tables.problems);
         match arm.filter(|_| links.problems.is_empty()) {
-            Some(arm) => Ok(Self { assumptions: sorted(links.assumptions), ..arm }),
+            Some(arm) => {
+                // Most links that only mark a frame, as of a flange, have no mass.
+                let frame = |told: &Assumption| {
+                    matches!(told.kind, AssumptionKind::Massless { .. } | AssumptionKind::Carried { .. })
+                };
+                let assumptions = links.assumptions.into_iter().filter(|told| !frame(told)).collect();
+                Ok(Self { assumptions: sorted(assumptions), ..arm })
+            }
             None => Err(HandError::InvalidArm(Problems(links.problems))),
         }
     }

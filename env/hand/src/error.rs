@@ -283,7 +283,9 @@ pub enum ProblemKind {
     #[error("link \"{flange}\" is not carried by \"{base}\"; base and flange must be on one chain of joints")]
     NotBeyond { flange: String, base: String },
     /// A joint of an arm that follows another one.
-    #[error("joint \"{name}\" is between base and flange and follows another joint; an arm's joints move independently")]
+    #[error(
+        "joint \"{name}\" is between base and flange and follows another joint; an arm's joints move independently"
+    )]
     AxisFollows { name: String },
     /// A joint of an arm without a greatest speed.
     #[error("joint \"{name}\" has no velocity in its <limit>; state it there, or as `speed` in [limits.{name}]")]

@@ -122,7 +122,8 @@ fn cut(
     }
     let parts = Parts { flange: kept[flange]?, links: kept_links, joints, lines };
     let on_path: BTreeSet<usize> = path.iter().filter_map(|link| kept[*link]).collect();
-    let chain = (0..parts.joints.len()).filter(|j| on_path.contains(&(j + 1)) && !parts.joints[*j].is_fixed()).collect();
+    let chain =
+        (0..parts.joints.len()).filter(|j| on_path.contains(&(j + 1)) && !parts.joints[*j].is_fixed()).collect();
     Some((parts, chain))
 }
 

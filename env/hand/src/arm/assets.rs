@@ -33,10 +33,7 @@ pub const ARMS: [ArmAsset; 4] = [asset!("fr3"), asset!("ur5e"), asset!("xarm7"),
 /// [`HandError::UnknownArm`] for any other name, with those that exist.
 pub fn arm_asset(name: &str) -> Result<&'static ArmAsset, HandError> {
     let found = ARMS.iter().find(|asset| asset.name == name);
-    found.ok_or_else(|| HandError::UnknownArm {
-        name: name.to_owned(),
-        known: ARMS.map(|asset| asset.name).join(", "),
-    })
+    found.ok_or_else(|| HandError::UnknownArm { name: name.to_owned(), known: ARMS.map(|asset| asset.name).join(", ") })
 }
 
 impl ArmAsset {

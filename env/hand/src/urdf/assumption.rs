@@ -114,7 +114,9 @@ pub enum AssumptionKind {
         limits: [f64; 2],
     },
     /// A link that is no part of an arm.
-    #[error("link \"{link}\": joint \"{joint}\" carries it beyond the flange or beside the arm; it is left out, with what it carries")]
+    #[error(
+        "link \"{link}\": joint \"{joint}\" carries it beyond the flange or beside the arm; it is left out, with what it carries"
+    )]
     LeftOut { link: String, joint: String },
     /// A fixed joint that follows another one.
     #[error("joint \"{joint}\": is fixed; its <mimic> is ignored")]
