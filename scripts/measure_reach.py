@@ -52,9 +52,9 @@ def main() -> None:
     base[0, 3] = BEHIND
     scenes = []
     for seed in range(arguments.scenes):
-        names = object_sets.load(f"procedural:{20 * seed}-{20 * seed + 19}")
-        drawn = [names[i].load() for i in np.random.default_rng(seed).permutation(len(names))[:30]]
-        scenes.append(graspbox.arrange(drawn, "packed", most=10, seed=seed, hand="panda_gripper"))
+        names = object_sets.load("procedural")
+        drawn = [names[i].load() for i in np.random.default_rng(seed).permutation(len(names))[:80]]
+        scenes.append(graspbox.arrange(drawn, "packed", most=10, spread=2.0, seed=seed, hand="panda_gripper"))
     grasps = [grasps_of(scene, arguments.each) for scene in scenes]
     print("arm     obstacles  grasps  reached  wall ms  processor ms")
     for name in arguments.arms:

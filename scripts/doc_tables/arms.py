@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+
 from doc_tables import environments
 from graspbox.arms import Arm
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import graspbox
 from graspbox import ReachConfig, _core, arms, errors
 from graspbox.arms import Arm, Reason
+from graspbox.arms.drafting import draft_arm
 from graspbox.hands.conventions import mechanism_of
 
 NAMES = Arm.names()
@@ -89,7 +90,9 @@ def test_grasps_that_are_reached_put_the_hand_there(name: str, plan: graspbox.Pl
     base = BASE.copy()
     base[0, 3] = -0.5 if name != "so101" else -0.25
     if name == "so101":
-        with pytest.raises(errors.ArmError, match=r"\"panda_gripper\" weighs 0\.76 kg, but arm \"so101\" carries 0\.20 kg"):
+        with pytest.raises(
+            errors.ArmError, match=r"\"panda_gripper\" weighs 0\.76 kg, but arm \"so101\" carries 0\.20 kg"
+        ):
             plan.reachable(name, base)
         return
     reach = plan.reachable(name, base)
@@ -118,7 +121,21 @@ def test_reasons_say_what_is_in_the_way(plan: graspbox.Plan) -> None:
     assert not seen.reached.any()
     assert (seen.reason[free.reached] == Reason.TOUCHES_POINTS).all()
     assert re.fullmatch(r"link\d touches what is seen", seen.why[int(np.argmax(free.reached))])
-    box = graspbox.object_sets.load("procedural:box:0")[0].load().scaled(6.0)
+    corners = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.5, 0.5) for z in (-0.2, 0.2)])
+    faces = [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+    ]
+    faces += [[1, 5, 7], [1, 7, 3]]
+    box = graspbox.mesh_from_arrays(corners, faces, name="box")
     place = np.eye(4)
     place[:3, 3] = -0.25, 0.0, 0.3
     touched = plan.reachable("fr3", BASE, objects=[(box, place)])
@@ -154,9 +171,9 @@ def test_wrong_arguments_are_named(plan: graspbox.Plan) -> None:
         arms.load_arm("panda")
     with pytest.raises(errors.ConfigError, match="is one file, but an arm has two"):
         arms.load_arm("arm.urdf")
-    mounted = np.eye(4)
-    mounted[2, 3] = -0.35  # inside the forearm
-    with pytest.raises(errors.ArmError, match=r"touches link \"link\d\" of arm \"fr3\" at home; give its mount"):
+    fr3 = Arm.named("fr3")
+    mounted = np.linalg.inv(fr3.flange_poses(fr3.home[None])[0])  # inside the base
+    with pytest.raises(errors.ArmError, match=r"touches link \"link0\" of arm \"fr3\" at home; give its mount"):
         plan.reachable("fr3", BASE, mount=mounted)
 
 
@@ -186,3 +203,28 @@ def test_any_hand_goes_on_any_arm(name: str, hand: str) -> None:
     pose = home @ mechanism_of(loaded).base_from_hand
     reach = arms.reachable(name, hand, np.stack([pose, pose]), [low, high], np.eye(4))
     assert reach.reached.all(), reach.why
+
+
+def test_a_first_file_is_drafted_and_loads(tmp_path: Path) -> None:
+    """Of a URDF of an arm with a jaw: the jaw is left out, and what is guessed is told."""
+    urdf = tmp_path / "with jaw.urdf"
+    inertia = (
+        '<inertial><mass value="0.1"/><inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>'
+    )
+    jaw = f'<link name="jaw">{inertia}</link><joint name="gripper" type="revolute"><parent link="flange"/>'
+    jaw += '<child link="jaw"/><axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>'
+    urdf.write_text(Arm.named("so101").files[0].replace("</robot>", f"{jaw}</robot>").replace('velocity="4.71"', "", 1))
+    draft = draft_arm(urdf)
+    assert (draft.arm.name, draft.arm.joints) == ("with_jaw", Arm.named("so101").joints)
+    assert draft.guesses[0] == "base: 'base_link', the root of the file"
+    assert draft.guesses[1].startswith("flange: 'flange'")
+    assert draft.guesses[-1] == "speeds of shoulder_pan, which the URDF does not state"
+    assert "it is left out" in draft.arm.assumptions[-1]
+    np.testing.assert_allclose(draft.arm.home, draft.arm.joint_limits.mean(axis=1), atol=1e-5)
+    (tmp_path / "arm.toml").write_text(draft.text)
+    with pytest.warns(UserWarning, match=r"it is left out.*"):
+        assert arms.load_arm((urdf, tmp_path / "arm.toml")).joints == draft.arm.joints
+    with pytest.raises(errors.ArmError, match="there is no link 'hand' for the flange; choose from base_link"):
+        draft_arm(urdf, flange="hand")
+    with pytest.raises(errors.ArmError, match="no joint moves between 'base_link' and 'base_link'"):
+        draft_arm(urdf, flange="base_link")

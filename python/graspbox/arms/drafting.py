@@ -14,6 +14,8 @@ __all__ = ["ArmDraft", "draft_arm"]
 
 #: Names of links that are frames of a flange, in the order in which they are taken.
 _FLANGES = ("flange", "tool0", "link_eef", "eef", "ee_link", "tool")
+#: Names of joints and links of grippers.
+_GRIPPER = re.compile("grip|jaw|finger|thumb|claw", re.IGNORECASE)
 #: Guessed payload, kg, and speed of joints for which the URDF states none, rad/s and m/s.
 _PAYLOAD, _SPEEDS = 1.0, {"revolute": 1.0, "prismatic": 0.1}
 _UNITS = {"revolute": "rad", "prismatic": "m"}
@@ -92,7 +94,7 @@ def _flange(links: list[dict[str, Any]], start: int) -> int:
         rigid = _rigid(links, body)
         next_ones = [i for i, link in enumerate(links) if link["parent"] in rigid and link["kind"] != "fixed"]
         # Behind the last joint of an arm, a gripper branches into fingers, or its one jaw moves alone.
-        moving = len(next_ones) == 1 and _is_deep(links, next_ones[0], body == start)
+        moving = len(next_ones) == 1 and not _is_jaw(links, next_ones[0])
         body = next_ones[0] if moving else body
     rigid = _rigid(links, body)
     for wanted in _FLANGES:
@@ -102,10 +104,13 @@ def _flange(links: list[dict[str, Any]], start: int) -> int:
     return body
 
 
-def _is_deep(links: list[dict[str, Any]], joint: int, first: bool) -> bool:
-    """Whether a joint belongs to the arm: it turns, is the first one, or further joints follow it."""
-    followed = any(link["parent"] in _rigid(links, joint) and link["kind"] != "fixed" for link in links)
-    return first or followed or links[joint]["kind"] == "revolute"
+def _is_jaw(links: list[dict[str, Any]], joint: int) -> bool:
+    """Whether a joint is that of a gripper: no joint follows it, and it slides or has such a name."""
+    rigid = _rigid(links, joint)
+    if any(link["parent"] in rigid and link["kind"] != "fixed" for link in links):
+        return False
+    own = links[joint]
+    return own["kind"] == "prismatic" or bool(_GRIPPER.search(own["joint"]))
 
 
 def _rigid(links: list[dict[str, Any]], body: int) -> set[int]:

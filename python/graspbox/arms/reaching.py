@@ -80,10 +80,12 @@ class Reach(ByValue):
 
     @property
     def reached(self) -> NDArray[np.bool_]:
+        """Return whether each pose is reached, (n,)."""
         return np.asarray(self.reason == Reason.REACHED)
 
     @property
     def joints(self) -> NDArray[np.float64]:
+        """Return the preferred postures, (n, k)."""
         return self.solutions[:, 0]
 
     def __len__(self) -> int:

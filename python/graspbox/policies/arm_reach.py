@@ -1,6 +1,6 @@
 """The arm that carries out grasps of an image: where it stands, and which of them it reaches."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +38,7 @@ class ArmAt:
     arm: Arm
     table_from_base: NDArray[np.float64]
     mount: NDArray[np.float64] | None = None
-    config: ReachConfig = ReachConfig()
+    config: ReachConfig = field(default_factory=ReachConfig)
 
     @classmethod
     def of(

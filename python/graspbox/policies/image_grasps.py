@@ -177,9 +177,15 @@ class SceneGrasps:
         return EarlierScene(self.labels, {label: one for label, one in best.items() if one is not None})
 
     def best(self) -> list[tuple[int, int]]:
-        """Return thing and rank of all grasps: free ones that the arm, if there is one, reaches first, then by success."""
+        """Return thing and rank of all grasps: first those that an arm reaches, then free ones, then by success."""
         pairs = [
-            (one.reach is not None and not one.reach.reached[rank], not one.free[rank], -float(one.success[rank]), label, rank)
+            (
+                one.reach is not None and not one.reach.reached[rank],
+                not one.free[rank],
+                -float(one.success[rank]),
+                label,
+                rank,
+            )
             for label, one in self.grasps.items()
             for rank in range(len(one))
         ]

@@ -8,8 +8,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from graspbox.captures.files import read_points, read_pose
 from graspbox._common.rotations import rotation_about
+from graspbox.captures.files import read_points, read_pose
 from graspbox.cli.common import Seed, hand_like
 from graspbox.errors import ConfigError
 from graspbox.perception.depth_images import camera_over_table, intrinsics_of
