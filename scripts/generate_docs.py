@@ -15,14 +15,17 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from doc_tables import cards, commands, environments
+from doc_tables import arms, cards, commands, environments
 from graspbox._common.programs import run_program
 from graspbox.data.trials import schema
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "python/graspbox/envs"
 #: Pages with tables.
-PAGES = tuple(ROOT / "docs" / name for name in ("reference/data.md", "reference/cli.md", "results/policies.md"))
+PAGES = tuple(
+    ROOT / "docs" / name
+    for name in ("reference/data.md", "reference/arms.md", "reference/cli.md", "results/policies.md")
+)
 #: Every table that a marker can name.
 TABLES = {
     **environments.tables(),
@@ -30,6 +33,7 @@ TABLES = {
     "images of a data set": lambda: data_table(schema.IMAGES),
     "commands": commands.command_sections,
     **cards.tables(),
+    **arms.tables(),
 }
 
 

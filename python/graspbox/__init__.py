@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from graspbox._common.imports import after_import
 
 if TYPE_CHECKING:
-    from graspbox import errors, evaluation, object_sets, policies
+    from graspbox import arms, errors, evaluation, object_sets, policies
     from graspbox._core import __version__
     from graspbox.configs import (
         CameraConfig,
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         PoseConfig,
         Randomization,
         RapierConfig,
+        ReachConfig,
         ShakeConfig,
         SuccessCriterion,
         TrialConfig,
@@ -69,6 +70,7 @@ __all__ = [
     "PoseConfig",
     "Randomization",
     "RapierConfig",
+    "ReachConfig",
     "Scene",
     "ShakeConfig",
     "SuccessCriterion",
@@ -78,6 +80,7 @@ __all__ = [
     "Views",
     "Voxels",
     "__version__",
+    "arms",
     "arrange",
     "decompose",
     "depth_millimetres",
@@ -99,6 +102,7 @@ __all__ = [
 
 #: Packages that an attribute of this one imports.
 _PACKAGES = (
+    "arms",
     "configs",
     "envs",
     "errors",
@@ -116,7 +120,8 @@ _NAMES = {
     "graspbox._core": "__version__",
     "graspbox.configs": (
         "CameraConfig CamerasConfig CleanConfig DecomposeConfig FrictionConfig ImplicitConfig LoadConfig PhysicsConfig "
-        "PictureConfig PlanConfig PoseConfig Randomization RapierConfig ShakeConfig SuccessCriterion TrialConfig"
+        "PictureConfig PlanConfig PoseConfig Randomization RapierConfig ReachConfig ShakeConfig SuccessCriterion "
+        "TrialConfig"
     ),
     "graspbox.errors": "GraspboxError",
     "graspbox.meshes": "Mesh load_mesh mesh_from_arrays",

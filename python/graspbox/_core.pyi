@@ -16,7 +16,9 @@ __all__ = [
     "CLEAR_OF_TABLE",
     "MESH_SUFFIXES",
     "PACKED_ATTEMPTS",
+    "REACH_REASONS",
     "REST_TIME",
+    "Arm",
     "Client",
     "EnvPool",
     "EnvironmentListener",
@@ -73,6 +75,8 @@ __version__: str
 MESH_SUFFIXES: tuple[str, ...]
 #: Attempts to place objects in a packed scene.
 PACKED_ATTEMPTS: int
+#: Names of the members of `graspbox.arms.Reason`, in the order of their values.
+REACH_REASONS: tuple[str, ...]
 #: Once the object has risen this far, it counts as dropped if it is lost, not as slipped, m.
 CLEAR_OF_TABLE: float
 #: Time over which the speed of an object in the hand is measured, s.
@@ -217,6 +221,97 @@ class Mesh:
 
         `world_from_object` is a pose (4, 4), metres; the z axis of the world is vertical.
         """
+
+@final
+class Arm:
+    """An arm, held in Rust: immutable, pickled and compared by the text of its URDF and its ``arm.toml``.
+
+    The flange frame is on the face that a hand is screwed to, z out of it; k is the number of joints that move it.
+    """
+
+    def __new__(
+        cls, urdf: str, toml: str, names: tuple[str, str] | None = None, assumptions: Sequence[str] = ...
+    ) -> Arm:
+        """Read an arm from the text of its files; `names` are those of the files in errors.
+
+        `assumptions` are those about the source of the URDF.
+        """
+    def __getnewargs__(self) -> tuple[str, str, tuple[str, str], list[str]]: ...
+    def __copy__(self) -> Arm: ...
+    def __deepcopy__(self, _memo: object, /) -> Arm: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    @staticmethod
+    def named(name: str) -> Arm:
+        """Take an arm that comes with the package."""
+    @staticmethod
+    def names() -> list[str]:
+        """Names of the arms that come with the package."""
+    @staticmethod
+    def load(urdf: str | PathLike[str], toml: str | PathLike[str]) -> Arm: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def files(self) -> tuple[str, str]:
+        """The text of its URDF and of its ``arm.toml``."""
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What its URDF does not state and was assumed: a sentence each, with file, line and element."""
+    @property
+    def joints(self) -> list[str]:
+        """Names of the k joints between base and flange."""
+    @property
+    def links(self) -> list[str]:
+        """Names of the links, the base first."""
+    @property
+    def joint_limits(self) -> NDArray[np.float64]:
+        """Least and greatest position of each joint, (k, 2), rad or m."""
+    @property
+    def speeds(self) -> NDArray[np.float64]:
+        """Greatest speed of each joint, (k,), rad/s or m/s."""
+    @property
+    def accelerations(self) -> NDArray[np.float64]:
+        """Greatest acceleration of each joint, (k,), rad/s2 or m/s2; inf where none is known."""
+    @property
+    def jerks(self) -> NDArray[np.float64]:
+        """Greatest jerk of each joint, (k,), rad/s3 or m/s3; inf where none is known."""
+    @property
+    def home(self) -> NDArray[np.float64]:
+        """Positions of the joints at home, (k,), rad or m."""
+    @property
+    def payload(self) -> float:
+        """Greatest mass at the flange, kg."""
+    @property
+    def reach_length(self) -> float:
+        """Bound of the distance between a point of the first joint's axis and one of the last's, metres."""
+    @property
+    def touching_by_design(self) -> list[tuple[str, str]]:
+        """Links that touch by design, beside neighbours: at home, or in nearly all postures."""
+    def flange_from_base_of(self, hand: Hand) -> NDArray[np.float64]:
+        """Pose of a hand's base link on the flange, (4, 4), as the files of both state it."""
+    def flange_poses(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``base_from_flange`` (n, 4, 4), with the joints at `positions` (n, k): forward kinematics."""
+    def link_frames(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``base_from_link`` (l, 4, 4), with the joints at `positions` (k,)."""
+    def jacobian(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Jacobian of the flange in the base's frame, (6, k): velocity (m), then angular velocity, per rad or m."""
+    def inverse(
+        self, poses: NDArray[np.float64], params: _Config, num_threads: int | None = None
+    ) -> dict[str, Any]: ...
+    def reach(
+        self,
+        poses: NDArray[np.float64],
+        preshapes: NDArray[np.float64],
+        hand: Hand,
+        world_from_base: NDArray[np.float64],
+        mount: NDArray[np.float64] | None,
+        points: NDArray[np.float64],
+        objects: Sequence[tuple[Mesh, NDArray[np.float64]]],
+        walls: Sequence[tuple[NDArray[np.float64], Sequence[float]]],
+        params: _Config,
+        cache: str | PathLike[str] | None,
+        num_threads: int | None,
+    ) -> dict[str, Any]: ...
 
 @final
 class Hand:

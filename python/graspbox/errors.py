@@ -42,6 +42,10 @@ class HandError(GraspboxError, ValueError):
     """The files that describe a hand are invalid; the message lists every wrong line."""
 
 
+class ArmError(GraspboxError, ValueError):
+    """The files that describe an arm are invalid, or the arm cannot carry the hand."""
+
+
 class PlanError(GraspboxError, ValueError):
     """No plan can be made for this object or hand, or a file contains no plan."""
 

@@ -1,6 +1,7 @@
 """Grasps for a user's own depth image: files and their units, the camera's pose, the command, the picture."""
 
 import json
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -311,6 +312,39 @@ def test_grasps_keep_off_what_stands_there(seen: Views, depth: NDArray[np.float6
         read_points(tmp_path / "none.npy")
 
 
+def test_grasps_that_an_arm_reaches_come_first(
+    seen: Views, depth: NDArray[np.float64], tiny: Path, tmp_path: Path
+) -> None:
+    from graspbox.policies.grasp_image import ImageGrasper
+
+    grasper, base = ImageGrasper(tiny), np.eye(4)
+    place = (depth, seen.intrinsics, seen.world_from_camera[0])
+    base[:3, 3] = -0.1, -0.55, 0.0
+    found = grasper.find(*place, count=5, arm="fr3", base=base)
+    assert found.reach is not None
+    assert len(found) == len(found.reach) == 5
+    assert found.reach.reached[0]
+    assert (np.diff(found.reach.reached.astype(int)) <= 0).all()
+    told = found.to_json()["grasps"][0]["arm"]
+    assert (told["name"], told["reached"], len(told["joints"])) == ("fr3", True, 7)
+    plain = grasper.find(*place, count=5)
+    assert plain.reach is None
+    assert "arm" not in plain.to_json()["grasps"][0]
+    things = grasper.find_all(*place, count=2, arm="fr3", base=base)
+    assert all(one.reach is not None and len(one.reach) == len(one) for one in things.grasps.values())
+    base[0, 3] = -3.0
+    far = grasper.find(*place, count=5, arm="fr3", base=base)
+    assert far.reach is not None
+    assert not far.reach.reached.any()
+    assert re.search(r"the arm fr3 reaches none of \d+ grasps: too far \(\d+\); move its base", far.warnings[-1])
+    with pytest.raises(errors.ConfigError, match="an arm needs its place: pass base"):
+        grasper.find(*place, arm="fr3")
+    with pytest.raises(errors.ConfigError, match="base and mount place an arm; pass arm too"):
+        grasper.find(*place, base=base)
+    with pytest.raises(errors.ConfigError, match="base is in the table's frame, which a table found in the image"):
+        grasper.find(*place[:2], arm="fr3", base=base)
+
+
 @pytest.mark.parametrize(("height", "tilt"), [(0.035, 0.0), (-0.035, 0.0), (0.0, 3.0), (0.0, -3.0), (0.02, 1.0)])
 def test_a_pose_that_is_a_little_wrong_is_corrected(
     height: float, tilt: float, seen: Views, depth: NDArray[np.float64], tiny: Path
@@ -384,6 +418,12 @@ def test_the_command_writes_grasps_and_a_picture(
     assert choices != [grasp["choice"] for grasp in written["grasps"]]
     huge = invoke([*words, "--hand-error", "600", "6"])
     assert "the hand's error is 600 mm and 6 degrees; pass 0 to 50 mm" in str(huge.exception)
+    armed = [*words, "--camera-pose", str(tmp_path / "pose.npy"), "--arm", "fr3"]
+    reached = invoke([*armed, "--base", "-0.1", "-0.55", "0", "90", "--json"])
+    assert json.loads(reached.stdout)["grasps"][0]["arm"]["reached"]
+    far = invoke([*armed, "--base", "-3", "0", "0", "0"])
+    assert far.exit_code == 1
+    assert "the arm fr3 reaches no grasp of the object" in far.output
     half = invoke([*words, "--tilt", "30"])
     assert "needs both --camera-height and --tilt" in str(half.exception)
 

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use graspbox_arm::ReachParams;
 use graspbox_episode::{ForceConfig, ShakeConfig, SuccessCriterion, TrialConfig};
 use graspbox_gym::json::config;
 use graspbox_gym::{ClutterConfig, EnvConfig, Randomization, ResetOptions};
@@ -37,6 +38,7 @@ const CHECKS: &[(&str, Check)] = &[
     ("FrictionConfig", check::<Friction>),
     ("Randomization", check::<Randomization>),
     ("RapierConfig", check::<RapierConfig>),
+    ("ReachConfig", check::<ReachParams>),
     ("ImplicitConfig", check::<ImplicitConfig>),
     ("PhysicsConfig", check::<PhysicsConfig>),
     ("ShakeConfig", check::<ShakeConfig>),

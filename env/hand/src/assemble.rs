@@ -22,7 +22,7 @@ use crate::grasp::Grasp;
 use crate::model::{Friction, Hand, Material, NoContact, TactileSensor};
 use crate::table::{HandTable, Number, Reader};
 use crate::urdf::Tree;
-use names::find;
+pub(crate) use names::find;
 
 /// Largest number of tendons, of actuators, and of preshapes.
 const MAX_PARTS: usize = 32;
@@ -56,6 +56,7 @@ pub(crate) fn assemble(tree: Tree, table: &HandTable, reader: &mut Reader<'_, '_
         },
         assumptions: Vec::new(),
         no_contact: NoContact::default(),
+        mount: table.mount.as_ref().map(|mount| pose(&mount.xyz, &mount.rpy, reader)),
     };
     set_pads(&mut hand, &table.pads, reader);
     read_sensors(&mut hand, table, reader);
@@ -100,7 +101,7 @@ fn check_counts(table: &HandTable, reader: &mut Reader<'_, '_>) -> Option<()> {
     too_many.is_none().then_some(())
 }
 
-fn pose(xyz: &Number<[f64; 3]>, rpy: &Number<[f64; 3]>, reader: &mut Reader<'_, '_>) -> Isometry3<f64> {
+pub(crate) fn pose(xyz: &Number<[f64; 3]>, rpy: &Number<[f64; 3]>, reader: &mut Reader<'_, '_>) -> Isometry3<f64> {
     let xyz = reader.value("position", xyz, "m");
     let [roll, pitch, yaw] = reader.value("roll, pitch, yaw", rpy, "rad");
     Isometry3::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(roll, pitch, yaw))

@@ -1,6 +1,6 @@
 //! Results of the tree of joints: coordinates, chains, and the driver of each joint.
 
-use crate::model::{Drive, DrivenJoint, Hand, ShapeIndex, Transmission};
+use crate::model::{Drive, DrivenJoint, Hand, Joint, ShapeIndex, Transmission};
 
 /// A branch of moving joints that leaves the base: a finger, in most hands.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -9,6 +9,18 @@ pub struct Chain {
     pub name: String,
     /// Its joints that move, from the root to the tip; where it forks, in the order of the joints.
     pub joints: Vec<usize>,
+}
+
+/// The first link of the rigid body of a link; joint `i` moves link `i + 1`.
+pub(crate) fn carrier(joints: &[Joint], link: usize) -> usize {
+    let mut at = link;
+    while let Some(joint) = at.checked_sub(1) {
+        if !joints[joint].is_fixed() {
+            return at;
+        }
+        at = joints[joint].parent;
+    }
+    at
 }
 
 impl Hand {
@@ -62,14 +74,7 @@ impl Hand {
     /// The link that a link is fixed to and that a joint moves, or the base: the first link of a rigid body.
     #[must_use]
     pub fn carrier(&self, link: usize) -> usize {
-        let mut at = link;
-        while let Some(joint) = at.checked_sub(1) {
-            if !self.joints[joint].is_fixed() {
-                return at;
-            }
-            at = self.joints[joint].parent;
-        }
-        at
+        carrier(&self.joints, link)
     }
 
     /// True if a rigid body, given by its first link, has collision shapes.

@@ -19,6 +19,16 @@ pub enum HandError {
     /// The two files do not describe a hand.
     #[error("the hand is not valid:\n{0}")]
     Invalid(Problems),
+    /// The two files do not describe an arm.
+    #[error("the arm is not valid:\n{0}")]
+    InvalidArm(Problems),
+    /// No arm of that name comes with the project.
+    #[error("there is no arm \"{name}\"; known: {known}; for another arm give the paths of its URDF and its arm.toml")]
+    UnknownArm {
+        name: String,
+        /// Those that exist.
+        known: String,
+    },
     /// No hand of that name comes with the project.
     #[error(
         "there is no hand \"{name}\"; known: {known}; for another hand give the paths of its URDF and its hand.toml"
@@ -108,7 +118,7 @@ impl fmt::Display for Problems {
 #[non_exhaustive]
 pub enum ProblemKind {
     /// The file is larger than a description may be.
-    #[error("the file has {bytes} bytes; a hand description has at most {limit}")]
+    #[error("the file has {bytes} bytes; a description has at most {limit}")]
     TooLarge {
         /// Size of the file.
         bytes: u64,
@@ -151,7 +161,7 @@ pub enum ProblemKind {
     #[error("a list of `no_contact` has {0} name(s); give at least two, which do not touch each other")]
     TooFewApart(usize),
     /// Fewer parts than a hand needs.
-    #[error("there are no {0}; a hand needs at least one")]
+    #[error("there are no {0}; at least one is needed")]
     Empty(&'static str),
     /// An attribute is not a list of the expected number of numbers.
     #[error("attribute {attribute} is \"{text}\"; give {count} finite number(s) within +-{limit}")]
@@ -269,6 +279,20 @@ pub enum ProblemKind {
         /// Number of actuators that wind it.
         count: usize,
     },
+    /// A flange that the base does not carry.
+    #[error("link \"{flange}\" is not carried by \"{base}\"; base and flange must be on one chain of joints")]
+    NotBeyond { flange: String, base: String },
+    /// A joint of an arm that follows another one.
+    #[error(
+        "joint \"{name}\" is between base and flange and follows another joint; an arm's joints move independently"
+    )]
+    AxisFollows { name: String },
+    /// A joint of an arm without a greatest speed.
+    #[error("joint \"{name}\" has no velocity in its <limit>; state it there, or as `speed` in [limits.{name}]")]
+    NoSpeed { name: String },
+    /// A position at home that the joint cannot take.
+    #[error("joint \"{name}\": home is {home}; it must be within its limits [{lower}, {upper}]")]
+    HomeBeyond { name: String, home: f64, lower: f64, upper: f64 },
     /// A mass, inertia or length that is physically impossible.
     #[error("{item} \"{name}\": {quantity} is {value}; it must be {must}")]
     Value {

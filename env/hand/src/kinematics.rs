@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 
 use crate::error::HandError;
-use crate::model::{Collider, Hand};
+use crate::model::{Collider, Hand, Joint};
 
 /// A collision shape with its pose.
 #[derive(Clone, Copy, Debug)]
@@ -14,6 +14,15 @@ pub struct PlacedShape<'a> {
     pub collider: &'a Collider,
     /// Index of the link that it belongs to.
     pub link: usize,
+}
+
+/// Pose of every link in the frame of the first one; `positions` has one per joint.
+pub(crate) fn link_poses(links: usize, joints: &[Joint], positions: &[f64]) -> Vec<Isometry3<f64>> {
+    let mut poses = vec![Isometry3::identity(); links];
+    for (joint, &position) in joints.iter().zip(positions) {
+        poses[joint.child] = poses[joint.parent] * joint.parent_from_joint * joint.motion(position);
+    }
+    poses
 }
 
 impl Hand {
@@ -49,11 +58,7 @@ impl Hand {
     /// As [`Hand::joint_positions`].
     pub fn forward_kinematics(&self, configuration: &[f64]) -> Result<Vec<Isometry3<f64>>, HandError> {
         let positions = self.joint_positions(configuration)?;
-        let mut poses = vec![Isometry3::identity(); self.links.len()];
-        for (joint, position) in self.joints.iter().zip(positions) {
-            poses[joint.child] = poses[joint.parent] * joint.parent_from_joint * joint.motion(position);
-        }
-        Ok(poses)
+        Ok(link_poses(self.links.len(), &self.joints, &positions))
     }
 
     /// Pose of every link in the hand (grasp) frame (`hand_from_link`), in the order of `links`.

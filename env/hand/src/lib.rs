@@ -1,4 +1,4 @@
-//! A hand: links, joints, tendons, actuators, sensors, and how it grasps.
+//! A hand: links, joints, tendons, actuators, sensors, and how it grasps; and the arm that carries it.
 //!
 //! | module | purpose |
 //! |---|---|
@@ -12,6 +12,7 @@
 //! | [`kinematics`] | from joint positions to the poses of links and shapes |
 //! | [`tendon`] | statics of tendons and springs |
 //! | [`actuator`] | position, velocity and force commands |
+//! | [`arm`] | what carries a hand: an arm, read from a URDF and an `arm.toml` |
 //! | [`pose`] | the grasp pose: where the hand goes, and its preshape; rigid motions from matrices |
 //!
 //! The hand frame is the grasp frame: its origin is on the palm's surface, its z axis leaves the palm (`base_from_hand`).
@@ -33,6 +34,7 @@
 //! ```
 
 pub mod actuator;
+pub mod arm;
 mod assemble;
 pub mod assets;
 pub mod chains;
@@ -48,6 +50,7 @@ pub mod tendon;
 pub mod urdf;
 
 pub use actuator::{ActuatorCommand, ActuatorState, Hold};
+pub use arm::{Arm, Axis, Mount};
 pub use chains::Chain;
 pub use error::{HandError, Problem, ProblemKind, Problems};
 pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, QuarterTurn};

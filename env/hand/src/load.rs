@@ -4,6 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use serde::de::DeserializeOwned;
+
 use crate::assemble::assemble;
 use crate::error::{HandError, Problem, ProblemKind, Problems, Report};
 use crate::model::{Hand, Joint, Link};
@@ -29,16 +31,7 @@ impl Hand {
     /// # Errors
     /// [`HandError::Io`] for a file that cannot be read, [`HandError::Invalid`] for one that is too large or not text.
     pub fn read_files(urdf: &Path, toml: &Path) -> Result<[String; 2], HandError> {
-        let mut problems = Vec::new();
-        let mut texts = Vec::new();
-        for path in [urdf, toml] {
-            let name = path.display().to_string();
-            match read_file(path)? {
-                Ok(text) => texts.push(text),
-                Err(kind) => problems.push(Problem { file: name, line: 1, kind }),
-            }
-        }
-        texts.try_into().map_err(|_| HandError::Invalid(Problems(problems)))
+        read_files(urdf, toml)
     }
 
     /// Reads a hand from the text of a URDF and of a `hand.toml`.
@@ -51,7 +44,7 @@ impl Hand {
         let mut links = Report::new(names[0]);
         let mut tables = Report::new(names[1]);
         let tree = read_tree(urdf, &mut links);
-        let table = bounded(toml, &mut tables).then(|| Reader::new(toml, &mut tables).parse::<HandTable>()).flatten();
+        let table = read_table::<HandTable>(toml, &mut tables);
         let mut hand = None;
         if let (Some(tree), Some(table)) = (tree, table) {
             let lines = tree.joint_lines.clone();
@@ -68,6 +61,25 @@ impl Hand {
             None => Err(HandError::Invalid(Problems(links.problems))),
         }
     }
+}
+
+/// The text of two files: see [`Hand::read_files`].
+pub(crate) fn read_files(urdf: &Path, toml: &Path) -> Result<[String; 2], HandError> {
+    let mut problems = Vec::new();
+    let mut texts = Vec::new();
+    for path in [urdf, toml] {
+        let name = path.display().to_string();
+        match read_file(path)? {
+            Ok(text) => texts.push(text),
+            Err(kind) => problems.push(Problem { file: name, line: 1, kind }),
+        }
+    }
+    texts.try_into().map_err(|_| HandError::Invalid(Problems(problems)))
+}
+
+/// The tables of a file that is not too large.
+pub(crate) fn read_table<'a, T: DeserializeOwned>(toml: &'a str, report: &mut Report<'a>) -> Option<T> {
+    bounded(toml, report).then(|| Reader::new(toml, report).parse()).flatten()
 }
 
 /// Links and joints of a URDF without a `hand.toml`: pads, springs and losses are not known.
@@ -112,7 +124,7 @@ pub fn read_urdf_anyway(urdf: &str) -> Option<(Vec<Link>, Vec<Joint>)> {
 }
 
 /// Reads a URDF whose collision shapes are primitives.
-fn read_tree(urdf: &str, report: &mut Report<'_>) -> Option<Tree> {
+pub(crate) fn read_tree(urdf: &str, report: &mut Report<'_>) -> Option<Tree> {
     let tree = bounded(urdf, report).then(|| urdf::read(urdf, report)).flatten()?;
     for mesh in &tree.meshes {
         report.add(mesh.line, ProblemKind::CollisionMesh { name: mesh.name.clone(), file: mesh.file.clone() });
@@ -126,7 +138,7 @@ fn finished(tree: Option<Tree>, mut report: Report<'_>) -> Result<Tree, HandErro
     tree.filter(|_| report.problems.is_empty()).ok_or(HandError::Invalid(Problems(report.problems)))
 }
 
-fn sorted(mut assumptions: Vec<Assumption>) -> Vec<Assumption> {
+pub(crate) fn sorted(mut assumptions: Vec<Assumption>) -> Vec<Assumption> {
     assumptions.sort_by_key(|assumption| assumption.line);
     assumptions
 }

@@ -349,11 +349,20 @@ pub struct Hand {
     /// What its URDF does not say and was assumed.
     pub assumptions: Vec<Assumption>,
     pub no_contact: NoContact,
+    /// The frame that lies on the flange of an arm, in the base's frame; `None` for the base's own.
+    pub mount: Option<Isometry3<f64>>,
 }
 
 impl Hand {
-    /// Every name and number of the hand as text, the same wherever its files are.
+    /// Every name and number of the hand that a simulation depends on, as text, the same wherever its files are.
     pub fn content(&self) -> String {
-        format!("{:?}", Self { assumptions: Vec::new(), ..self.clone() })
+        // Without the mount, as before hands had one: what was stored stays valid.
+        format!("{:?}", Self { assumptions: Vec::new(), mount: None, ..self.clone() }).replacen(", mount: None", "", 1)
+    }
+
+    /// The frame that lies on the flange of an arm, z out of the flange, in the base's frame.
+    #[must_use]
+    pub fn base_from_mount(&self) -> Isometry3<f64> {
+        self.mount.unwrap_or_else(Isometry3::identity)
     }
 }

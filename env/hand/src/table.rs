@@ -45,8 +45,15 @@ tables! {
         pub tendons: Named<TendonTable>,
         pub actuators: Vec<ActuatorTable>,
         pub grasp: GraspTable,
+        pub mount: Option<MountTable>,
         #[serde(default)]
         pub sensors: Vec<SensorTable>,
+    }
+
+    /// A mounting frame: that of a hand in its base's frame, or on an arm in the flange's.
+    pub(crate) struct MountTable {
+        pub xyz: Number<[f64; 3]>,
+        pub rpy: Number<[f64; 3]>,
     }
 
     pub(crate) struct FrictionTable {

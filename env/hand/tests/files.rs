@@ -332,7 +332,7 @@ fn texts_that_are_no_hand_are_refused() {
     );
     assert_eq!(
         problems_of("<robot name=\"x\"/>", GRIPPER_TOML),
-        "hand.urdf:1: there are no links; a hand needs at least one"
+        "hand.urdf:1: there are no links; at least one is needed"
     );
     let bomb = "<!DOCTYPE a [<!ENTITY b \"bbbb\">]>\n<robot/>";
     assert_eq!(problems_of(bomb, GRIPPER_TOML), "hand.urdf:1: a document type declaration is not allowed; remove it");
@@ -358,7 +358,7 @@ fn texts_that_are_no_hand_are_refused() {
     let large = " ".repeat(usize::try_from(MAX_FILE_BYTES).unwrap() + 1);
     assert_eq!(
         problems_of(GRIPPER_URDF, &large),
-        "hand.toml:1: the file has 1048577 bytes; a hand description has at most 1048576"
+        "hand.toml:1: the file has 1048577 bytes; a description has at most 1048576"
     );
     let pads = format!("pads = [{}]", "\"left_ball\", ".repeat(1100));
     assert_eq!(

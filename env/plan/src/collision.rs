@@ -86,7 +86,15 @@ impl Obstacle {
         Self::new(&hull, &[])
     }
 
-    fn hits(&self, shape: &SharedShape, place: &Pose) -> bool {
+    /// True if a sphere meets the bounds of the object.
+    ///
+    /// * `center`: object frame, metres.
+    pub fn is_near(&self, center: &Vector3<f64>, radius: f64) -> bool {
+        self.bounds.loosened(radius).contains_local_point(vector(center))
+    }
+
+    /// True if a convex shape of the collision library at `place` in the object's frame meets the object.
+    pub fn hits(&self, shape: &SharedShape, place: &Pose) -> bool {
         let around = shape.compute_aabb(place);
         if !around.intersects(&self.bounds) {
             return false;

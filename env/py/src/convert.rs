@@ -57,7 +57,7 @@ pub fn entries<'a, T: Element>(
 }
 
 /// As [`entries`], for numbers that must be finite.
-fn values<'a>(array: &'a Floats<'_>, what: &str, shape: &[Option<usize>]) -> Result<&'a [f64], CoreError> {
+pub fn values<'a>(array: &'a Floats<'_>, what: &str, shape: &[Option<usize>]) -> Result<&'a [f64], CoreError> {
     let values = entries(array, what, shape)?;
     match values.iter().position(|x| !x.is_finite()) {
         Some(index) => {

@@ -2,6 +2,7 @@
 //!
 //! The classes are defined in `graspbox.errors`, since Rust cannot give an exception two bases.
 
+use graspbox_arm::ArmError;
 use graspbox_episode::EpisodeError;
 use graspbox_gym::EnvError;
 use graspbox_gym::json::BadConfig;
@@ -36,6 +37,9 @@ pub enum CoreError {
     /// A hand's files are invalid.
     #[error("{0}")]
     Hand(String),
+    /// An arm's files are invalid, or it cannot carry the hand.
+    #[error("{0}")]
+    Arm(String),
     /// Nothing can be planned for this object or hand.
     #[error("{0}")]
     Plan(String),
@@ -64,6 +68,7 @@ impl CoreError {
             Self::File { .. } => "FileError",
             Self::Mesh(_) => "MeshError",
             Self::Hand(_) => "HandError",
+            Self::Arm(_) => "ArmError",
             Self::Plan(_) => "PlanError",
             Self::Simulation(_) => "SimulationError",
             Self::Connection(_) => "ConnectionLostError",
@@ -128,6 +133,15 @@ impl From<HandError> for CoreError {
         match error {
             HandError::Io { path, source } => Self::File { path, source },
             _ => Self::Hand(error.to_string()),
+        }
+    }
+}
+
+impl From<ArmError> for CoreError {
+    fn from(error: ArmError) -> Self {
+        match error {
+            ArmError::TooHeavy { .. } | ArmError::MountedInArm { .. } => Self::Arm(error.to_string()),
+            _ => Self::Config(error.to_string()),
         }
     }
 }

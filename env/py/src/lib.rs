@@ -2,6 +2,7 @@
 //!
 //! `python/graspbox/_core.pyi` is the contract of this module.
 
+pub mod arm;
 pub mod convert;
 pub mod description;
 pub mod environments;
@@ -22,6 +23,8 @@ mod _core {
     use pyo3::prelude::*;
     use pyo3::types::PyTuple;
 
+    #[pymodule_export]
+    use crate::arm::Arm;
     #[pymodule_export]
     use crate::convert::is_rigid;
     #[pymodule_export]
@@ -67,6 +70,7 @@ mod _core {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         crate::log::install();
         module.add("MESH_SUFFIXES", PyTuple::new(module.py(), graspbox_mesh::MeshFormat::endings())?)?;
+        module.add("REACH_REASONS", PyTuple::new(module.py(), crate::arm::REASONS)?)?;
         module.add("PACKED_ATTEMPTS", graspbox_episode::layout::PACKED_ATTEMPTS)?;
         module.add("CLEAR_OF_TABLE", graspbox_episode::judge::CLEAR_OF_TABLE)?;
         module.add("REST_TIME", graspbox_episode::judge::REST_TIME)?;

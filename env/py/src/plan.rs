@@ -38,14 +38,14 @@ fn tree_arrays<'py>(py: Python<'py>, tree: &BoxTree) -> PyResult<Bound<'py, PyDi
     Ok(dict)
 }
 
-/// Obstacles around an object.
-struct Obstacles {
+/// Obstacles around an object or an arm.
+pub struct Obstacles {
     objects: Vec<(Arc<MeshData>, Isometry3<f64>)>,
     walls: Vec<(Isometry3<f64>, Vector3<f64>)>,
 }
 
 impl Obstacles {
-    fn new(objects: &[(PyRef<'_, Mesh>, Floats<'_>)], walls: &[(Floats<'_>, [f64; 3])]) -> Result<Self, CoreError> {
+    pub fn new(objects: &[(PyRef<'_, Mesh>, Floats<'_>)], walls: &[(Floats<'_>, [f64; 3])]) -> Result<Self, CoreError> {
         let objects = objects.iter().map(|(mesh, pose)| Ok((Arc::clone(&mesh.0), isometry(pose, "neighbours")?)));
         let walls = walls.iter().map(|(pose, half)| Ok((isometry(pose, "walls")?, Vector3::from(*half))));
         Ok(Self {
@@ -59,13 +59,19 @@ impl Obstacles {
     }
 
     fn neighbours(&self, cache: Option<&Path>) -> Result<Arc<[Neighbour]>, CoreError> {
+        Ok(self.named(cache)?.into_iter().map(|(_, neighbour)| neighbour).collect())
+    }
+
+    /// The obstacles, with their names.
+    pub fn named(&self, cache: Option<&Path>) -> Result<Vec<(String, Neighbour)>, CoreError> {
         let objects = self.objects.iter().map(|(mesh, pose)| {
             let body = mesh.body(cache)?;
-            let obstacle = Arc::clone(body.obstacle());
-            Ok(Neighbour { obstacle, world_from_obstacle: *pose, mass: Some(body.mass_properties().mass) })
+            let (obstacle, mass) = (Arc::clone(body.obstacle()), Some(body.mass_properties().mass));
+            Ok((body.name().to_owned(), Neighbour { obstacle, world_from_obstacle: *pose, mass }))
         });
-        let walls = self.walls.iter().map(|(pose, half)| {
-            Ok(Neighbour { obstacle: Arc::new(Obstacle::cuboid(half)?), world_from_obstacle: *pose, mass: None })
+        let walls = self.walls.iter().enumerate().map(|(index, (pose, half))| {
+            let obstacle = Arc::new(Obstacle::cuboid(half)?);
+            Ok((format!("wall {}", index + 1), Neighbour { obstacle, world_from_obstacle: *pose, mass: None }))
         });
         objects.chain(walls).collect()
     }

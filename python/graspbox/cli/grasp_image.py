@@ -8,6 +8,7 @@ import numpy as np
 import typer
 
 from graspbox._common.options import flattened
+from graspbox.arms import Reach
 from graspbox.captures import Capture, average, read_capture
 from graspbox.captures.averaging import check_count
 from graspbox.cli.camera.options import ReadingOptions, SearchOptions
@@ -74,9 +75,16 @@ def _print(grasps: ImageGrasps, of: str = "") -> None:
         place = " ".join(f"{x:.3f}" for x in pose[:3, 3])
         way = " ".join(f"{x:.2f}" for x in pose[:3, 2])
         shares = (f"{grasps.success[rank]:.0%}", f"{grasps.secure[rank]:.0%}", f"{grasps.preshape[rank]:.2f}")
-        rows.append((str(rank + 1), *shares, place, way))
+        reach = () if grasps.reach is None else (_posture(grasps.reach, rank),)
+        rows.append((str(rank + 1), *shares, place, way, *reach))
     columns = ("rank", "success", "secure", "preshape", "position / m", "approach")
+    columns += () if grasps.reach is None else (f"joints of {grasps.reach.arm} / rad",)
     print_table(f"{of}grasps of {grasps.hand.name}, camera frame", columns, rows)
+
+
+def _posture(reach: Reach, row: int) -> str:
+    """Return the joints with which a grasp is reached, or why it is not."""
+    return " ".join(f"{x:.3f}" for x in reach.joints[row]) if reach.reached[row] else reach.why[row]
 
 
 @flattened
@@ -128,6 +136,9 @@ def grasp_image_command(
         _print(grasps)
     if not len(grasps):
         console.print("no grasp of the object is feasible", style="red")
+        raise typer.Exit(1)
+    if grasps.reach is not None and not grasps.reach.reached.any():
+        console.print(f"the arm {grasps.reach.arm} reaches no grasp of the object", style="red")
         raise typer.Exit(1)
 
 

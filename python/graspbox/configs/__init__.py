@@ -31,6 +31,7 @@ __all__ = [
     "PoseConfig",
     "Randomization",
     "RapierConfig",
+    "ReachConfig",
     "ShakeConfig",
     "SuccessCriterion",
     "TrialConfig",
@@ -180,6 +181,33 @@ class PlanConfig:
     max_press: float = 0.0
     press_penalty: float = 2000.0
     seed: int = 0
+
+
+@dataclass(frozen=True)
+class ReachConfig:
+    """Settings of what an arm reaches.
+
+    Attributes
+    ----------
+    starts : int
+        Postures from which each pose is searched, 1 to 4096: with more, fewer poses are missed, and those that cannot
+        be reached take longer.
+    solutions : int
+        Most postures returned per pose, 1 to 64.
+    max_angle : float
+        Greatest angle to the rotation of a pose for an arm with fewer than six joints, which cannot meet most of them,
+        rad.
+    clearance : float
+        Distance that links keep from the table and from objects, metres.
+    point_radius : float
+        Distance that links keep from measured points, metres: at least half of their spacing.
+    """
+
+    starts: int = 32
+    solutions: int = 4
+    max_angle: float = 0.2
+    clearance: float = 0.005
+    point_radius: float = 0.01
 
 
 @dataclass(frozen=True)

@@ -57,11 +57,11 @@ _TOLD: set[str] = set()
 
 
 class AssumedWarning(UserWarning):
-    """The first of the sentences `assumed` about what the files of a hand do not state."""
+    """The first of the sentences `assumed` about what the files of a hand or an arm do not state."""
 
-    def __init__(self, assumed: Sequence[str]) -> None:
+    def __init__(self, assumed: Sequence[str], where: str = "Hand.assumptions") -> None:
         self.assumed = tuple(assumed)
-        super().__init__(told(assumed, "in Hand.assumptions"))
+        super().__init__(told(assumed, f"in {where}"))
 
 
 def told(assumed: Sequence[str], where: str) -> str:

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox import _core
 from graspbox._common.arguments import config_dict, floats, with_settings
 from graspbox._common.by_value import ByValue
+from graspbox.arms import ArmLike, Reach, reachable
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import ConfigError
-from graspbox.hands import HandLike, cache_folder, load_hand
+from graspbox.hands import Hand, HandLike, cache_folder, load_hand
 from graspbox.meshes import MeshLike, Surroundings, as_mesh, placed
 from graspbox.planning import plan_files
 from graspbox.planning.boxes import Box, BoxTree
@@ -206,6 +207,48 @@ class Plan(ByValue):
         if count is not None and count < 0:
             raise ConfigError(f"count is {count}; give the number of poses to keep, or None for all feasible ones")
         return self[np.flatnonzero(self.feasible)[:count]]
+
+    def reachable(
+        self,
+        arm: ArmLike,
+        world_from_base: ArrayLike,
+        *,
+        hand: HandLike | None = None,
+        mesh: MeshLike | None = None,
+        **around: Any,
+    ) -> Reach:
+        """Find which grasps an arm reaches, by which joints, and why it does not reach the others.
+
+        ``plan[reach.reached & plan.feasible]`` are the grasps that it can carry out, in ranking order.
+
+        Parameters
+        ----------
+        arm : str, Arm or pair of paths
+            See `graspbox.arms.load_arm`.
+        world_from_base : (4, 4) array_like
+            Pose of the arm's base, metres; the table is the plane z = 0.
+        hand : str, Hand or pair of paths, optional
+            The hand of the plan; by default the included one of its name.
+        mesh : Mesh, optional
+            The object, which the links must not touch either.
+        **around
+            Further arguments of `graspbox.arms.reachable`: ``mount``, ``points``, ``objects``, ``neighbours``,
+            ``config``, ``num_threads``.
+
+        Raises
+        ------
+        ArmError, ConfigError
+            As `graspbox.arms.reachable`, and for a hand other than the plan's.
+        """
+        if hand is None and self.hand_name not in Hand.names():
+            raise ConfigError(f"the plan is for the hand {self.hand_name!r}, which is not included; pass it as hand")
+        loaded = load_hand(self.hand_name if hand is None else hand)
+        if loaded.name != self.hand_name:
+            raise ConfigError(f"the plan is for the hand {self.hand_name!r}, not {loaded.name!r}; pass that hand")
+        own = [] if mesh is None else [(mesh, self.world_from_object)]
+        objects = [*own, *(around.pop("objects", None) or [])]
+        poses = self.world_from_object @ self.poses
+        return reachable(arm, loaded, poses, self.preshape, world_from_base, objects=objects, **around)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the plan as JSON, in the format of `graspbox.planning.plan_files`; `load` restores it bit for bit.

@@ -10,16 +10,18 @@ from typing import NamedTuple, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspbox.arms import ArmLike
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.perception.captured import MOST_THINGS, Look, Survey, look
 from graspbox.perception.configs import EVERYTHING
-from graspbox.perception.depth_images import check_points
+from graspbox.perception.depth_images import check_points, points_of
 from graspbox.perception.finder import Query, grasps, sure
 from graspbox.perception.outputs import NONE_JUDGED
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.real import RealImage, Workspace
 from graspbox.perception.scoring import Ranked
+from graspbox.policies.arm_reach import ArmAt
 from graspbox.policies.finders import load_finder
 from graspbox.policies.image_grasps import EarlierGrasp, EarlierScene, ImageGrasps, SceneGrasps
 from graspbox.policies.published.configs import DepthPolicyConfig
@@ -84,6 +86,13 @@ class ImageOptions(TypedDict, total=False):
         Grasps of an earlier image of the same scene, by the same hand: the first of them is scored again, and stays the
         first while no other is clearly better. Its pose is taken in the table's frame if `table_from_camera` is given,
         else in the camera's.
+    arm : str, Arm or pair of paths
+        The arm that carries the hand (`graspbox.arms.load_arm`): grasps that it reaches come first, each with its
+        joints (`ImageGrasps.reach`). Everything that is seen is an obstacle, so the arm must not be in the image.
+    base : (4, 4) array
+        Pose of the arm's base in the table's frame, metres; needs `table_from_camera`.
+    mount : (4, 4) array
+        Pose of the hand's base on the arm's flange; by default as the files of both state it.
     seed : int
         Seed of the refinement, by default 0.
     """
@@ -97,6 +106,9 @@ class ImageOptions(TypedDict, total=False):
     hand_error: PoseNoise | None
     rehearsed: int | None
     previous: ImageGrasps | EarlierGrasp | None
+    arm: ArmLike | None
+    base: ArrayLike | None
+    mount: ArrayLike | None
     seed: int
 
 
@@ -156,6 +168,9 @@ class ImageGrasper:
         hand_error: PoseNoise | None = None,
         rehearsed: int | None = None,
         previous: ImageGrasps | EarlierGrasp | None = None,
+        arm: ArmLike | None = None,
+        base: ArrayLike | None = None,
+        mount: ArrayLike | None = None,
         seed: int = 0,
     ) -> ImageGrasps:
         """Find grasps of the object that a depth image shows; further arguments are those of `ImageOptions`.
@@ -180,7 +195,8 @@ class ImageGrasper:
         marked = None if mask is None else _checked(mask, np.shape(depth))
         place = (depth, intrinsics, table_from_camera)
         scene, seen = self._surveyed(place, marked, gravity=gravity, region=region, workspace=workspace)
-        chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, self._known(scene, seen, previous))
+        placed = ArmAt.of(arm, base, mount, pose_given=scene.pose_given)
+        chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, self._known(scene, seen, previous), placed)
         return self._grasps(scene, seen, None if marked is None else scene.thinned(marked), chosen)
 
     def check(
@@ -214,6 +230,9 @@ class ImageGrasper:
         keep_off: ArrayLike | None = None,
         hand_error: PoseNoise | None = None,
         previous: SceneGrasps | EarlierScene | None = None,
+        arm: ArmLike | None = None,
+        base: ArrayLike | None = None,
+        mount: ArrayLike | None = None,
         seed: int = 0,
     ) -> SceneGrasps:
         """Find grasps of every thing that a depth image shows; arguments and errors as of `find`.
@@ -236,7 +255,8 @@ class ImageGrasper:
         else:
             found = seen.things.labels.astype(np.int64)
             found = found if previous is None else _renumbered(found, previous.labels)
-        chosen = _Chosen(count, keep_off, hand_error, None, seed, None)
+        placed = ArmAt.of(arm, base, mount, pose_given=scene.pose_given)
+        chosen = _Chosen(count, keep_off, hand_error, None, seed, None, placed)
         chosen.query(scene, np.zeros((0, 3)))  # wrong options are no refusals of things
 
         def of(label: int) -> ImageGrasps | str:
@@ -303,7 +323,8 @@ class ImageGrasper:
         erring = query.settings(self._finder.config).hand_error is not None
         ranked = ranked.kept(np.flatnonzero(near))
         first = None if query.known is None else _stays(ranked, np.linalg.inv(frame) @ query.known[0][0])
-        ranked = _distinct(ranked, chosen.count, erring, first)
+        count = chosen.count if chosen.arm is None else chosen.arm.among(chosen.count)
+        ranked = _distinct(ranked, count, erring, first)
         judged = NONE_JUDGED if ranked.judged is None else ranked.judged
         assert query.keep_off is not None
         obstacles = (query.keep_off - frame[:3, 3]) @ frame[:3, :3]
@@ -311,7 +332,7 @@ class ImageGrasper:
         if first is not None:  # as it was kept
             meets = partial(self._finder.grid.meets, sure(ranked.volume[0]), obstacles=obstacles)
             free[:1], _ = meets(ranked.poses[:1], ranked.preshapes[:1])
-        return ImageGrasps(
+        found = ImageGrasps(
             policy=self.config,
             hand=self.hand,
             depth=np.asarray(scene.view.depth),
@@ -329,6 +350,9 @@ class ImageGrasper:
             lift_free=self._lifts(ranked, obstacles),
             warnings=looked.warnings if free.any() or not len(free) else (*looked.warnings, _BLOCKED),
         )
+        if chosen.arm is None:
+            return found
+        return chosen.arm.sorted(found, np.concatenate([_seen(found), query.keep_off]), chosen.count)
 
     def _lifts(self, ranked: Ranked, obstacles: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether the open hand touches no obstacle as it is lifted, (m,)."""
@@ -357,6 +381,7 @@ class _Chosen:
     rehearsed: int | None
     seed: int
     known: "_Known | None"
+    arm: ArmAt | None
 
     def query(self, scene: RealImage, seen: NDArray[np.float64]) -> Query:
         """Make the query, with the obstacles that are seen."""
@@ -388,6 +413,13 @@ def grasp_image(
     `policy`, `hand` and `backend` are those of `ImageGrasper`, whose errors it raises too.
     """
     return ImageGrasper(policy, hand=hand, backend=backend).find(depth, intrinsics, table_from_camera, **options)
+
+
+def _seen(grasps: ImageGrasps) -> NDArray[np.float64]:
+    """Return all that the image shows, (k, 3), in the table's frame, metres."""
+    points = points_of(grasps.depth, grasps.intrinsics)
+    pose = grasps.table_from_camera
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _numbers(labels: NDArray[np.integer], shape: tuple[int, ...]) -> NDArray[np.int64]:

@@ -1,11 +1,12 @@
 """Results of `graspbox.policies.grasp_image`: ranked grasps of the thing in an image, or of all its things."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspbox.arms import Reach
 from graspbox.hands import Hand
 from graspbox.policies.published.configs import DepthPolicyConfig
 
@@ -81,6 +82,8 @@ class ImageGrasps:
         Whether it touches no obstacle either as it is lifted by 0.1 m.
     warnings : tuple of str
         What was assumed of the image, and what may be wrong with it, as sentences.
+    reach : Reach, optional
+        With an arm: which grasps it reaches, by which joints, and why not; those that it reaches come first.
     """
 
     policy: DepthPolicyConfig
@@ -99,6 +102,7 @@ class ImageGrasps:
     free: NDArray[np.bool_]
     lift_free: NDArray[np.bool_]
     warnings: tuple[str, ...]
+    reach: Reach | None = None
 
     def __len__(self) -> int:
         """Count the grasps."""
@@ -109,6 +113,11 @@ class ImageGrasps:
         """Hand poses in the camera's frame (k, 4, 4), metres."""
         return np.asarray(np.linalg.inv(self.table_from_camera) @ self.table_from_hand)
 
+    def kept(self, rows: NDArray[np.int64]) -> "ImageGrasps":
+        """Return some of the grasps, in this order."""
+        names = ("table_from_hand", "preshape", "choice", "success", "secure", "free", "lift_free")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
     def earlier(self) -> EarlierGrasp | None:
         """Return the best grasp, to be kept in later images; None without one."""
         if not len(self):
@@ -118,6 +127,9 @@ class ImageGrasps:
     def to_json(self) -> dict[str, Any]:
         """Plain values, as ``graspbox grasp-image`` writes them."""
         in_camera = self.camera_from_hand
+        reach: list[dict[str, Any]] = [{}] * len(self)
+        if self.reach is not None:
+            reach = [{"arm": {"name": self.reach.arm, **entry}} for entry in self.reach.to_json()]
         return {
             "policy": self.policy.name,
             "hand": self.hand.name,
@@ -134,6 +146,7 @@ class ImageGrasps:
                     "lift_free": bool(self.lift_free[rank]),
                     "camera_from_hand": in_camera[rank].tolist(),
                     "table_from_hand": self.table_from_hand[rank].tolist(),
+                    **reach[rank],
                 }
                 for rank in range(len(self))
             ],
@@ -164,9 +177,15 @@ class SceneGrasps:
         return EarlierScene(self.labels, {label: one for label, one in best.items() if one is not None})
 
     def best(self) -> list[tuple[int, int]]:
-        """Return thing and rank of all grasps: free ones first, from the greatest stated success to the least."""
+        """Return thing and rank of all grasps: first those that an arm reaches, then free ones, then by success."""
         pairs = [
-            (not one.free[rank], -float(one.success[rank]), label, rank)
+            (
+                one.reach is not None and not one.reach.reached[rank],
+                not one.free[rank],
+                -float(one.success[rank]),
+                label,
+                rank,
+            )
             for label, one in self.grasps.items()
             for rank in range(len(one))
         ]

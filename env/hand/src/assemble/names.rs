@@ -7,7 +7,7 @@ use crate::model::Hand;
 use crate::table::Reader;
 
 /// Index of a name, or a problem that lists the names that exist.
-pub(super) fn find<'n>(
+pub(crate) fn find<'n>(
     name: &Spanned<String>,
     what: &'static str,
     names: impl Iterator<Item = &'n String>,

@@ -116,6 +116,11 @@ pub enum AssumptionKind {
     /// A shape without size.
     #[error("collider \"{collider}\": all its sizes are 0; it is left out")]
     Point { collider: String },
+    /// A link that is no part of an arm.
+    #[error(
+        "link \"{link}\": joint \"{joint}\" carries it beyond the flange or beside the arm; it is left out, with what it carries"
+    )]
+    LeftOut { link: String, joint: String },
     /// A fixed joint that follows another one.
     #[error("joint \"{joint}\": is fixed; its <mimic> is ignored")]
     FixedFollower { joint: String },

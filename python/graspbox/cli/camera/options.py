@@ -8,8 +8,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from graspbox._common.rotations import rotation_about
 from graspbox.captures.files import read_points, read_pose
-from graspbox.cli.common import Seed
+from graspbox.cli.common import Seed, hand_like
 from graspbox.errors import ConfigError
 from graspbox.perception.depth_images import camera_over_table, intrinsics_of
 from graspbox.perception.perturbations import PoseNoise
@@ -126,7 +127,38 @@ class SearchOptions:
     hand: Annotated[
         str | None, typer.Option(help="The hand, for a policy that grasps with any: a name, or URDF,TOML.")
     ] = None
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            help="The arm that carries the hand, a name such as fr3 or URDF,TOML: grasps that it reaches come first, "
+            "with its joints. It must not be in the image."
+        ),
+    ] = None
+    base: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z YAW",
+            help="Where the arm's base stands upright, in the table's frame: metres, and degrees about z; needs the "
+            "camera's pose.",
+        ),
+    ] = None
+    base_pose: Annotated[
+        Path | None, typer.Option(help="File of table_from_base, 4x4, instead of --base, for any other pose.")
+    ] = None
     seed: Seed = 0
+
+    def table_from_base(self) -> NDArray[np.float64] | None:
+        """Return the pose of the arm's base."""
+        if self.base is not None and self.base_pose is not None:
+            raise ConfigError("--base and --base-pose both place the arm; pass one of them")
+        if self.base_pose is not None:
+            return read_pose(self.base_pose)
+        if self.base is None:
+            return None
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), float(np.radians(self.base[3])))
+        pose[:3, 3] = self.base[:3]
+        return pose
 
     def pose(self) -> NDArray[np.float64] | None:
         """Return the camera's pose; None if the table is to be found in the image."""
@@ -150,6 +182,8 @@ class SearchOptions:
             "region": self.region,
             "workspace": Workspace.of(self.workspace, self.workspace_frame),
             "keep_off": None if self.keep_off is None else read_points(self.keep_off),
+            "arm": None if self.arm is None else hand_like(self.arm),
+            "base": self.table_from_base(),
             "hand_error": None if self.hand_error is None else PoseNoise.in_millimetres(*self.hand_error),
             "seed": self.seed,
         }

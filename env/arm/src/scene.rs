@@ -1,0 +1,192 @@
+//! What an arm must not touch: the table, measured points, and objects. World frame.
+
+use crate::bodies::{Solid, half_height, is_near, library_pose, library_shape};
+use crate::error::ArmError;
+use graspbox_hand::Shape;
+use graspbox_plan::Obstacle;
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use std::sync::Arc;
+
+/// Most points.
+pub const MAX_POINTS: usize = 1 << 22;
+/// Most objects.
+pub const MAX_OBSTACLES: usize = 1 << 12;
+/// Side of a cell of the grid of points, metres, unless there would be too many cells.
+const CELL: f64 = 0.04;
+const MAX_CELLS: usize = 1 << 20;
+/// Points nearer than this to one that is kept are left out, metres.
+const THIN: f64 = 0.005;
+
+/// What an arm touches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Touched {
+    Table,
+    /// A measured point.
+    Points,
+    /// An object, by its index.
+    Obstacle(usize),
+}
+
+/// The surroundings of an arm.
+pub struct Scene {
+    world_from_base: Isometry3<f64>,
+    cloud: Option<Cloud>,
+    obstacles: Vec<(Arc<Obstacle>, Isometry3<f64>)>,
+    /// Distance that links keep from the table and objects, and from points, metres.
+    clearance: f64,
+    point_radius: f64,
+}
+
+impl std::fmt::Debug for Scene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let points = self.cloud.as_ref().map_or(0, |cloud| cloud.points.len());
+        write!(f, "Scene({points} points, {} objects)", self.obstacles.len())
+    }
+}
+
+impl Scene {
+    /// The surroundings of an arm at `world_from_base`, over the table z = 0.
+    ///
+    /// * `points`: measured points, metres.
+    /// * `obstacles`: objects with their poses.
+    ///
+    /// # Errors
+    /// [`ArmError::UnderTable`], and [`ArmError::TooMany`] for points or objects.
+    pub fn new(
+        world_from_base: Isometry3<f64>,
+        points: &[Point3<f64>],
+        obstacles: Vec<(Arc<Obstacle>, Isometry3<f64>)>,
+        clearance: f64,
+        point_radius: f64,
+    ) -> Result<Self, ArmError> {
+        let z = world_from_base.translation.z;
+        if z < -UNDER {
+            return Err(ArmError::UnderTable { z });
+        }
+        for (what, count, limit) in [("points", points.len(), MAX_POINTS), ("objects", obstacles.len(), MAX_OBSTACLES)]
+        {
+            if count > limit {
+                return Err(ArmError::TooMany { what, count, limit });
+            }
+        }
+        let obstacles = obstacles.into_iter().map(|(obstacle, pose)| (obstacle, pose.inverse())).collect();
+        Ok(Self { world_from_base, cloud: Cloud::new(points), obstacles, clearance, point_radius })
+    }
+
+    /// Pose of the arm's base.
+    pub(crate) fn world_from_base(&self) -> &Isometry3<f64> {
+        &self.world_from_base
+    }
+
+    /// What a shape touches.
+    pub(crate) fn touches(&self, solid: &Solid, base_from_shape: &Isometry3<f64>) -> Option<Touched> {
+        let at = self.world_from_base * base_from_shape;
+        if at.translation.z - solid.radius < self.clearance
+            && at.translation.z - half_height(&solid.shape, &at.rotation) < self.clearance
+        {
+            return Some(Touched::Table);
+        }
+        if self.cloud.as_ref().is_some_and(|cloud| cloud.touches(&solid.shape, &at, self.point_radius)) {
+            return Some(Touched::Points);
+        }
+        let hit = self.obstacles.iter().position(|(obstacle, from_world)| {
+            let place = from_world * at;
+            obstacle.is_near(&place.translation.vector, solid.radius + self.clearance)
+                && obstacle.hits(&library_shape(&solid.shape, self.clearance), &library_pose(&place, &solid.shape))
+        });
+        hit.map(Touched::Obstacle)
+    }
+}
+
+/// Depth under the table at which a base may still be: the rounding of a measured pose, metres.
+const UNDER: f64 = 0.005;
+
+/// Points in a grid.
+struct Cloud {
+    points: Vec<Point3<f64>>,
+    /// Index of the first point of each cell, and the number of points.
+    starts: Vec<u32>,
+    low: Point3<f64>,
+    cell: f64,
+    counts: [usize; 3],
+}
+
+impl Cloud {
+    /// Thins points and sorts them into cells; `None` without points.
+    fn new(points: &[Point3<f64>]) -> Option<Self> {
+        let first = points.first()?;
+        let (low, high) = points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
+        let points = thinned(points, &low);
+        let mut cell = CELL;
+        let counts = loop {
+            let counts: [usize; 3] = std::array::from_fn(|axis| ((high[axis] - low[axis]) / cell) as usize + 1);
+            if counts.iter().map(|count| *count as f64).product::<f64>() <= MAX_CELLS as f64 {
+                break counts;
+            }
+            cell *= 1.5;
+        };
+        let mut cloud = Self { points: Vec::new(), starts: Vec::new(), low, cell, counts };
+        let mut keyed: Vec<(usize, Point3<f64>)> = points.iter().map(|point| (cloud.key(point), *point)).collect();
+        keyed.sort_by_key(|(key, _)| *key);
+        cloud.starts = vec![0; counts.iter().product::<usize>() + 1];
+        for (key, _) in &keyed {
+            cloud.starts[key + 1] += 1;
+        }
+        for index in 1..cloud.starts.len() {
+            cloud.starts[index] += cloud.starts[index - 1];
+        }
+        cloud.points = keyed.into_iter().map(|(_, point)| point).collect();
+        Some(cloud)
+    }
+
+    fn index(&self, value: f64, axis: usize) -> usize {
+        (((value - self.low[axis]) / self.cell).max(0.0) as usize).min(self.counts[axis] - 1)
+    }
+
+    fn key(&self, point: &Point3<f64>) -> usize {
+        let [x, y, z] = std::array::from_fn(|axis| self.index(point[axis], axis));
+        (x * self.counts[1] + y) * self.counts[2] + z
+    }
+
+    /// True if a point is within a distance of a shape.
+    fn touches(&self, shape: &Shape, at: &Isometry3<f64>, distance: f64) -> bool {
+        let half = bounds(shape, &at.rotation).add_scalar(distance);
+        let center = at.translation.vector;
+        let mut ranges = [(0, 0); 3];
+        for (axis, range) in ranges.iter_mut().enumerate() {
+            let (low, high) = (center[axis] - half[axis], center[axis] + half[axis]);
+            let most = self.low[axis] + self.cell * self.counts[axis] as f64;
+            if high < self.low[axis] || low > most {
+                return false;
+            }
+            *range = (self.index(low, axis), self.index(high, axis));
+        }
+        let turn = *at.rotation.to_rotation_matrix().matrix();
+        for x in ranges[0].0..=ranges[0].1 {
+            for y in ranges[1].0..=ranges[1].1 {
+                let row = (x * self.counts[1] + y) * self.counts[2];
+                let (from, to) = (self.starts[row + ranges[2].0] as usize, self.starts[row + ranges[2].1 + 1] as usize);
+                let near = |point: &Point3<f64>| is_near(shape, &turn.tr_mul(&(point.coords - center)), distance);
+                if self.points[from..to].iter().any(near) {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+}
+
+fn bounds(shape: &Shape, rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
+    shape.half_extents(rotation)
+}
+
+/// The first point of each small voxel, in the order of the points.
+fn thinned(points: &[Point3<f64>], low: &Point3<f64>) -> Vec<Point3<f64>> {
+    let voxel = |point: &Point3<f64>| [0, 1, 2].map(|axis| ((point[axis] - low[axis]) / THIN) as i64);
+    let mut keyed: Vec<([i64; 3], usize)> = points.iter().map(voxel).zip(0..).collect();
+    keyed.sort_unstable();
+    keyed.dedup_by_key(|(voxel, _)| *voxel);
+    let mut kept: Vec<usize> = keyed.into_iter().map(|(_, index)| index).collect();
+    kept.sort_unstable();
+    kept.into_iter().map(|index| points[index]).collect()
+}

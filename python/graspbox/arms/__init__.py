@@ -1,0 +1,14 @@
+"""Arms: loaded by name or from their two files, and which poses of a hand they reach.
+
+>>> import numpy as np
+>>> from graspbox import arms
+>>> arm = arms.load_arm("fr3")
+>>> arm.flange_poses(arm.home[None]).round(3)[0, :3, 3].tolist()
+[0.307, 0.0, 0.59]
+"""
+
+from graspbox._core import Arm
+from graspbox.arms.loading import ArmLike, load_arm
+from graspbox.arms.reaching import Reach, Reason, inverse, reachable
+
+__all__ = ["Arm", "ArmLike", "Reach", "Reason", "inverse", "load_arm", "reachable"]

@@ -1,0 +1,89 @@
+"""The arm that carries out grasps of an image: where it stands, and which of them it reaches."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspbox._common.arguments import floats
+from graspbox.arms import Arm, ArmLike, Reach, load_arm, reachable
+from graspbox.configs import ReachConfig
+from graspbox.errors import ConfigError
+from graspbox.policies.image_grasps import ImageGrasps
+
+__all__ = ["ArmAt"]
+
+#: Grasps among which reached ones are looked for, for each one that is returned, and in all.
+_AMONG, _MOST = 8, 100
+#: Points lower than this over the table are the table's, metres.
+_ABOVE = 0.012
+
+
+@dataclass(frozen=True, eq=False)
+class ArmAt:
+    """An arm at its place.
+
+    Attributes
+    ----------
+    arm : Arm
+        The arm.
+    table_from_base : (4, 4) float64
+        Pose of its base, metres; the table is the plane z = 0.
+    mount : (4, 4) float64, optional
+        Pose of the hand's base on its flange; by default as the files of both state it.
+    config : ReachConfig
+        Settings.
+    """
+
+    arm: Arm
+    table_from_base: NDArray[np.float64]
+    mount: NDArray[np.float64] | None = None
+    config: ReachConfig = field(default_factory=ReachConfig)
+
+    @classmethod
+    def of(
+        cls, arm: ArmLike | None, base: ArrayLike | None, mount: ArrayLike | None, *, pose_given: bool
+    ) -> "ArmAt | None":
+        """Check the arguments of a search; None without an arm."""
+        if arm is None:
+            if base is not None or mount is not None:
+                raise ConfigError("base and mount place an arm; pass arm too")
+            return None
+        if base is None:
+            raise ConfigError("an arm needs its place: pass base, the pose of its base in the table's frame")
+        if not pose_given:
+            raise ConfigError(
+                "base is in the table's frame, which a table found in the image does not fix; pass table_from_camera"
+            )
+        mounted = None if mount is None else floats(mount, "mount")
+        return cls(load_arm(arm), floats(base, "base"), mounted)
+
+    def among(self, count: int) -> int:
+        """Return among how many grasps those that are reached are looked for."""
+        return max(count, min(_AMONG * count, _MOST))
+
+    def sorted(self, grasps: ImageGrasps, points: NDArray[np.float64], count: int) -> ImageGrasps:
+        """Put the grasps that the arm reaches first, with their postures, and keep `count`.
+
+        `points` (k, 3) is what is seen, in the table's frame, metres.
+        """
+        reach = reachable(
+            self.arm,
+            grasps.hand,
+            grasps.table_from_hand,
+            grasps.preshape,
+            self.table_from_base,
+            mount=self.mount,
+            points=points[points[:, 2] > _ABOVE],
+            config=self.config,
+        )
+        kept = reach.first()[:count]
+        return replace(grasps.kept(kept), reach=reach[kept], warnings=(*grasps.warnings, *_told(reach)))
+
+
+def _told(reach: Reach) -> tuple[str, ...]:
+    """Return a warning if no grasp is reached."""
+    if not len(reach) or reach.reached.any():
+        return ()
+    counts = ", ".join(f"{why} ({count})" for why, count in reach.counts().items())
+    return (f"the arm {reach.arm} reaches none of {len(reach)} grasps: {counts}; move its base or the thing",)
