@@ -144,9 +144,11 @@ def test_resumes_what_is_missing(made: Path, tmp_path: Path) -> None:
 
 def test_a_part_of_a_data_set_is_diverse(tmp_path: Path) -> None:
     order: list[str] = []
+    splits: list[str] = []
 
     def stop(shards: Any, *_: Any) -> Iterator[Any]:
         order.extend(shard.tasks[0].target.spec.family for shard in shards)
+        splits.extend(shard.name.partition("-")[0] for shard in shards)
         yield from ()
 
     objects = ["procedural:can:0-29", "procedural:box:0-29"]
@@ -155,6 +157,9 @@ def test_a_part_of_a_data_set_is_diverse(tmp_path: Path) -> None:
     assert 5 < order[:20].count("can") < 15
     assert sorted(order) != order
     assert sorted(order, reverse=True) != order
+    # Two workers soon have trials to learn from and to validate with.
+    assert splits[:3] == ["train", "validation", "test"]
+    assert splits[3:] != sorted(splits[3:], key=["train", "validation", "test"].index)
 
 
 def test_other_settings_are_refused(made: Path) -> None:

@@ -184,7 +184,11 @@ def test_a_hand_that_holds_nothing_is_corrected(file: Path, tmp_path: Path, call
     assert called[0].hand == f"{out / 'hand/hand.urdf'},{out / 'hand/hand.toml'}"
 
 
-def test_wrong_input_is_refused_before_anything_is_written(file: Path, tmp_path: Path, trained: Path) -> None:
+def test_wrong_input_is_refused_before_anything_is_written(
+    file: Path, tmp_path: Path, trained: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(own_hand, "run_stages", lambda *_: pytest.fail("it was not refused"))
+
     def refused(match: str, kind: type[Exception] = ConfigError, **more: Any) -> None:
         with pytest.raises(kind, match=match):
             own_hand.train(
@@ -199,7 +203,7 @@ def test_wrong_input_is_refused_before_anything_is_written(file: Path, tmp_path:
     refused("there is no link 'wrist'", HandError, base="wrist")
     refused(r"--base is 'palm', but the hand has its hand\.toml", file="leap", base="palm")
     refused("a policy of the hand 'reflex'; name one of many hands", start=PUBLISHED["completion"])
-    refused("name objects from which nothing is learned", evaluated=("procedural:seen:0-9",))
+    refused("name objects from which nothing is learned", evaluated=("procedural:prism:300",))
     refused("there is no policy 'any_hans'", start="any_hans")
     refused("--minutes.search is 0; pass a positive number", minutes=Minutes(search=0.0))
     refused("--minutes.tuned is 2; pass 5 or more", minutes=Minutes(tuned=2.0))

@@ -17,6 +17,7 @@ from graspbox.data.trials import manifest
 from graspbox.data.trials.manifest import KINDS
 from graspbox.data.trials.runners import MOST_WORKERS, Runner, local
 from graspbox.data.trials.scenes import GroupedObject
+from graspbox.data.trials.schema import SPLITS
 from graspbox.data.trials.settings import DatasetConfig
 from graspbox.data.trials.shards import ShardFiles, divide, stored_facts
 from graspbox.errors import ConfigError, FileError
@@ -194,9 +195,16 @@ class _Work:
                 self.done[shard.name] = {**facts, **{KINDS[kind]: entry[KINDS[kind]] for kind in self.kinds}}
 
     def run(self, runner: Runner, progress: Callable[[Progress], None]) -> int:
-        """Make the missing shards in random order, so that a partial data set is diverse too; return their number."""
+        """Make the missing shards, and return their number.
+
+        Their order is random, so that a partial data set is diverse too; one of each split comes first.
+        """
         missing = [shard for shard in self.shards if shard.name not in self.done]
         missing.sort(key=lambda shard: sha256(shard.name.encode()).digest())
+        firsts = {shard.name.partition("-")[0]: shard.name for shard in reversed(missing)}
+        begun = {name.partition("-")[0] for name in self.done}
+        early = [firsts[split] for split in SPLITS if split in firsts and split not in begun]
+        missing.sort(key=lambda shard: early.index(shard.name) if shard.name in early else len(early))
         sizes = {shard.name: len(shard.tasks) * self.config.poses for shard in self.shards}
         total = sum(sizes.values())
         kept = sum(sizes[name] for name in self.done)

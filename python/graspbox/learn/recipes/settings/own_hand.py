@@ -148,7 +148,8 @@ class OwnHandSettings(Options):
         if own:
             hours |= {stage: share * minutes.own / 60 / self.own_rounds for stage, share in _ROUND.items()}
             hours |= {stage: share * minutes.own / 60 for stage, share in _AFTER.items()}
-        sizes = QUICK if self.quick else Sizes(held_out_scenes=40, choices=500)
+        # Of few minutes more objects, of both splits, are worth more than more grasps of each.
+        sizes = QUICK if self.quick else Sizes(poses=32, held_out_scenes=40, choices=500)
         objects: dict[str, Any] = {**(QUICK_OBJECTS if self.quick else {}), "evaluated": evaluated}
         return DepthSettings(
             out=self.out / "training",
