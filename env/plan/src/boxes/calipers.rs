@@ -131,7 +131,8 @@ impl Calipers {
     fn build_hull(&mut self, points: &[[f64; 2]]) -> usize {
         let hull = &mut self.hull;
         hull.clear();
-        hull.resize(points.len() + 1, [0.0; 2]);
+        // Rounding may keep every point of a line, on the way back too.
+        hull.resize(2 * points.len() + 1, [0.0; 2]);
         let mut n = 0;
         let mut push = |n: &mut usize, p: [f64; 2], floor: usize| {
             while *n >= floor && cross(hull[*n - 2], hull[*n - 1], p) <= 0.0 {

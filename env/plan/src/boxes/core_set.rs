@@ -84,7 +84,8 @@ impl CoreSet {
     fn extremes(&mut self, axis: &Vector3<f64>) -> Extremes {
         /// Margin for the rounding of a value in f32 (clouds have unit size); far above it.
         const ROUNDING: f32 = 2e-6;
-        let (lesser, greater) = (|a: f32, b: f32| if a < b { a } else { b }, |a: f32, b: f32| if a > b { a } else { b });
+        let (lesser, greater) =
+            (|a: f32, b: f32| if a < b { a } else { b }, |a: f32, b: f32| if a > b { a } else { b });
         let [x, y, z] = [axis.x, axis.y, axis.z].map(|x| x as f32);
         self.ranges.clear();
         for block in &self.blocks {
@@ -96,7 +97,8 @@ impl CoreSet {
                     high[k] = greater(v, high[k]);
                 }
             }
-            let range = [low.into_iter().fold(f32::INFINITY, lesser), high.into_iter().fold(f32::NEG_INFINITY, greater)];
+            let range =
+                [low.into_iter().fold(f32::INFINITY, lesser), high.into_iter().fold(f32::NEG_INFINITY, greater)];
             self.ranges.push(range);
         }
         let least = self.ranges.iter().fold(f32::INFINITY, |least, range| lesser(range[0], least));

@@ -67,8 +67,7 @@ impl ChainModel {
             segments.push(Segment { at: [step.x, step.z], motion, coordinate, ratio, shape });
             before = origin;
         }
-        let direction =
-            |along: Vec<f64>| Direction { links: motions(&segments, &slides, &along), along };
+        let direction = |along: Vec<f64>| Direction { links: motions(&segments, &slides, &along), along };
         let moves = moves(&coordinates).into_iter().map(direction).collect();
         let padded = segments.iter().rposition(|segment| segment.shape.rects.iter().any(|rect| rect.pad));
         let tip = padded.unwrap_or(segments.len().saturating_sub(1));

@@ -137,7 +137,9 @@ impl Obstacles {
             for (block, gap) in blocks.iter().zip(gaps) {
                 let free = if gap > 0.0 { gap } else { least(&view.gaps(block, &[2.0 * COARSE; POINTS])) };
                 clearance = lesser(clearance, free);
-                if free <= 0.0 && let Some((point, rect)) = view.holds(block)? {
+                if free <= 0.0
+                    && let Some((point, rect)) = view.holds(block)?
+                {
                     return Some(Found::Blocked(point, rect));
                 }
             }

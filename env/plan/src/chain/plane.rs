@@ -38,8 +38,10 @@ impl LinkShape {
         let empty = Rect { x: none, z: none, pad: false };
         let bounds = rects.iter().fold(empty, |all, r| Rect { x: join(all.x, r.x), z: join(all.z, r.z), pad: false });
         let sides = [bounds.x, bounds.z];
-        let middle_and_half =
-            [sides.map(|[low, high]| (0.5 * (low + high)) as f32), sides.map(|[low, high]| (0.5 * (high - low)) as f32)];
+        let middle_and_half = [
+            sides.map(|[low, high]| (0.5 * (low + high)) as f32),
+            sides.map(|[low, high]| (0.5 * (high - low)) as f32),
+        ];
         Self { rects, bounds, middle_and_half }
     }
 

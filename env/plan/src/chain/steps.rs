@@ -142,7 +142,8 @@ pub(super) struct Witnesses {
 }
 
 impl Witnesses {
-    pub const NONE: Self = Self { x: [0.0; STEPS], z: [0.0; STEPS], middle: [[0.0; STEPS]; 2], half: [[-1.0; STEPS]; 2] };
+    pub const NONE: Self =
+        Self { x: [0.0; STEPS], z: [0.0; STEPS], middle: [[0.0; STEPS]; 2], half: [[-1.0; STEPS]; 2] };
 
     /// Keeps a point that blocked the step halved `halving` times, for it and for the smaller ones, which come next.
     pub fn keep(&mut self, halving: usize, point: [f32; 2], rect: &Rect) {

@@ -98,8 +98,11 @@ mod tests {
         let (normal, at, slab) = (Vector3::new(0.6, 0.0, 0.8), 0.15, 0.01);
         let (origin, reach) = (Point3::new(0.02, 0.0, 0.2), 0.11);
         let inside = |p: &Point3<f64>| (normal.dot(&p.coords) - at).abs() <= slab && (p - origin).norm() <= reach;
-        let mut found: Vec<u32> =
-            groups.near((normal, at, slab), (origin, reach)).filter(|(p, _)| inside(p)).map(|(_, index)| *index).collect();
+        let mut found: Vec<u32> = groups
+            .near((normal, at, slab), (origin, reach))
+            .filter(|(p, _)| inside(p))
+            .map(|(_, index)| *index)
+            .collect();
         found.sort_unstable();
         let expected: Vec<u32> =
             samples.iter().zip(0..).filter(|(sample, _)| inside(&sample.point)).map(|(_, index)| index).collect();
