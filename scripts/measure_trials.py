@@ -45,10 +45,11 @@ def least(work: Callable[[], object], repeats: int) -> float:
     return min(times)
 
 
-def answer_plans(hand: str, repeats: int) -> None:
-    """Read names of objects; write for each the milliseconds of plans, the volume of the boxes and a hash of all."""
+def answer_plans(objects: str, hand: str, repeats: int) -> None:
+    """Read numbers of objects of a set; write the milliseconds of plans, the volume of the boxes and a hash of all."""
+    items = graspbox.object_sets.load(objects)
     for line in sys.stdin:
-        mesh = graspbox.object_sets.load(line.strip())[0].load()
+        mesh = items[int(line)].load()
         world_from_object = graspbox.Scene(mesh, hand=hand).world_from_object
 
         def plan(mesh: graspbox.Mesh = mesh, world_from_object: Any = world_from_object) -> graspbox.Plan:
@@ -65,20 +66,21 @@ def answer_plans(hand: str, repeats: int) -> None:
         print(json.dumps(row), flush=True)
 
 
-def ask(child: subprocess.Popen[str], name: str) -> dict[str, Any]:
+def ask(child: subprocess.Popen[str], number: int) -> dict[str, Any]:
     """Ask a process of `answer_plans` about an object."""
     assert child.stdin is not None
     assert child.stdout is not None
-    print(name, file=child.stdin, flush=True)
+    print(number, file=child.stdin, flush=True)
     answer: dict[str, Any] = json.loads(child.stdout.readline())
     return answer
 
 
 def compare_plans(args: argparse.Namespace) -> None:
     """Print the plans of each object in this build and, with ``--beside``, in the other one, and the medians."""
-    command = [sys.executable, __file__, "--answer", "--hand", args.hand, "--repeats", str(args.repeats)]
+    options = {"--plans": args.plans, "--hand": args.hand, "--repeats": str(args.repeats)}
+    command = [sys.executable, __file__, "--answer", *(word for pair in options.items() for word in pair)]
     builds = [Path(graspbox.__file__).parents[1], *([args.beside] if args.beside else [])]
-    names = [f"{args.plans}:{item.name}" for item in graspbox.object_sets.load(args.plans)]
+    names = [item.name for item in graspbox.object_sets.load(args.plans)]
     rows: list[list[dict[str, Any]]] = []
     with contextlib.ExitStack() as stack:
         children: list[subprocess.Popen[str]] = []
@@ -86,8 +88,8 @@ def compare_plans(args: argparse.Namespace) -> None:
             env = {**os.environ, "PYTHONPATH": str(build.resolve())}
             child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=env)
             children.append(stack.enter_context(child))
-        for name in names:
-            row = [ask(child, name) for child in children]
+        for number, name in enumerate(names):
+            row = [ask(child, number) for child in children]
             rows.append(row)
             times = "".join(f"{each['first']:9.1f}{each['plan']:9.1f}" for each in row)
             print(
@@ -114,7 +116,7 @@ def main() -> None:
     parser.add_argument("--answer", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.answer:
-        return answer_plans(args.hand, args.repeats)
+        return answer_plans(args.plans, args.hand, args.repeats)
     if args.plans:
         return compare_plans(args)
     measure_trials(args)
