@@ -7,12 +7,13 @@
 //! |---|---|
 //! | `obb` | [`OrientedBox`] |
 //! | `fit` | [`fit_box`]: principal axes or least volume |
-//! | `minimum` | the search for the least volume, with `calipers` (plane), `core_set` (extreme points), `moments` (frame, signs) |
+//! | `minimum` | the search for the least volume, with `calipers` (plane), `core_set` (extreme points), `cone` (points near an axis), `moments` (frame, signs) |
 //! | `split` | [`best_split`]: the best cut, by sorting and sweeping |
 //! | `decompose` | [`decompose`], [`decompose_points`]: the tree, with `surface` (clipped triangles) |
 //! | `tree` | [`BoxTree`] and [`check_box_tree`] |
 
 mod calipers;
+mod cone;
 mod core_set;
 mod decompose;
 mod fit;

@@ -1,6 +1,7 @@
 //! Ranking by geometry: the hand is closed on the surface at each feasible pose (`predict`), and a weighted sum of features of the closed hand
 //! is the score (`score`).
 
+mod neighbors;
 mod predict;
 mod score;
 
@@ -8,11 +9,13 @@ pub use predict::Prediction;
 pub use score::{rank_features, rank_weights};
 
 use crate::PlanError;
+use crate::chain::Workspace;
 use crate::collision::CollisionScene;
 use crate::poses::Proposal;
 use graspbox_hand::Hand;
 use graspbox_mesh::{SurfaceSample, TriMesh, sample_surface};
 use nalgebra::Point3;
+use neighbors::Groups;
 use predict::{ClosingHand, Target, closing_hand, predict};
 use rayon::prelude::*;
 use score::{REPEAT, check_terms, score};
@@ -54,7 +57,8 @@ pub(crate) fn rank(
     penalties: &[f64],
 ) -> Result<Vec<Ranked>, PlanError> {
     check_terms(hand)?;
-    let target = Target { samples, center_of_mass, scene };
+    let groups = Groups::new(samples);
+    let target = Target { samples, groups: &groups, center_of_mass, scene };
     let mut hands: Vec<ClosingHand> = Vec::new();
     // Index of the closing hand of each proposal.
     let mut chosen = Vec::with_capacity(proposals.len());
@@ -65,11 +69,11 @@ pub(crate) fn rank(
             hands.push(closing_hand(hand, grasp.preshape)?);
         }
     }
-    let describe = |(index, proposal): (usize, &Proposal)| {
-        let prediction = predict(&target, &hands[chosen[index]], &proposal.grasp.object_from_hand);
+    let describe = |work: &mut Workspace, (index, proposal): (usize, &Proposal)| {
+        let prediction = predict(&target, &hands[chosen[index]], &proposal.grasp.object_from_hand, work);
         Ranked { index, score: score(hand, &prediction, proposal.grasp.preshape) - penalties[index], prediction }
     };
-    let mut ranked: Vec<Ranked> = proposals.par_iter().enumerate().map(describe).collect();
+    let mut ranked: Vec<Ranked> = proposals.par_iter().enumerate().map_init(Workspace::default, describe).collect();
     sort_with_variety(&mut ranked, proposals);
     Ok(ranked)
 }

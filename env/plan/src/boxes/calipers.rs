@@ -33,6 +33,14 @@ fn value(key: i64) -> f64 {
     f64::from_bits((key ^ (((key >> 63) as u64) >> 1) as i64) as u64)
 }
 
+/// The order of points: by x, then by y.
+fn before(a: &[f64; 2], b: &[f64; 2]) -> bool {
+    a[0] < b[0] || a[0] == b[0] && (key(a[0]), key(a[1])) < (key(b[0]), key(b[1]))
+}
+
+/// Number of times that a hull's corners are stored: the calipers go around once from any corner, each at most half a turn ahead.
+const ROUNDS: usize = 3;
+
 fn cross(o: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
 }
@@ -46,25 +54,69 @@ impl Calipers {
     ///
     /// * `pad`: added to both sides, so thin clouds have an order: without it, every rectangle around points on a line has area 0.
     pub fn least_rectangle(&mut self, points: &mut [[f64; 2]], pad: f64) -> Rectangle {
-        self.build_hull(points);
-        let hull = &self.hull;
-        let n = hull.len();
+        self.order.clear();
+        self.order.extend(points.iter().map(|&[x, y]| (key(x), key(y))));
+        self.order.sort_unstable();
+        for (point, &(x, y)) in points.iter_mut().zip(&self.order) {
+            *point = [value(x), value(y)];
+        }
+        self.least_around(points, pad)
+    }
+
+    /// As [`Calipers::least_rectangle`] around points that are nearly sorted; their numbers follow them.
+    pub fn least_rectangle_nearly_sorted(
+        &mut self,
+        points: &mut [[f64; 2]],
+        numbers: &mut [u32],
+        pad: f64,
+    ) -> Rectangle {
+        for i in 1..points.len() {
+            let (point, number) = (points[i], numbers[i]);
+            let mut at = i;
+            while at > 0 && before(&point, &points[at - 1]) {
+                points[at] = points[at - 1];
+                numbers[at] = numbers[at - 1];
+                at -= 1;
+            }
+            (points[at], numbers[at]) = (point, number);
+        }
+        self.least_around(points, pad)
+    }
+
+    /// The counter-clockwise hull of sorted points.
+    pub fn hull(&mut self, points: &[[f64; 2]]) -> &[[f64; 2]] {
+        let n = self.build_hull(points);
+        &self.hull[..n]
+    }
+
+    /// The least rectangle around sorted points.
+    fn least_around(&mut self, points: &[[f64; 2]], pad: f64) -> Rectangle {
+        /// Share of an area by which its estimate may be wrong; far above its rounding, and far below [`BETTER`].
+        const DOUBT: f64 = 1e-12;
+        let n = self.build_hull(points);
+        let hull = &self.hull[..];
         if n < 3 {
-            return segment(hull);
+            return segment(&hull[..n]);
         }
         let mut best = Rectangle { side: [1.0, 0.0], length: f64::INFINITY, width: f64::INFINITY };
         let mut least = f64::INFINITY;
         let (mut right, mut top, mut left) = (1, 1, 1);
         for i in 0..n {
-            let (a, b) = (hull[i], hull[wrap(i + 1, n)]);
-            let length = (b[0] - a[0]).hypot(b[1] - a[1]);
-            let u = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
-            let v = [-u[1], u[0]];
-            right = climb(hull, u, right.max(i + 1));
-            top = climb(hull, v, top.max(right));
-            left = climb(hull, [-u[0], -u[1]], left.max(top));
-            let extent = dot(u, hull[wrap(left, n)], hull[wrap(right, n)]);
-            let height = dot(v, a, hull[wrap(top, n)]);
+            let (a, b) = (hull[i], hull[i + 1]);
+            let e = [b[0] - a[0], b[1] - a[1]];
+            right = climb(hull, e, right.max(i + 1));
+            top = climb(hull, [-e[1], e[0]], top.max(right));
+            left = climb(hull, [-e[0], -e[1]], left.max(top));
+            let [right, top, left] = [right, top, left].map(|at| hull[at]);
+            // Most rectangles are larger: an estimate without the exact length shows it.
+            let length = (e[0] * e[0] + e[1] * e[1]).sqrt();
+            let estimate = (dot(e, left, right) / length + pad) * (dot([-e[1], e[0]], a, top) / length + pad);
+            if estimate * (1.0 - DOUBT) >= least * BETTER {
+                continue;
+            }
+            let length = e[0].hypot(e[1]);
+            let u = [e[0] / length, e[1] / length];
+            let (extent, height) = (dot(u, left, right), dot([-u[1], u[0]], a, top));
             let area = (extent + pad) * (height + pad);
             if area < least * BETTER {
                 least = area;
@@ -74,54 +126,42 @@ impl Calipers {
         best
     }
 
-    /// Builds the counter-clockwise hull without collinear points.
-    fn build_hull(&mut self, points: &mut [[f64; 2]]) {
-        self.order.clear();
-        self.order.extend(points.iter().map(|&[x, y]| (key(x), key(y))));
-        self.order.sort_unstable();
-        for (point, &(x, y)) in points.iter_mut().zip(&self.order) {
-            *point = [value(x), value(y)];
-        }
-        self.hull.clear();
-        for &p in points.iter() {
-            self.push(p, 2);
-        }
-        let lower = self.hull.len() + 1;
-        for &p in points.iter().rev().skip(1) {
-            self.push(p, lower);
-        }
-        self.hull.pop();
-    }
-
-    fn push(&mut self, p: [f64; 2], floor: usize) {
+    /// Builds the counter-clockwise hull of sorted points without collinear ones; returns the number of its corners, which follow each other
+    /// [`ROUNDS`] times.
+    fn build_hull(&mut self, points: &[[f64; 2]]) -> usize {
         let hull = &mut self.hull;
-        while hull.len() >= floor && cross(hull[hull.len() - 2], hull[hull.len() - 1], p) <= 0.0 {
-            hull.pop();
+        hull.clear();
+        // Rounding may keep every point of a line, on the way back too.
+        hull.resize(2 * points.len() + 1, [0.0; 2]);
+        let mut n = 0;
+        let mut push = |n: &mut usize, p: [f64; 2], floor: usize| {
+            while *n >= floor && cross(hull[*n - 2], hull[*n - 1], p) <= 0.0 {
+                *n -= 1;
+            }
+            hull[*n] = p;
+            *n += 1;
+        };
+        for &p in points {
+            push(&mut n, p, 2);
         }
-        hull.push(p);
+        let lower = n + 1;
+        for &p in points.iter().rev().skip(1) {
+            push(&mut n, p, lower);
+        }
+        n = n.saturating_sub(1);
+        hull.truncate(n);
+        for _ in 1..ROUNDS {
+            hull.extend_from_within(..n);
+        }
+        n
     }
 }
 
-/// Walks counter-clockwise from `start` while the hull rises along `u`, at most once around.
+/// Walks counter-clockwise from `start` while the hull rises along `u`.
 fn climb(hull: &[[f64; 2]], u: [f64; 2], start: usize) -> usize {
-    let n = hull.len();
     let mut at = start;
-    let mut from = hull[wrap(at, n)];
-    while at < start + n {
-        let to = hull[wrap(at + 1, n)];
-        if dot(u, from, to) <= 0.0 {
-            break;
-        }
-        from = to;
+    while at + 1 < hull.len() && dot(u, hull[at], hull[at + 1]) > 0.0 {
         at += 1;
-    }
-    at
-}
-
-/// `at` modulo `n`, for `at` of at most a few times `n`: faster than a division.
-fn wrap(mut at: usize, n: usize) -> usize {
-    while at >= n {
-        at -= n;
     }
     at
 }

@@ -11,6 +11,10 @@ const FIRST_AXES: usize = 64;
 /// Points this close along an axis (clouds have unit size) are equally extreme, and the first is taken, so rounding does not choose.
 const TIE: f64 = 1e-10;
 
+/// Points compared at once, and those of a block.
+const LANES: usize = 8;
+const BLOCK: usize = 8 * LANES;
+
 /// `count` directions spread evenly over half the unit sphere.
 pub(crate) fn half_sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
     fibonacci_zone(count, [0.0, 1.0])
@@ -23,6 +27,10 @@ pub(crate) struct CoreSet {
     z: Vec<f64>,
     inside: Vec<bool>,
     core: Vec<Vector3<f64>>,
+    /// The points in f32, block by block; the last ones are repeated.
+    blocks: Vec<[[[f32; LANES]; 3]; BLOCK / LANES]>,
+    /// Least and greatest value of each block along the last axis.
+    ranges: Vec<[f32; 2]>,
 }
 
 impl CoreSet {
@@ -32,7 +40,11 @@ impl CoreSet {
         let y: Vec<f64> = points.clone().map(|p| p.y).collect();
         let z: Vec<f64> = points.map(|p| p.z).collect();
         let inside = vec![false; x.len()];
-        let mut set = Self { x, y, z, inside, core: Vec::with_capacity(2 * FIRST_AXES) };
+        let lane = |list: &[f64], i: usize| list[i.min(list.len() - 1)] as f32;
+        let row = |first: usize| [&x, &y, &z].map(|list| std::array::from_fn(|k| lane(list, first + k)));
+        let block = |n: usize| std::array::from_fn(|r| row(n * BLOCK + r * LANES));
+        let blocks = (0..x.len().div_ceil(BLOCK)).map(block).collect();
+        let mut set = Self { x, y, z, inside, core: Vec::with_capacity(2 * FIRST_AXES), blocks, ranges: Vec::new() };
         for axis in half_sphere(FIRST_AXES) {
             let extremes = set.extremes(&axis);
             set.add(extremes.least.1);
@@ -67,31 +79,42 @@ impl CoreSet {
         new
     }
 
-    /// The first pass keeps eight independent minima and maxima, which the compiler vectorizes; a second pass finds the indices.
-    fn extremes(&self, axis: &Vector3<f64>) -> Extremes {
-        const LANES: usize = 8;
-        let value = |i: usize| axis.x * self.x[i] + axis.y * self.y[i] + axis.z * self.z[i];
-        let mut low = [f64::INFINITY; LANES];
-        let mut high = [f64::NEG_INFINITY; LANES];
-        let rows = self.x.chunks_exact(LANES).zip(self.y.chunks_exact(LANES)).zip(self.z.chunks_exact(LANES));
-        for ((x, y), z) in rows {
-            for k in 0..LANES {
-                let v = axis.x * x[k] + axis.y * y[k] + axis.z * z[k];
-                low[k] = if v < low[k] { v } else { low[k] };
-                high[k] = if v > high[k] { v } else { high[k] };
+    /// A first pass in f32, with independent minima and maxima that the compiler vectorizes, finds the extremes of blocks; a second one in f64 the
+    /// values and indices in the blocks that may have them.
+    fn extremes(&mut self, axis: &Vector3<f64>) -> Extremes {
+        /// Margin for the rounding of a value in f32 (clouds have unit size); far above it.
+        const ROUNDING: f32 = 2e-6;
+        let (lesser, greater) =
+            (|a: f32, b: f32| if a < b { a } else { b }, |a: f32, b: f32| if a > b { a } else { b });
+        let [x, y, z] = [axis.x, axis.y, axis.z].map(|x| x as f32);
+        self.ranges.clear();
+        for block in &self.blocks {
+            let (mut low, mut high) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+            for [xs, ys, zs] in block {
+                for k in 0..LANES {
+                    let v = x * xs[k] + y * ys[k] + z * zs[k];
+                    low[k] = lesser(v, low[k]);
+                    high[k] = greater(v, high[k]);
+                }
             }
+            let range =
+                [low.into_iter().fold(f32::INFINITY, lesser), high.into_iter().fold(f32::NEG_INFINITY, greater)];
+            self.ranges.push(range);
         }
-        let tail = self.x.len() / LANES * LANES..self.x.len();
-        let least = tail.clone().map(value).chain(low).fold(f64::INFINITY, f64::min);
-        let greatest = tail.map(value).chain(high).fold(f64::NEG_INFINITY, f64::max);
-        // For the maximum, value and limit change sign.
-        let first = |sign: f64, limit: f64| {
-            let hit = |i: usize| sign * value(i) <= limit;
-            let rows = 0..self.x.len() / LANES;
-            let row = rows.clone().find(|row| (row * LANES..(row + 1) * LANES).fold(false, |any, i| any | hit(i)));
-            (row.unwrap_or(rows.end) * LANES..self.x.len()).find(|&i| hit(i)).unwrap_or(0)
-        };
-        Extremes { least: (least, first(1.0, least + TIE)), greatest: (greatest, first(-1.0, TIE - greatest)) }
+        let least = self.ranges.iter().fold(f32::INFINITY, |least, range| lesser(range[0], least));
+        let greatest = self.ranges.iter().fold(f32::NEG_INFINITY, |greatest, range| greater(range[1], greatest));
+        let low = self.first(axis, 1.0, |range| range[0] <= least + ROUNDING);
+        let high = self.first(axis, -1.0, |range| range[1] >= greatest - ROUNDING);
+        Extremes { least: low, greatest: (-high.0, high.1) }
+    }
+
+    /// The least value along `axis`, times `sign`, in the blocks whose range may have it, and the first index within [`TIE`].
+    fn first(&self, axis: &Vector3<f64>, sign: f64, may: impl Fn(&[f32; 2]) -> bool) -> (f64, usize) {
+        let blocks = || self.ranges.iter().enumerate().filter(|(_, range)| may(range));
+        let indices = || blocks().flat_map(|(block, _)| block * BLOCK..((block + 1) * BLOCK).min(self.x.len()));
+        let value = |i: usize| sign * (axis.x * self.x[i] + axis.y * self.y[i] + axis.z * self.z[i]);
+        let least = indices().map(value).fold(f64::INFINITY, f64::min);
+        (least, indices().find(|&i| value(i) <= least + TIE).unwrap_or(0))
     }
 }
 

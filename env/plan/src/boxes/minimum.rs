@@ -2,13 +2,14 @@
 //!
 //! For a given axis the best box is exact: the least rectangle around the projection along it, by rotating calipers. The search over axes runs on a
 //! core set (see `core_set`) in the cloud's own frame, so the result rotates with the cloud. A compass search with shrinking steps refines every
-//! start, and applies the calipers to each of the box's three axes in turn. If the box does not contain the whole cloud, the points outside join
+//! start, and applies the calipers to each of the box's three axes in turn; a box around a few points, which is no larger, rules out most steps. If the box does not contain the whole cloud, the points outside join
 //! the core set and the search continues.
 //!
 //! Sources: J. O'Rourke, "Finding minimal enclosing boxes", 1985 (two faces of the best box are flush with edges of the hull);
 //! G. Toussaint, "Solving geometric problems with the rotating calipers", 1983.
 
-use super::calipers::Calipers;
+use super::calipers::{Calipers, Rectangle};
+use super::cone::{self, Cone};
 use super::core_set::{CoreSet, half_sphere};
 use super::moments::CloudFrame;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -32,6 +33,8 @@ const PAD: f64 = 1e-6;
 /// A box must be smaller by this factor to be better, so rounding does not choose: of equal boxes (round objects have many) the first of the lattice
 /// wins.
 const BETTER: f64 = 1.0 - 1e-9;
+/// Steps below this search the points near an axis, radians.
+const FINE: f64 = 0.4 * cone::ANGLE;
 /// Most rounds of growing the core set for one box; 2 to 4 are typical.
 const MAX_ROUNDS: usize = 12;
 
@@ -58,14 +61,32 @@ pub(crate) fn least_volume_axes(samples: &[Point3<f64>], more: &[Point3<f64>]) -
         return frame.axes;
     }
     let local = all.map(|p| frame.axes.tr_mul(&(p - frame.origin)) / size);
-    let mut search = Search { cloud: CoreSet::new(local), calipers: Calipers::default(), flat: Vec::new() };
+    let (calipers, flat) = (Calipers::default(), Vec::new());
+    let (cones, buffers, contacts) = (Vec::new(), cone::Buffers::default(), Vec::new());
+    let mut search = Search { cloud: CoreSet::new(local), calipers, flat, cones, buffers, contacts };
     frame.axes * search.run()
+}
+
+/// The points around which a box is put.
+#[derive(Clone, Copy)]
+enum Points {
+    /// The core set, which fixes the result.
+    Core,
+    /// Those of the core set that matter near the axis, with the same result.
+    Near,
+    /// The contacts, for a lower bound.
+    Contacts,
 }
 
 struct Search {
     cloud: CoreSet,
     calipers: Calipers,
     flat: Vec<[f64; 2]>,
+    /// Cones of the present core set, the last one first.
+    cones: Vec<Cone>,
+    buffers: cone::Buffers,
+    /// Points on the faces of recent boxes. A box around them alone is no larger than that around the core set, and takes a few of its points.
+    contacts: Vec<Vector3<f64>>,
 }
 
 impl Search {
@@ -89,7 +110,7 @@ impl Search {
     fn starts(&mut self) -> Vec<Candidate> {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         let mut all: Vec<Candidate> =
-            axes.into_iter().chain(half_sphere(DIRECTIONS)).map(|axis| self.best_about(&axis)).collect();
+            axes.into_iter().chain(half_sphere(DIRECTIONS)).map(|axis| self.best_about(&axis, Points::Core)).collect();
         all.sort_by_key(Candidate::rank);
         let mut picked: Vec<Candidate> = Vec::with_capacity(STARTS);
         for candidate in all {
@@ -103,29 +124,92 @@ impl Search {
         picked
     }
 
-    /// The least box on the core set with one side along `axis`.
-    fn best_about(&mut self, axis: &Vector3<f64>) -> Candidate {
+    /// The least box with one side along `axis`.
+    fn best_about(&mut self, axis: &Vector3<f64>, points: Points) -> Candidate {
         // Rounding would shrink axes that pass from box to box, and the shrinking would look like an improvement.
         let axis = &axis.normalize();
         let (u, v) = plane_basis(axis);
-        self.flat.clear();
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for p in self.cloud.core() {
-            let along = p.dot(axis);
-            low = low.min(along);
-            high = high.max(along);
-            self.flat.push([p.dot(&u), p.dot(&v)]);
-        }
-        let rectangle = self.calipers.least_rectangle(&mut self.flat, PAD);
+        let (height, rectangle) = match points {
+            Points::Core => self.measure([axis, &u, &v], false),
+            Points::Contacts => self.measure([axis, &u, &v], true),
+            Points::Near => {
+                self.find_cone(axis);
+                self.cones[0].measure([axis, &u, &v], PAD, &mut self.calipers, &mut self.buffers)
+            }
+        };
         let side = u * rectangle.side[0] + v * rectangle.side[1];
         Candidate {
             axes: Matrix3::from_columns(&[*axis, side, axis.cross(&side)]),
-            volume: (high - low + PAD) * (rectangle.length + PAD) * (rectangle.width + PAD),
+            volume: (height + PAD) * (rectangle.length + PAD) * (rectangle.width + PAD),
+        }
+    }
+
+    /// Length of the core set, or of the contacts, along `axis`, and the least rectangle around its projection on `u` and `v`.
+    fn measure(&mut self, [axis, u, v]: [&Vector3<f64>; 3], contacts: bool) -> (f64, Rectangle) {
+        self.flat.clear();
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for p in if contacts { &self.contacts } else { self.cloud.core() } {
+            let along = p.dot(axis);
+            low = low.min(along);
+            high = high.max(along);
+            self.flat.push([p.dot(u), p.dot(v)]);
+        }
+        (high - low, self.calipers.least_rectangle(&mut self.flat, PAD))
+    }
+
+    /// Brings a cone that holds `axis` to the front.
+    fn find_cone(&mut self, axis: &Vector3<f64>) {
+        /// Most cones: one for each axis of a box, and for each of a better one.
+        const MOST: usize = 6;
+        match self.cones.iter().position(|cone| cone.holds(axis)) {
+            Some(found) => self.cones.swap(0, found),
+            None => {
+                self.cones.truncate(MOST - 1);
+                self.cones.insert(0, Cone::new(self.cloud.core(), axis, &mut self.calipers));
+            }
+        }
+    }
+
+    /// The least box on the core set with one side along `axis`, if it is better than one of `volume`.
+    ///
+    /// * `step`: about the angle to the next axis, radians.
+    fn better_about(&mut self, axis: &Vector3<f64>, volume: f64, step: f64) -> Option<Candidate> {
+        /// Share by which the calipers may miss the least rectangle, ten times.
+        const MISSED: f64 = 1e-9;
+        let limit = volume * BETTER;
+        if self.contacts.len() > 3 && self.best_about(axis, Points::Contacts).volume >= limit * (1.0 + MISSED) {
+            return None;
+        }
+        let found = self.best_about(axis, if step < FINE { Points::Near } else { Points::Core });
+        self.add_contacts(&found.axes);
+        (found.volume < limit).then_some(found)
+    }
+
+    /// Adds the points of the core set on the faces of a box.
+    fn add_contacts(&mut self, axes: &Matrix3<f64>) {
+        /// Most points; more cost more than they save.
+        const MOST: usize = 24;
+        if self.contacts.len() > MOST {
+            self.contacts.drain(..MOST / 2);
+        }
+        for axis in axes.column_iter() {
+            let core = self.cloud.core();
+            let (mut low, mut high) = ((f64::INFINITY, core[0]), (f64::NEG_INFINITY, core[0]));
+            for p in core {
+                let along = p.dot(&axis);
+                low = if along < low.0 { (along, *p) } else { low };
+                high = if along > high.0 { (along, *p) } else { high };
+            }
+            for p in [low.1, high.1] {
+                if !self.contacts.contains(&p) {
+                    self.contacts.push(p);
+                }
+            }
         }
     }
 
     /// Applies the calipers to each axis of the box in turn, until none improves it.
-    fn exchange_axes(&mut self, mut best: Candidate) -> Candidate {
+    fn exchange_axes(&mut self, mut best: Candidate, step: f64) -> Candidate {
         /// 2 to 8 turns are typical.
         const MAX_TURNS: usize = 30;
         let mut since = 0;
@@ -134,8 +218,7 @@ impl Search {
             if since == 2 {
                 break;
             }
-            let found = self.best_about(&best.axes.column(axis).into_owned());
-            if found.volume < best.volume * BETTER {
+            if let Some(found) = self.better_about(&best.axes.column(axis).into_owned(), best.volume, step) {
                 best = found;
                 since = 0;
                 axis = 1; // column 0 was the last one
@@ -153,7 +236,7 @@ impl Search {
         const COMPASS: usize = 6;
         /// More moves at one step size converge slowly; smaller steps end them.
         const MAX_MOVES: usize = 12;
-        let mut best = self.exchange_axes(start);
+        let mut best = self.exchange_axes(start, first);
         let mut step = first;
         let mut turn: f64 = 0.0;
         let mut moves = 0;
@@ -164,8 +247,7 @@ impl Search {
             for k in 0..COMPASS {
                 let (sin, cos) = (turn + std::f64::consts::TAU * k as f64 / COMPASS as f64).sin_cos();
                 let moved = (axis + (u * cos + v * sin) * step).normalize();
-                let found = self.best_about(&moved);
-                if found.volume < best.volume * BETTER {
+                if let Some(found) = self.better_about(&moved, best.volume, step) {
                     best = found;
                     improved = true;
                 }
@@ -173,7 +255,7 @@ impl Search {
             turn += GOLDEN_TURN;
             moves += 1;
             if improved && moves < MAX_MOVES {
-                best = self.exchange_axes(best);
+                best = self.exchange_axes(best, step);
             } else {
                 step *= 0.5;
                 moves = 0;
@@ -190,6 +272,9 @@ impl Search {
         for _ in 0..rounds {
             current = self.refine(current, step, last);
             let (lengths, grew) = self.cloud.grow(&current.axes);
+            if grew {
+                self.cones.clear();
+            }
             let volume = lengths.iter().map(|l| l + PAD).product::<f64>();
             if volume < best.volume * BETTER {
                 best = Candidate { volume, ..current };

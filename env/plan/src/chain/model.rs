@@ -1,7 +1,8 @@
 //! The chain of a hand as rectangles in the plane in which it closes.
 
 use super::plane::{LinkShape, Rect};
-use super::{ChainModel, Coordinate, Motion, STEP, Segment, TURNING};
+use super::steps::motions;
+use super::{ChainModel, Coordinate, Direction, Motion, STEP, Segment, TURNING};
 use crate::PlanError;
 use graspbox_hand::{Chain, Collider, Hand, JointKind, Material, Transmission};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -39,6 +40,7 @@ impl ChainModel {
         let mut half_width: f64 = 0.0;
         let (mut segments, mut before): (Vec<Segment>, Vector3<f64>) = (Vec::new(), Vector3::zeros());
         let (mut reach, mut length): (f64, f64) = (0.0, 0.0);
+        let (mut extent, mut furthest, mut slides): (f64, f64, Vec<f64>) = (0.0, 0.0, Vec::new());
         for (&joint, &(coordinate, ratio)) in joints.iter().zip(&moving) {
             let ratio = if planar.turns_back(hand, links, joint) { -ratio } else { ratio };
             let plane_from_child = plane_from_hand * links[hand.joints[joint].child];
@@ -58,15 +60,20 @@ impl ChainModel {
             let corner = |r: &Rect| r.x[1].hypot(r.z[1].abs().max(r.z[0].abs()));
             reach = reach.max(length + rects.iter().map(corner).fold(0.0, f64::max));
             let shape = LinkShape::new(rects);
+            let far = coordinates[coordinate].limits.map(f64::abs).into_iter().fold(0.0, f64::max) * ratio.abs();
+            slides.push(if motion == Motion::Turn { 0.0 } else { far });
+            furthest += step.norm() + slides[slides.len() - 1];
+            extent = extent.max(furthest + shape.furthest_corner());
             segments.push(Segment { at: [step.x, step.z], motion, coordinate, ratio, shape });
             before = origin;
         }
-        let moves = moves(&coordinates);
+        let direction = |along: Vec<f64>| Direction { links: motions(&segments, &slides, &along), along };
+        let moves = moves(&coordinates).into_iter().map(direction).collect();
         let padded = segments.iter().rposition(|segment| segment.shape.rects.iter().any(|rect| rect.pad));
         let tip = padded.unwrap_or(segments.len().saturating_sub(1));
         let together = coordinates.len() > 1 && coordinates.iter().all(|coordinate| coordinate.arm == 0.0);
         let turns = planar.turns;
-        Self { hand_from_plane, segments, tip, coordinates, moves, half_width, reach, turns, together }
+        Self { hand_from_plane, segments, tip, coordinates, moves, half_width, reach, extent, turns, together }
     }
 }
 

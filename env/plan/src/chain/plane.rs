@@ -1,4 +1,6 @@
-//! Geometry in a chain's plane: links as rectangles, their frames, and their collisions with the object's points and the table.
+//! Geometry in a chain's plane: links as rectangles, their frames, and their collisions with the table.
+
+use std::sync::LazyLock;
 
 /// A rectangle of a link in the chain's plane; metres.
 #[derive(Clone, Copy, Debug)]
@@ -9,6 +11,11 @@ pub(crate) struct Rect {
 }
 
 impl Rect {
+    /// The corners that may be the first below the table: all but that at its joint.
+    pub fn upper_corners(&self) -> [(f64, f64); 3] {
+        [(self.x[1], self.z[0]), (self.x[1], self.z[1]), (self.x[0], self.z[1])]
+    }
+
     fn holds(&self, x: f64, z: f64) -> bool {
         x > self.x[0] && x < self.x[1] && z > self.z[0] && z < self.z[1]
     }
@@ -20,6 +27,8 @@ pub(crate) struct LinkShape {
     pub rects: Vec<Rect>,
     /// Bounds of all rectangles, outside of which most points are.
     pub bounds: Rect,
+    /// Middle and half sides of the bounds, in f32.
+    pub middle_and_half: [[f32; 2]; 2],
 }
 
 impl LinkShape {
@@ -28,29 +37,31 @@ impl LinkShape {
         let join = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let empty = Rect { x: none, z: none, pad: false };
         let bounds = rects.iter().fold(empty, |all, r| Rect { x: join(all.x, r.x), z: join(all.z, r.z), pad: false });
-        Self { rects, bounds }
+        let sides = [bounds.x, bounds.z];
+        let middle_and_half = [
+            sides.map(|[low, high]| (0.5 * (low + high)) as f32),
+            sides.map(|[low, high]| (0.5 * (high - low)) as f32),
+        ];
+        Self { rects, bounds, middle_and_half }
     }
 
-    fn holds(&self, frame: &Frame, [x, z]: [f64; 2]) -> bool {
+    /// Distance of the corner that is farthest from the origin of its frame; 0 without a rectangle.
+    pub fn furthest_corner(&self) -> f64 {
+        let most = |side: [f64; 2]| side[0].abs().max(side[1].abs());
+        if self.rects.is_empty() { 0.0 } else { most(self.bounds.x).hypot(most(self.bounds.z)) }
+    }
+
+    /// True if a point is inside a rectangle.
+    pub fn holds(&self, frame: &Frame, [x, z]: [f64; 2]) -> bool {
         let (x, z) = frame.inward(x, z);
         self.bounds.holds(x, z) && self.rects.iter().any(|r| r.holds(x, z))
     }
 
     /// True if a corner of the link at this frame is below the table.
     pub fn hits_table(&self, frame: &Frame, table: &PlaneTable) -> bool {
-        /// Margin for the rounding of a height, metres; far above it.
-        const ROUNDING: f64 = 1e-9;
         let height = |[x, z]: [f64; 2]| table.normal[0] * x + table.normal[1] * z;
-        let reach = [height([frame.cos, frame.sin]), height([-frame.sin, frame.cos])];
-        let least = |reach: f64, side: [f64; 2]| (reach * side[0]).min(reach * side[1]);
-        let lowest = height(frame.at) + least(reach[0], self.bounds.x) + least(reach[1], self.bounds.z);
-        if lowest > table.offset + ROUNDING {
-            return false;
-        }
-        self.rects.iter().any(|r| {
-            let corners = [(r.x[1], r.z[0]), (r.x[1], r.z[1]), (r.x[0], r.z[1])];
-            corners.iter().any(|&(x, z)| height(frame.outward(x, z)) < table.offset)
-        })
+        let mut corners = self.rects.iter().flat_map(Rect::upper_corners);
+        corners.any(|(x, z)| height(frame.outward(x, z)) < table.offset)
     }
 }
 
@@ -69,6 +80,10 @@ pub(crate) struct PlaneTable {
     pub offset: f64,
 }
 
+/// Angles of the table of [`Frame::nearly`] per radian, and the greatest of them: two joints that each turn by 4 rad.
+const ANGLES_PER_RADIAN: f64 = 64.0;
+const MOST_ANGLE: f64 = 8.0;
+
 /// A link's frame in the chain's plane.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
@@ -79,9 +94,31 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
+    /// At the origin, not rotated.
+    pub const ORIGIN: Self = Self { at: [0.0; 2], angle: 0.0, sin: 0.0, cos: 1.0 };
+
     pub fn new(at: [f64; 2], angle: f64) -> Self {
         let (sin, cos) = angle.sin_cos();
         Self { at, angle, sin, cos }
+    }
+
+    /// As [`Frame::new`], its sine and cosine within 1e-13 for angles of a hand, from a table of `Frame::angles` at a fraction of the cost.
+    pub fn nearly(at: [f64; 2], angle: f64, table: &[[f64; 2]]) -> Self {
+        let nearest = ((angle + MOST_ANGLE) * ANGLES_PER_RADIAN + 0.5) as u32;
+        let Some(&[sin, cos]) = table.get(nearest as usize) else { return Self::new(at, angle) };
+        let d = angle - (f64::from(nearest) / ANGLES_PER_RADIAN - MOST_ANGLE);
+        let square = d * d;
+        let (odd, even) = (d - d * square * (1.0 / 6.0), 1.0 - square * (0.5 - square * (1.0 / 24.0)));
+        Self { at, angle, sin: sin * even + cos * odd, cos: cos * even - sin * odd }
+    }
+
+    /// Sine and cosine of the angles of the table, from the least to the greatest.
+    pub fn angles() -> &'static [[f64; 2]] {
+        static TABLE: LazyLock<Vec<[f64; 2]>> = LazyLock::new(|| {
+            let most = (MOST_ANGLE * ANGLES_PER_RADIAN) as i32;
+            (-most..=most).map(|i| (f64::from(i) / ANGLES_PER_RADIAN).sin_cos().into()).collect()
+        });
+        &TABLE
     }
 
     pub fn outward(&self, x: f64, z: f64) -> [f64; 2] {
@@ -91,122 +128,5 @@ impl Frame {
     pub fn inward(&self, x: f64, z: f64) -> (f64, f64) {
         let (x, z) = (x - self.at[0], z - self.at[1]);
         (self.cos * x + self.sin * z, self.cos * z - self.sin * x)
-    }
-}
-
-/// The object's points around one closing chain in square cells, and a cache of the last steps. Neither changes results.
-pub(crate) struct Obstacles {
-    /// Row by row of cells, and cell by cell within a row.
-    points: Vec<[f64; 2]>,
-    /// Index of each cell's first point; the last entry is the number of points.
-    begins: Vec<u32>,
-    origin: [f64; 2],
-    /// Number of cells along x and z.
-    size: [usize; 2],
-    /// The point that blocked each link last.
-    last: Vec<[f64; 2]>,
-    /// Recent positions of the first coordinate, and whether a point blocked the first link there, which depends on no other coordinate.
-    known: [(f64, bool); Obstacles::KNOWN],
-    next: usize,
-}
-
-impl Obstacles {
-    /// Number of cached positions: those of two steps.
-    const KNOWN: usize = 8;
-    /// Side of a cell, metres: a third of a link's thickness.
-    const CELL: f64 = 0.01;
-
-    /// * `links`: number of links of the chain.
-    pub fn new(points: &[PlanePoint], links: usize) -> Self {
-        let none = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        let (low, high) = points
-            .iter()
-            .fold(none, |(low, high), p| ([low[0].min(p.x), low[1].min(p.z)], [high[0].max(p.x), high[1].max(p.z)]));
-        let size = [0, 1].map(|k| ((high[k] - low[k]) / Self::CELL).max(0.0) as usize + 1);
-        let mut all = Self {
-            points: vec![[0.0; 2]; points.len()],
-            begins: vec![0; size[0] * size[1] + 1],
-            origin: low,
-            size,
-            last: vec![[f64::INFINITY; 2]; links],
-            known: [(f64::NAN, false); Self::KNOWN],
-            next: 0,
-        };
-        let cell = |all: &Self, p: &PlanePoint| all.cell(1, p.z) * size[0] + all.cell(0, p.x);
-        for p in points {
-            let cell = cell(&all, p);
-            all.begins[cell] += 1;
-        }
-        let mut sum = 0;
-        for begin in &mut all.begins {
-            sum += *begin;
-            *begin = sum;
-        }
-        // Filled from the end: each entry ends at the beginning of its cell.
-        for p in points.iter().rev() {
-            let cell = cell(&all, p);
-            all.begins[cell] -= 1;
-            let at = all.begins[cell] as usize;
-            all.points[at] = [p.x, p.z];
-        }
-        all
-    }
-
-    /// Index along `axis` (0: x, 1: z) of the cell that contains `value`, or of the nearest one.
-    fn cell(&self, axis: usize, value: f64) -> usize {
-        (((value - self.origin[axis]) / Self::CELL).max(0.0) as usize).min(self.size[axis] - 1)
-    }
-
-    /// True if a point is inside one of the links at these frames.
-    ///
-    /// * `first`: position of the first coordinate, the only one on which the first link depends.
-    pub fn block<'a>(&mut self, links: impl Iterator<Item = (&'a LinkShape, &'a Frame)> + Clone, first: f64) -> bool {
-        // The point that blocked a link last usually does so again, and is tested first.
-        links.clone().zip(&self.last).any(|((link, frame), last)| link.holds(frame, *last))
-            || links.enumerate().any(|(which, (link, frame))| match which {
-                0 => self.block_first(link, frame, first),
-                _ => self.block_link(which, link, frame),
-            })
-    }
-
-    fn block_first(&mut self, link: &LinkShape, frame: &Frame, position: f64) -> bool {
-        if let Some(&(_, blocked)) = self.known.iter().find(|(known, _)| *known == position) {
-            return blocked;
-        }
-        let blocked = self.block_link(0, link, frame);
-        self.known[self.next] = (position, blocked);
-        self.next = (self.next + 1) % Self::KNOWN;
-        blocked
-    }
-
-    fn block_link(&mut self, which: usize, link: &LinkShape, frame: &Frame) -> bool {
-        /// Margin for the rounding of a point from the plane to a link and back, metres; far above it.
-        const ROUNDING: f64 = 1e-9;
-        /// Points compared at once.
-        const LANES: usize = 8;
-        let bounds = &link.bounds;
-        let (middle, half) = (|side: [f64; 2]| 0.5 * (side[0] + side[1]), |side: [f64; 2]| 0.5 * (side[1] - side[0]));
-        let (center, half) = (frame.outward(middle(bounds.x), middle(bounds.z)), [half(bounds.x), half(bounds.z)]);
-        let (cos, sin) = (frame.cos.abs(), frame.sin.abs());
-        let reach = [cos * half[0] + sin * half[1] + ROUNDING, sin * half[0] + cos * half[1] + ROUNDING];
-        let cells =
-            |axis: usize| [self.cell(axis, center[axis] - reach[axis]), self.cell(axis, center[axis] + reach[axis])];
-        let (x, z) = (cells(0), cells(1));
-        for row in z[0]..=z[1] {
-            let first = row * self.size[0];
-            let [begin, end] = [first + x[0], first + x[1] + 1].map(|cell| self.begins[cell] as usize);
-            for points in self.points[begin..end].chunks(LANES) {
-                // Branch-free, so the compiler compares several points at once.
-                let near = points.iter().fold(false, |near, &[x, z]| {
-                    let (x, z) = frame.inward(x, z);
-                    near | ((x > bounds.x[0]) & (x < bounds.x[1]) & (z > bounds.z[0]) & (z < bounds.z[1]))
-                });
-                if near && let Some(found) = points.iter().find(|p| link.holds(frame, **p)) {
-                    self.last[which] = *found;
-                    return true;
-                }
-            }
-        }
-        false
     }
 }

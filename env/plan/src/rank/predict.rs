@@ -1,6 +1,7 @@
 //! Prediction of a grasp: chains (fingers) closed on the object's surface, their contacts, and features of both.
 
-use crate::chain::{ChainModel, ClosedChain, PlanePoint, PlaneTable, SpatialChain, TableSide};
+use super::neighbors::Groups;
+use crate::chain::{ChainModel, ClosedChain, PlanePoint, PlaneTable, SpatialChain, TableSide, Workspace};
 use crate::collision::CollisionScene;
 use crate::preshape::closing_center;
 use crate::wrench::{Directions, WrenchSpace};
@@ -66,6 +67,7 @@ struct Contact {
 /// Data shared by all predictions of one object.
 pub(crate) struct Target<'a> {
     pub samples: &'a [SurfaceSample],
+    pub groups: &'a Groups,
     pub center_of_mass: Point3<f64>,
     pub scene: &'a CollisionScene,
 }
@@ -99,11 +101,16 @@ impl Fingers {
 const LINK_CONTACTS: usize = 4;
 
 /// Closes the hand at `object_from_hand` and computes the features of the grasp.
-pub(crate) fn predict(target: &Target<'_>, hand: &ClosingHand, object_from_hand: &Isometry3<f64>) -> Prediction {
+pub(crate) fn predict(
+    target: &Target<'_>,
+    hand: &ClosingHand,
+    object_from_hand: &Isometry3<f64>,
+    work: &mut Workspace,
+) -> Prediction {
     let hand_from_object = object_from_hand.inverse();
     let closed: Vec<ClosedChain> = match &hand.fingers {
         Fingers::Planar(chains) => {
-            chains.iter().map(|finger| close_one(target, finger, &hand_from_object, object_from_hand)).collect()
+            chains.iter().map(|finger| close_one(target, finger, &hand_from_object, object_from_hand, work)).collect()
         }
         Fingers::Spatial(chains) => close_in_space(target, chains, &hand_from_object, object_from_hand),
     };
@@ -148,6 +155,7 @@ fn close_one(
     finger: &ChainModel,
     hand_from_object: &Isometry3<f64>,
     object_from_hand: &Isometry3<f64>,
+    work: &mut Workspace,
 ) -> ClosedChain {
     /// Greatest distance of a point from the finger, metres: samples are about 5 mm apart.
     const BESIDE: f64 = 0.002;
@@ -155,21 +163,23 @@ fn close_one(
     const ROUNDING: f64 = 1e-9;
     let [x_axis, y_axis, z_axis] = finger.axes();
     let origin = finger.hand_from_plane.translation.vector;
-    let reach2 = (finger.reach + BESIDE).powi(2);
+    let reach = finger.reach + BESIDE;
     let mut points = Vec::with_capacity(128);
     // Most samples are off the finger: a test in their own frame rejects them faster.
     let across = object_from_hand * y_axis;
-    let middle = across.dot(&(object_from_hand * Point3::from(origin)).coords);
-    for (sample, index) in target.samples.iter().zip(0u32..) {
-        if (across.dot(&sample.point.coords) - middle).abs() > finger.half_width + BESIDE + ROUNDING {
+    let root = object_from_hand * Point3::from(origin);
+    let slab = (across, across.dot(&root.coords), finger.half_width + BESIDE + ROUNDING);
+    let around = (root, reach.hypot(slab.2) + ROUNDING);
+    for &(point, index) in target.groups.near(slab, around) {
+        if (across.dot(&point.coords) - slab.1).abs() > slab.2 {
             continue;
         }
-        let from = (hand_from_object * sample.point).coords - origin;
+        let from = (hand_from_object * point).coords - origin;
         if from.dot(&y_axis).abs() > finger.half_width + BESIDE {
             continue;
         }
         let (x, z) = (from.dot(&x_axis), from.dot(&z_axis));
-        if x * x + z * z <= reach2 {
+        if x * x + z * z <= reach.powi(2) {
             points.push(PlanePoint { x, z, index });
         }
     }
@@ -178,7 +188,7 @@ fn close_one(
     let origin = target.scene.height(&Point3::from(object_from_plane.translation.vector));
     // The lower edge of the finger counts.
     let offset = up.y.abs() * finger.half_width - origin;
-    finger.close(&points, &PlaneTable { normal: [up.x, up.z], offset })
+    finger.close(&points, &PlaneTable { normal: [up.x, up.z], offset }, work)
 }
 
 fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedChain]) -> Vec<Contact> {
