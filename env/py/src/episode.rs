@@ -194,7 +194,6 @@ impl SettledScene {
 
     /// Tries every pose with the object's mass multiplied by each of `masses` (k,), after closing once: success and security, (n, k) each.
     #[pyo3(signature = (poses, preshape, masses, config, num_threads))]
-    #[expect(clippy::type_complexity, reason = "two arrays")]
     fn simulate_masses<'py>(
         &self,
         py: Python<'py>,

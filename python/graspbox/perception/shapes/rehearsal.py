@@ -25,8 +25,8 @@ __all__ = ["Rehearsal", "rehearsed_score", "rehearsed_success"]
 
 _LOG = logging.getLogger(__name__)
 
-#: Convex parts of a completed shape: half a voxel of error, 12 parts of 20 corners.
-_PARTS = {"max_error": 4e-3, "max_parts": 12, "max_points": 20, "max_nodes": 40_000}
+#: Convex parts of a completed shape: half a voxel of error, 16 parts of 24 corners.
+_PARTS = {"max_error": 3e-3, "max_parts": 16, "max_points": 24, "max_nodes": 30_000}
 #: Steps four times the default, and contacts found and solved less exactly: a quarter of the time of a trial.
 _PHYSICS = PhysicsConfig(dt=8e-3, implicit=ImplicitConfig(contact_drift=5e-4, stick_speed=1e-3, tolerance=2e-4))
 #: Fewest trials of a grasp with a stated error of the hand.
