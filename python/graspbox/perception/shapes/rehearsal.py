@@ -3,7 +3,7 @@
 A scorer judges a grasp by the voxels around the hand; a rehearsal runs the trial itself. The completed volume becomes a
 mesh at its place, and the hand closes, lifts and holds, at the pose itself and perhaps at some around it. The mass
 follows from the completed volume, the friction is the default. Convex parts and time steps are coarser than in other
-trials: the shape is known to some millimetres, and a finer simulation of it foresees no more.
+trials: their outcomes change no more than by an error of the hand of 3 mm, and the shape is not known any better.
 """
 
 import logging
