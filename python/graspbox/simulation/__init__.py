@@ -303,8 +303,8 @@ class Scene:
         preshape : (n,) array_like
             See `graspbox.simulate`.
         masses : (k,) array_like
-            1 to 64 factors on the mass of every object, 0.01 to 100, the lightest first: the hand closes on it, and once
-            one is not held, those after it count as not held.
+            1 to 64 factors on the mass of every object, 0.01 to 100, the lightest first. The hand closes on the first;
+            once one is not held, those after it count as not held.
         config, num_threads
             As `graspbox.simulate`.
 
