@@ -177,6 +177,11 @@ class Mesh:
     def load(
         path: str | PathLike[str], name: str, mass: float | None, options: _Config, cleaning: _Config | None
     ) -> Mesh: ...
+    @staticmethod
+    def in_parts(
+        vertices: NDArray[np.float64], faces: NDArray[np.uint32], name: str, mass: float, parts: _Config
+    ) -> Mesh:
+        """Make a mesh of a closed surface, in convex parts that are made with settings `parts`."""
     def scaled(self, scale: float, cache: str | PathLike[str] | None) -> Mesh:
         """Multiply every length by `scale`, at the same density."""
     @property
@@ -462,6 +467,15 @@ class SettledScene:
         num_threads: int | None,
     ) -> OutcomeArrays:
         """Try every pose, with the object's friction and mass multiplied by `factors` (n, 2)."""
+    def simulate_masses(
+        self,
+        poses: NDArray[np.float64],
+        preshape: NDArray[np.float64],
+        masses: NDArray[np.float64],
+        config: _Config,
+        num_threads: int | None,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Try every pose with the object's mass multiplied by each of `masses` (k,): success and security, (n, k)."""
     def forces(
         self,
         poses: NDArray[np.float64],

@@ -77,7 +77,8 @@ def test_trials_on_the_true_shape_agree_with_the_object(scene: RenderedScene) ->
 
 
 def test_a_rehearsal_outvotes_a_wrong_score(scene: RenderedScene) -> None:
-    misled, found = decide(scene, replace(CONFIG, rehearsal=None)), decide(scene, CONFIG)
+    trusting = replace(CONFIG, rehearsal=RehearsalConfig(grasps=48, trials=3, gain=8.0))
+    misled, found = decide(scene, replace(CONFIG, rehearsal=None)), decide(scene, trusting)
     assert misled.rehearsed is None
     assert found.rehearsed is not None
     np.testing.assert_array_equal(found.poses, misled.poses)
@@ -133,6 +134,26 @@ def test_a_heavy_object_slips_where_a_light_one_is_held(scene: RenderedScene) ->
     assert (shares[0.0] > 0.7).all()
     # No grasp of the ReFlex hand lifts 10 kg: that half of the trials fails.
     np.testing.assert_allclose(shares[10.0], shares[0.0] / 2, atol=1e-12)
+
+
+def test_masses_are_lifted_by_one_closed_hand(scene: RenderedScene) -> None:
+    """The first mass is that of an ordinary trial; a mass that is lost is lost for all after it."""
+    assert scene.scene is not None
+    found = decide(scene, CONFIG)
+    object_from_crop = np.linalg.inv(scene.world_from_object) @ found.world_from_crop
+    poses, preshapes = object_from_crop @ found.poses[:12], found.preshapes[:12]
+    plain = scene.scene.simulate(poses, preshapes)
+    success, secure = scene.scene.simulate_masses(poses, preshapes, [1.0, 3.0, 100.0])
+    np.testing.assert_array_equal(success[:, 0], plain.success)
+    np.testing.assert_array_equal(secure[:, 0], plain.secure)
+    assert 0 < success[:, 0].sum() < len(poses)
+    assert not (np.diff(success.astype(int), axis=1) > 0).any()
+    assert not success[:, 2].any()
+    assert not (secure & ~success).any()
+    with pytest.raises(ConfigError, match=r"number of masses. is 0"):
+        scene.scene.simulate_masses(poses, preshapes, [])
+    with pytest.raises(ConfigError, match=r"mass factor. is 0"):
+        scene.scene.simulate_masses(poses, preshapes, [1.0, 0.0])
 
 
 def test_an_error_of_the_hand_makes_trials_fail(scene: RenderedScene) -> None:

@@ -18,6 +18,9 @@ const ROUNDING: f64 = 1e-6;
 /// Least and greatest factor on an object's friction or mass, dimensionless: values beyond them are errors of the caller.
 const FACTORS: [f64; 2] = [0.01, 100.0];
 
+/// Most masses that a closed hand lifts.
+const MOST_MASSES: f64 = 64.0;
+
 /// Progress of a batch, shared between the batch and its caller.
 #[derive(Debug, Default)]
 pub struct Progress {
@@ -95,6 +98,77 @@ pub fn run_observed_trials<O: Observer + Send>(
         return Err(EpisodeError::Cancelled { done: finished.len(), total });
     }
     Ok(finished)
+}
+
+/// Tries every pose with several masses: the hand closes once, and lifts in a copy of the world for each. Much cheaper than a trial for each
+/// mass, since closing takes most of the time of a trial.
+///
+/// * `masses`: factors on the mass of every object, at least one; the hand closes on the first. Once a mass is lost, those after it count as
+///   lost in the same way.
+///
+/// Outcomes are one row per pose, one entry per mass.
+///
+/// # Errors
+/// As [`run_observed_trials`]; [`EpisodeError::OutOfRange`] also for no mass, or more than 64.
+pub fn run_loaded_trials(
+    scene: &Arc<Scene>,
+    poses: &[GraspPose],
+    masses: &[f64],
+    config: TrialConfig,
+    progress: &Progress,
+) -> Result<Vec<Vec<TrialOutcome>>, EpisodeError> {
+    check_config(scene, &config)?;
+    check_poses(scene.template().hand(), poses)?;
+    let factors: Vec<[f64; 2]> = masses.iter().map(|mass| [1.0, *mass]).collect();
+    in_range("number of masses", masses.len() as f64, 1.0..=MOST_MASSES, "")?;
+    check_factors(&factors, masses.len())?;
+    let rows = poses.par_iter().map(|pose| {
+        let row = if progress.stopped() { None } else { loaded_trials(scene, pose, masses, config, progress)? };
+        progress.step();
+        Ok(row)
+    });
+    let rows = rows.collect::<Result<Vec<Option<Vec<TrialOutcome>>>, EpisodeError>>()?;
+    let total = rows.len();
+    let finished: Vec<_> = rows.into_iter().flatten().collect();
+    if finished.len() < total {
+        return Err(EpisodeError::Cancelled { done: finished.len(), total });
+    }
+    Ok(finished)
+}
+
+/// The outcome of one pose for each mass; `None` if `progress` was cancelled.
+fn loaded_trials(
+    scene: &Arc<Scene>,
+    pose: &GraspPose,
+    masses: &[f64],
+    config: TrialConfig,
+    progress: &Progress,
+) -> Result<Option<Vec<TrialOutcome>>, EpisodeError> {
+    let stop = || progress.stopped();
+    let mut outcomes = Vec::with_capacity(masses.len());
+    if !scene.reachable(pose, config.standoff)? {
+        outcomes.resize(masses.len(), TrialOutcome::infeasible(config.shake.is_some()));
+        return Ok(Some(outcomes));
+    }
+    let mut closed = Trial::new(scene, pose, [1.0, masses[0]], config, |_| (), false);
+    if !closed.close(&stop)? {
+        return Ok(None);
+    }
+    for mass in masses {
+        let mut trial = closed.loaded(mass / masses[0]);
+        if !(trial.lift(&stop)? && trial.shake(&stop)?) {
+            return Ok(None);
+        }
+        let outcome = trial.outcome();
+        let lost = !outcome.success;
+        outcomes.push(outcome);
+        if lost {
+            break;
+        }
+    }
+    let last = outcomes[outcomes.len() - 1].clone();
+    outcomes.resize(masses.len(), last);
+    Ok(Some(outcomes))
 }
 
 /// One trial as [`run_observed_trials`] runs it, with its trace. A pose that the open hand does not reach has an infeasible

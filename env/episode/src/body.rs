@@ -58,12 +58,20 @@ impl Body {
     /// [`EpisodeError::Mesh`] for a mesh that cannot be repaired or has no volume, [`EpisodeError::Sim`] for an invalid mass,
     /// [`EpisodeError::Plan`] for a mesh that cannot be queried.
     pub fn prepare(spec: &ObjectSpec, cache: Option<&Path>) -> Result<Self, EpisodeError> {
+        Self::prepare_with(spec, &PartsParams::default(), cache)
+    }
+
+    /// As [`Body::prepare`], with other parts.
+    ///
+    /// # Errors
+    /// As [`Body::prepare`]; [`EpisodeError::Mesh`] also for settings of the parts out of range.
+    pub fn prepare_with(spec: &ObjectSpec, params: &PartsParams, cache: Option<&Path>) -> Result<Self, EpisodeError> {
         let mesh_error = |source| EpisodeError::Mesh { object: spec.name.clone(), source };
         let (mesh, _) = graspbox_mesh::clean(&spec.mesh, &CleanOptions::default()).map_err(mesh_error)?;
         let mass = spec.mass.map_or(Mass::Density(DEFAULT_DENSITY), Mass::Kilograms);
         let hulls = match &spec.parts {
             Some(parts) => parts.iter().map(|points| convex_hull(points)).collect::<Result<Vec<_>, _>>(),
-            None => graspbox_mesh::convex_parts(&mesh, &PartsParams::default(), cache).map(|cut| cut.parts),
+            None => graspbox_mesh::convex_parts(&mesh, params, cache).map(|cut| cut.parts),
         };
         let parts: Arc<[TriMesh]> = hulls.map_err(mesh_error)?.into();
         let mass = graspbox_mesh::mass_properties(&mesh, mass).map_err(mesh_error)?;

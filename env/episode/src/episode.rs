@@ -103,6 +103,11 @@ impl Episode {
         Ok(())
     }
 
+    /// Multiplies the mass of every object by a positive factor.
+    pub(crate) fn scale_masses(&mut self, factor: f64) {
+        self.world.scale_objects(1.0, factor);
+    }
+
     /// Notifies the judge that the object is dropped; its centre of mass will rest at `resting_height`, metres.
     pub fn dropped(&mut self, resting_height: f64) {
         let target = self.world.target();

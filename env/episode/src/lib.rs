@@ -59,7 +59,7 @@ pub mod trial;
 pub const BUILD: &str = env!("GRASPBOX_SIMULATION");
 
 pub use approach::{Approach, approach};
-pub use batch::{Progress, run_observed_trials, run_trials, trace_trial};
+pub use batch::{Progress, run_loaded_trials, run_observed_trials, run_trials, trace_trial};
 pub use body::{Body, DEFAULT_DENSITY, ObjectSpec};
 pub use episode::Episode;
 pub use error::EpisodeError;

@@ -107,6 +107,7 @@ pub struct Finished<O> {
 }
 
 /// A trial in progress.
+#[derive(Clone)]
 pub struct Trial<O = ()> {
     episode: Episode,
     config: TrialConfig,
@@ -207,6 +208,16 @@ impl<O: Observer> Trial<O> {
             self.episode.target_most_pressed();
         }
         Ok(closed)
+    }
+
+    /// A copy in which the mass of every object is `factor` times as great, 0.01 to 100: what the closed hand would lift then.
+    pub(crate) fn loaded(&self, factor: f64) -> Self
+    where
+        O: Clone,
+    {
+        let mut copy = self.clone();
+        copy.episode.scale_masses(factor);
+        copy
     }
 
     /// Lifts and holds, after [`Trial::close`]; false if `stop` returned true.

@@ -17,8 +17,6 @@ use scan::NodeColumns;
 
 /// Nodes around the bounds, so that points just outside are on the grid.
 const PAD: usize = 3;
-/// Most nodes: memory (17 bytes each) and time (about 0.15 us each) follow.
-const MAX_NODES: f64 = 600_000.0;
 /// Most nodes along one side.
 const MAX_SIDE: f64 = 256.0;
 
@@ -49,14 +47,14 @@ struct Face {
 }
 
 impl<'a> DistanceGrid<'a> {
-    /// Samples `mesh` on a grid as fine as half a million nodes allow, but no finer than `min_step` metres.
-    pub fn new(mesh: &'a TriMesh, min_step: f64) -> Self {
+    /// Samples `mesh` on a grid as fine as about `max_nodes` nodes allow, but no finer than `min_step` metres.
+    pub fn new(mesh: &'a TriMesh, min_step: f64, max_nodes: usize) -> Self {
         let aabb = mesh.aabb();
         let sides = aabb.max - aabb.min;
         let longest = sides.amax();
         // A thin object still has a padding of PAD nodes.
         let volume: f64 = sides.iter().map(|s| s.max(longest / 32.0)).product();
-        let step = (volume / MAX_NODES).cbrt().max(longest / MAX_SIDE).max(min_step);
+        let step = (volume / max_nodes as f64).cbrt().max(longest / MAX_SIDE).max(min_step);
         let size = [0, 1, 2].map(|k| (sides[k] / step).ceil() as usize + 1 + 2 * PAD);
         let origin = aabb.min - Vector3::repeat(PAD as f64 * step);
         let nodes = size.iter().product();

@@ -68,7 +68,7 @@ pub fn convex_parts(mesh: &TriMesh, params: &PartsParams, cache: Option<&Path>) 
     }
     let coarse = cluster::at_most(mesh, MOST_FACES);
     let center = middle(&coarse);
-    let fit = Fit::new(&coarse, center, params.max_error);
+    let fit = Fit::new(&coarse, center, params.max_error, params.max_nodes);
     let parts = decompose(&coarse, center, &fit, params)?;
     if let Some(entry) = &entry {
         entry.write(&cache::encode(&parts));
@@ -84,7 +84,7 @@ pub fn convex_parts(mesh: &TriMesh, params: &PartsParams, cache: Option<&Path>) 
 /// * `max_error`: as [`PartsParams::max_error`]; it sets how densely the parts are sampled.
 pub fn measure_parts(mesh: &TriMesh, parts: &[TriMesh], max_error: f64) -> PartsReport {
     let coarse = cluster::at_most(mesh, MOST_FACES);
-    report(&coarse, parts, &Fit::new(&coarse, middle(&coarse), max_error))
+    report(&coarse, parts, &Fit::new(&coarse, middle(&coarse), max_error, PartsParams::default().max_nodes))
 }
 
 /// Middle of the bounds.

@@ -171,6 +171,7 @@ fn flat_meshes_and_bad_parameters_are_refused() {
         PartsParams { max_error: f64::NAN, ..PartsParams::default() },
         PartsParams { max_parts: 0, ..PartsParams::default() },
         PartsParams { max_points: 4, ..PartsParams::default() },
+        PartsParams { max_nodes: 10, ..PartsParams::default() },
     ] {
         assert!(convex_parts(&mesh, &params, None).is_err());
     }

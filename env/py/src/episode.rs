@@ -12,7 +12,7 @@ use graspbox_episode::forces::PULLS;
 use graspbox_episode::study::Measures;
 use graspbox_episode::{
     Body, FailureKind, Finished, ForceConfig, ForceOutcome, Progress, Sample, Scene as Core, Study, TrialConfig,
-    TrialOutcome, run_forces, run_observed_trials, trace_trial,
+    TrialOutcome, run_forces, run_loaded_trials, run_observed_trials, trace_trial,
 };
 use graspbox_hand::GraspPose;
 use graspbox_plan::Feasibility;
@@ -190,6 +190,32 @@ impl SettledScene {
             move || run_observed_trials(&scene, &grasps, &factors, config, &watched, Study::new),
         )?;
         outcome_arrays(py, &trials)
+    }
+
+    /// Tries every pose with the object's mass multiplied by each of `masses` (k,), after closing once: success and security, (n, k) each.
+    #[pyo3(signature = (poses, preshape, masses, config, num_threads))]
+    fn simulate_masses<'py>(
+        &self,
+        py: Python<'py>,
+        poses: Floats<'_>,
+        preshape: Floats<'_>,
+        masses: Floats<'_>,
+        config: &Bound<'_, PyAny>,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<(Array<'py, bool>, Array<'py, bool>)> {
+        let grasps = grasps(&poses, &preshape)?;
+        let masses = vector(&masses, "masses")?;
+        let config: TrialConfig = read_config(config, "TrialConfig")?;
+        let progress = Arc::new(Progress::default());
+        let (scene, watched, shape) = (Arc::clone(&self.core), Arc::clone(&progress), [grasps.len(), masses.len()]);
+        let rows = interruptible(
+            py,
+            num_threads,
+            move || progress.stop(),
+            move || run_loaded_trials(&scene, &grasps, &masses, config, &watched),
+        )?;
+        let flags = |get: fn(&TrialOutcome) -> bool| array(py, rows.iter().flatten().map(get).collect(), &shape);
+        Ok((flags(|outcome| outcome.success)?, flags(|outcome| outcome.secure)?))
     }
 
     /// Tries every pose under six forces and by a lift; arrays by name.

@@ -5,8 +5,8 @@ use crate::errors::CoreError;
 use crate::gil::detached;
 use graspbox_episode::{Body, DEFAULT_DENSITY, ObjectSpec};
 use graspbox_mesh::{
-    CleanOptions, LoadOptions, Mass, MassProperties, MeshError, RestingOptions, TriMesh, check_watertight, clean,
-    convex_hull, least_width, load, mass_properties, resting_poses, sample_surface,
+    CleanOptions, LoadOptions, Mass, MassProperties, MeshError, PartsParams, RestingOptions, TriMesh, check_watertight,
+    clean, convex_hull, least_width, load, mass_properties, resting_poses, sample_surface,
 };
 use graspbox_render::Model;
 use nalgebra::Point3;
@@ -196,6 +196,27 @@ impl Mesh {
         let cleaning = cleaning_options(cleaning)?;
         let mesh = TriMesh::new(vertices, faces).map_err(CoreError::from)?;
         Self::cleaned(py, ObjectSpec { name, mesh, mass, parts }, cleaning, None)
+    }
+
+    /// A mesh of a closed surface, whose convex parts are made at once, with settings `parts`, and are cached nowhere.
+    #[staticmethod]
+    #[pyo3(signature = (vertices, faces, name, mass, parts))]
+    fn in_parts(
+        py: Python<'_>,
+        vertices: Floats<'_>,
+        faces: PyReadonlyArrayDyn<'_, u32>,
+        name: String,
+        mass: f64,
+        parts: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let (vertices, faces) = (points(&vertices, "vertices")?, triples(&faces, "faces")?);
+        let params: PartsParams = read_config(parts, "PartsConfig")?;
+        detached(py, None, move || {
+            let mesh = TriMesh::new(vertices, faces)?;
+            mesh.check_extent()?;
+            let spec = ObjectSpec { name, mesh, mass: Some(mass), parts: None };
+            Ok::<_, CoreError>(Self(Arc::new(MeshData::of_body(Body::prepare_with(&spec, &params, None)?))))
+        })
     }
 
     /// The object with every length times `scale`, of the same density. Its convex parts, cached in `cache`, are scaled too.

@@ -222,7 +222,8 @@ class RehearsalConfig:
     thresholds : tuple of int
         Least values of a voxel that a shape fills, 1 to 255. Each makes a shape, since a completion is uncertain.
     trials : int
-        Trials of each grasp with each shape: one at the pose itself, the others with errors of the hand's pose.
+        Trials of each grasp with each shape: one at the pose itself, the others with errors of the hand's pose. With a
+        stated error of the hand there are at least 4.
     position, rotation : float
         Standard deviations of these errors along and about each axis of the hand, metres and radians.
     offset, slope, gain : float
@@ -230,7 +231,7 @@ class RehearsalConfig:
     density : float
         Mass over the completed volume, kg/m3.
     heavy : float
-        Each trial is repeated with this mass, kg, if it is greater: metal and wood look alike in depth.
+        Each lift is repeated with this mass, kg, if it is greater: metal and wood look alike in depth.
 
     Raises
     ------
@@ -240,12 +241,12 @@ class RehearsalConfig:
 
     grasps: int = 8
     thresholds: tuple[int, ...] = (96,)
-    trials: int = 2
+    trials: int = 1
     position: float = 0.003
     rotation: float = 0.05
-    offset: float = -0.9
+    offset: float = -0.3
     slope: float = 0.55
-    gain: float = 2.1
+    gain: float = 1.65
     density: float = 500.0
     heavy: float = 0.3
 

@@ -283,6 +283,47 @@ class Scene:
         fields = config_dict(config, TrialConfig)
         return Outcomes._from_core(self._core.simulate(matrices, angles, factors, fields, num_threads))
 
+    def simulate_masses(
+        self,
+        poses: ArrayLike,
+        preshape: ArrayLike,
+        masses: ArrayLike,
+        *,
+        config: TrialConfig = TrialConfig(),  # noqa: B008 (frozen)
+        num_threads: int | None = None,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Find which masses grasps hold: the hand closes once at each pose, and lifts each mass in a copy of the world.
+
+        Closing takes most of the time of a trial, so that this costs little more than one trial for each pose.
+
+        Parameters
+        ----------
+        poses : (n, 4, 4) array_like
+            ``object_from_hand``, metres.
+        preshape : (n,) array_like
+            See `graspbox.simulate`.
+        masses : (k,) array_like
+            1 to 64 factors on the mass of every object, 0.01 to 100, the lightest first. The hand closes on the first;
+            once one is not held, those after it count as not held.
+        config, num_threads
+            As `graspbox.simulate`.
+
+        Returns
+        -------
+        (n, k) bool, (n, k) bool
+            ``success`` and ``secure``; False where the hand collides at the pose or on the approach.
+
+        Raises
+        ------
+        ConfigError
+            As `graspbox.simulate`, and for no mass, or more than 64.
+        """
+        matrices, values, factors = (
+            floats(array, name) for array, name in ((poses, "poses"), (preshape, "preshape"), (masses, "masses"))
+        )
+        fields = config_dict(config, TrialConfig)
+        return self._core.simulate_masses(matrices, values, factors, fields, num_threads)
+
     def check(
         self,
         poses: ArrayLike,

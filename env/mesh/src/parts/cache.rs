@@ -11,8 +11,11 @@ static KIND: Kind =
     Kind { what: "parts", suffix: "parts", magic: b"gbparts4", max_bytes: 16 << 20, most_in_all: MOST_OF_MESHES };
 
 pub(super) fn entry(folder: &Path, mesh: &TriMesh, params: &PartsParams) -> Entry {
-    let PartsParams { max_error, max_parts, max_points } = *params;
-    Entry::of_mesh(folder, &KIND, mesh, &[max_error.to_bits(), max_parts as u64, max_points as u64])
+    let PartsParams { max_error, max_parts, max_points, max_nodes } = *params;
+    let mut settings = vec![max_error.to_bits(), max_parts as u64, max_points as u64];
+    // Entries of before this setting stay valid.
+    settings.extend((max_nodes != PartsParams::default().max_nodes).then_some(max_nodes as u64));
+    Entry::of_mesh(folder, &KIND, mesh, &settings)
 }
 
 /// The parts that an entry holds.

@@ -17,8 +17,8 @@ use rayon::prelude::*;
 const PIECES_PER_PART: usize = 3;
 /// Edges longer than this share of the object are halved, so that cuts are judged by more than the ends of a long face.
 const LONGEST_EDGE: f64 = 1.0 / 16.0;
-/// Inner nodes wanted: enough for every corner where cuts cross.
-const INNER_NODES: usize = 6000;
+/// Nodes of the grid for each inner node wanted: 6000 by default, enough for every corner where cuts cross.
+const NODES_PER_INNER: usize = 100;
 
 /// The parts of `mesh`, in its frame; `fit` must be that of the mesh, its origin at `center`.
 pub(super) fn decompose(
@@ -29,7 +29,7 @@ pub(super) fn decompose(
 ) -> Result<Vec<TriMesh>, MeshError> {
     convex_hull(mesh.vertices())?;
     let (mut pool, faces) = refine(mesh, center, LONGEST_EDGE * mesh.extent());
-    pool.extend(inner_nodes(fit).iter().map(|p| p - center));
+    pool.extend(inner_nodes(fit, params.max_nodes / NODES_PER_INNER).iter().map(|p| p - center));
     let whole = Cell { faces, points: (0..pool.len() as u32).collect() };
     let most = params.max_parts.saturating_mul(PIECES_PER_PART);
     let pieces = cut_down(whole, &mut pool, fit, params.max_error, most);
@@ -45,9 +45,9 @@ pub(super) fn decompose(
     parts
 }
 
-fn inner_nodes(fit: &Fit) -> Vec<Point3<f64>> {
+fn inner_nodes(fit: &Fit, wanted: usize) -> Vec<Point3<f64>> {
     let all = fit.grid().inside_nodes(1).len();
-    let stride = (all as f64 / INNER_NODES as f64).cbrt().ceil().max(1.0) as usize;
+    let stride = (all as f64 / wanted as f64).cbrt().ceil().max(1.0) as usize;
     fit.grid().inside_nodes(stride)
 }
 

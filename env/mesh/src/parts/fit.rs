@@ -36,8 +36,8 @@ pub(super) struct Errors {
 
 impl<'a> Fit<'a> {
     /// * `center`: the hulls' origin in the mesh's frame.
-    pub fn new(mesh: &'a TriMesh, center: Vector3<f64>, max_error: f64) -> Self {
-        let grid = DistanceGrid::new(mesh, 0.25 * max_error);
+    pub fn new(mesh: &'a TriMesh, center: Vector3<f64>, max_error: f64, max_nodes: usize) -> Self {
+        let grid = DistanceGrid::new(mesh, 0.25 * max_error, max_nodes);
         let spacing = (2.0 * grid.step()).max(max_error);
         Self { grid, center, spacing, max_error }
     }

@@ -14,23 +14,26 @@ pub struct PartsParams {
     pub max_parts: usize,
     /// Most corners of a part.
     pub max_points: usize,
+    /// Most nodes of the grid on which parts are measured: memory (17 bytes each) and time (about 0.15 us each) follow.
+    pub max_nodes: usize,
 }
 
 impl Default for PartsParams {
     /// 1.5 mm, which keeps a can at 26 parts and a bottle at 10 (1 mm: 42 and 23); 48 parts of 64 corners, which the physics engine still
     /// runs fast.
     fn default() -> Self {
-        Self { max_error: 1.5e-3, max_parts: 48, max_points: 64 }
+        Self { max_error: 1.5e-3, max_parts: 48, max_points: 64, max_nodes: 600_000 }
     }
 }
 
 impl PartsParams {
     pub(super) fn check(&self) -> Result<(), MeshError> {
-        let Self { max_error, max_parts, max_points } = *self;
+        let Self { max_error, max_parts, max_points, max_nodes } = *self;
         let rule = "it must be a positive number of metres";
         require(max_error.is_finite() && max_error > 0.0, "max_error", max_error, rule)?;
         require(max_parts > 0, "max_parts", 0.0, "at least 1 part is needed")?;
-        require(max_points >= 8, "max_points", max_points as f64, "a part needs at least 8 corners")
+        require(max_points >= 8, "max_points", max_points as f64, "a part needs at least 8 corners")?;
+        require(max_nodes >= 1000, "max_nodes", max_nodes as f64, "a grid needs at least 1000 nodes")
     }
 }
 
