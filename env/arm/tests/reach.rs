@@ -78,7 +78,11 @@ fn the_flange_carries_the_hand_to_the_pose() {
 fn things_block_what_goes_through_them() {
     let robot = robot("fr3", "panda_gripper");
     let free = robot.reach(&poses(), &scene(&[], Vec::new()), ReachParams::default()).unwrap();
-    let far = robot.reach(&poses(), &scene(&[Point3::new(3.0, 0.0, 0.3)], vec![block(-3.0, 0.0, 0.3, 0.2)]), ReachParams::default());
+    let far = robot.reach(
+        &poses(),
+        &scene(&[Point3::new(3.0, 0.0, 0.3)], vec![block(-3.0, 0.0, 0.3, 0.2)]),
+        ReachParams::default(),
+    );
     let reasons = |answers: &[Reach]| answers.iter().map(|answer| answer.reason).collect::<Vec<_>>();
     assert_eq!(reasons(&far.unwrap()), reasons(&free));
     // Around the base: every posture goes through it.
@@ -88,7 +92,9 @@ fn things_block_what_goes_through_them() {
     let points: Vec<Point3<f64>> = walls
         .iter()
         .flat_map(|[x, y]| {
-            cells().flat_map(move |a| cells().map(move |b| Point3::new(x + a * y.abs() * 4.0, y + a * x.abs() * 4.0, 0.6 + b)))
+            cells().flat_map(move |a| {
+                cells().map(move |b| Point3::new(x + a * y.abs() * 4.0, y + a * x.abs() * 4.0, 0.6 + b))
+            })
         })
         .collect();
     for (by, scene) in [(Touched::Obstacle(0), scene(&[], boxes)), (Touched::Points, scene(&points, Vec::new()))] {
