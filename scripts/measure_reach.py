@@ -2,7 +2,7 @@
 
     python scripts/measure_reach.py --scenes 5
 
-Per scene, ten procedural things stand packed on the table; 20 grasps of each are planned for the Franka Hand, and
+Per scene, ten procedural things stand on the table, 22 cm apart; 20 grasps of each are planned for the Franka Hand, and
 tested against the shapes of all ten and, in a second run, against points on their surfaces. Times are wall times of the
 call and processor times (all threads), in milliseconds; processor time changes little if other programs compete for
 the cores.
@@ -22,23 +22,35 @@ from graspbox._common.programs import run_program
 BEHIND = -0.5
 
 
-def grasps_of(scene: graspbox.Arrangement, each: int) -> tuple[np.ndarray, np.ndarray]:
-    """Plan grasps of all things of a scene: poses (n, 4, 4), world frame, and preshapes (n,)."""
-    poses, preshapes = [], []
-    for index, (mesh, place) in enumerate(zip(scene.meshes, scene.world_from_objects, strict=True)):
-        plan = graspbox.plan(mesh, hand="panda_gripper", world_from_object=place, neighbours=scene.without(index))
-        poses.append(place @ plan.poses[:each])
-        preshapes.append(plan.preshape[:each])
-    return np.concatenate(poses), np.concatenate(preshapes)
+#: Places of the things: a grid of five by two, metres.
+PLACES = [(x, y) for x in (0.0, 0.22) for y in (-0.44, -0.22, 0.0, 0.22, 0.44)]
+Things = list[tuple[graspbox.Mesh, np.ndarray]]
 
 
-def points_of(scene: graspbox.Arrangement, count: int = 2000) -> np.ndarray:
+def scene_of(seed: int) -> Things:
+    """Put ten random things on the table, each in its most probable resting pose, turned at random."""
+    random = np.random.default_rng(seed)
+    names = object_sets.load("procedural")
+    things = []
+    for index, (x, y) in zip(random.permutation(len(names)), PLACES, strict=False):
+        mesh, angle = names[int(index)].load(), random.uniform(0, 2 * np.pi)
+        place = np.eye(4)
+        place[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        place[:2, 3] = x, y
+        things.append((mesh, place @ mesh.resting_poses()[0][0]))
+    return things
+
+
+def grasps_of(things: Things, each: int) -> tuple[np.ndarray, np.ndarray]:
+    """Plan grasps of all things: poses (n, 4, 4), world frame, and preshapes (n,)."""
+    plans = [graspbox.plan(mesh, hand="panda_gripper", world_from_object=place)[:each] for mesh, place in things]
+    poses = [plan.world_from_object @ plan.poses for plan in plans]
+    return np.concatenate(poses), np.concatenate([plan.preshape for plan in plans])
+
+
+def points_of(things: Things, count: int = 2000) -> np.ndarray:
     """Return points on the surfaces of all things, world frame."""
-    parts = []
-    for mesh, place in zip(scene.meshes, scene.world_from_objects, strict=True):
-        points, _ = mesh.sample(count, 0)
-        parts.append(points @ place[:3, :3].T + place[:3, 3])
-    return np.concatenate(parts)
+    return np.concatenate([mesh.sample(count, 0)[0] @ place[:3, :3].T + place[:3, 3] for mesh, place in things])
 
 
 def main() -> None:
@@ -50,11 +62,7 @@ def main() -> None:
     arguments = parser.parse_args()
     base = np.eye(4)
     base[0, 3] = BEHIND
-    scenes = []
-    for seed in range(arguments.scenes):
-        names = object_sets.load("procedural")
-        drawn = [names[i].load() for i in np.random.default_rng(seed).permutation(len(names))[:80]]
-        scenes.append(graspbox.arrange(drawn, "packed", most=10, spread=2.0, seed=seed, hand="panda_gripper"))
+    scenes = [scene_of(seed) for seed in range(arguments.scenes)]
     grasps = [grasps_of(scene, arguments.each) for scene in scenes]
     print("arm     obstacles  grasps  reached  wall ms  processor ms")
     for name in arguments.arms:
@@ -62,7 +70,7 @@ def main() -> None:
             why: Counter[str] = Counter()
             walls, cpus, count, reached = [], [], 0, 0
             for scene, (poses, preshapes) in zip(scenes, grasps, strict=True):
-                around = {"neighbours": scene} if kind == "shapes" else {"points": points_of(scene)}
+                around = {"objects": scene} if kind == "shapes" else {"points": points_of(scene)}
                 for repeat in range(3):
                     wall, cpu = time.perf_counter(), time.process_time()
                     reach = arms.reachable(name, "panda_gripper", poses, preshapes, base, **around)

@@ -66,7 +66,7 @@ def test_postures_are_within_the_limits_and_meet_the_pose(name: str) -> None:
     assert found.reached.mean() > 0.99
     low, high = arm.joint_limits.T
     solved = found.solutions[found.reached]
-    given = np.isfinite(solved).all(axis=2)
+    given = np.asarray(np.isfinite(solved).all(axis=2))
     assert given[:, 0].all()
     assert ((solved >= low) & (solved <= high))[given].all()
     for column in range(solved.shape[1]):
@@ -152,6 +152,23 @@ def test_reasons_say_what_is_in_the_way(plan: graspbox.Plan) -> None:
     assert any(why.endswith("touches the table") for why in below.why)
 
 
+def test_five_joints_tell_the_angle_that_remains() -> None:
+    arm = Arm.named("so101")
+    pose = arm.flange_poses(np.array([[0.3, -0.4, 0.6, 0.9, 0.2]]))
+    lean = np.eye(4)
+    lean[1:3, 1:3] = [[np.cos(0.6), -np.sin(0.6)], [np.sin(0.6), np.cos(0.6)]]
+    # Out of the plane of the arm.
+    pose[:, :3, :3] = (lean @ pose)[:, :3, :3]
+    loose = arms.inverse(arm, pose, config=ReachConfig(max_angle=1.0))
+    assert loose.reached[0]
+    assert 0.05 < loose.angle[0] <= 0.6
+    there = arm.flange_poses(loose.joints)
+    np.testing.assert_allclose(there[0, :3, 3], pose[0, :3, 3], atol=2e-6)
+    strict = arms.inverse(arm, pose, config=ReachConfig(max_angle=0.01))
+    assert strict.reason[0] == Reason.TURNED
+    assert re.fullmatch(r"its rotation is \d+ degrees out of reach", strict.why[0])
+
+
 def test_reasons_are_those_of_the_core() -> None:
     assert tuple(reason.name for reason in Reason) == _core.REACH_REASONS
 
@@ -184,7 +201,7 @@ def test_files_are_read_and_pickled(tmp_path: Path) -> None:
     toml.write_text(text[1])
     arm = arms.load_arm((urdf, toml))
     assert arm == Arm.named("ur5e") == pickle.loads(pickle.dumps(arm))
-    assert repr(arm) == "Arm('ur5e', 6 joints)"
+    assert repr(arm) == 'Arm("ur5e", 6 joints)'
     toml.write_text(text[1].replace('flange = "tool0"', 'flange = "tool"'))
     with pytest.raises(errors.ArmError, match=r"arm\.toml:6: there is no link \"tool\"; known: base_link, .*tool0"):
         arms.load_arm((urdf, toml))

@@ -11,7 +11,7 @@ use std::ops::ControlFlow;
 /// Solutions differ if an axis does by this much, rad or m: of the curve of solutions that seven axes have, samples are enough.
 const DISTINCT: f64 = 0.1;
 const DISTINCT_ON_CURVE: f64 = 0.3;
-/// Limits may be exceeded by nothing: a solution is clamped to them before it is judged.
+/// Seed of the table of postures.
 const SEED: u64 = 0;
 
 /// A posture of the arm at a pose.
@@ -25,12 +25,14 @@ pub struct Solution {
 }
 
 /// Why a pose has no solution.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unsolved {
     /// It is farther than the axes allow in any posture.
     TooFar,
     /// At the nearest posture found, this axis is at its limit, beyond which the flange would come nearer.
     AtLimit(usize),
+    /// With fewer than six axes: its position is met, but its rotation by no less than this angle, rad.
+    Turned(f64),
     /// No descent reached it.
     NotFound,
 }
@@ -85,9 +87,13 @@ impl Inverse {
         let descent = Descent::new(&self.chain, target);
         let mut found: Vec<Positions> = Vec::new();
         let mut nearest: Option<Landing> = None;
+        let mut turned: Option<f64> = None;
         for start in self.postures.nearest(&self.chain, &target, starts) {
             let mut landing = descent.from(&start);
             if !self.is_met(&landing, max_angle) {
+                if landing.distance <= 10.0 * POSITION && self.chain.len() < 6 {
+                    turned = Some(turned.map_or(landing.angle, |least| least.min(landing.angle)));
+                }
                 let length = self.chain.length();
                 if nearest.is_none_or(|best| landing.error(length) < best.error(length)) {
                     nearest = Some(landing);
@@ -106,6 +112,9 @@ impl Inverse {
         }
         if !found.is_empty() {
             return Ok(());
+        }
+        if let Some(angle) = turned {
+            return Err(Unsolved::Turned(angle));
         }
         Err(nearest.and_then(|landing| landing.held).map_or(Unsolved::NotFound, Unsolved::AtLimit))
     }

@@ -11,6 +11,22 @@
 //! | [`reach`] | poses of a hand: which are reached, by which postures, and why others are not |
 //! | [`error`] | errors, one sentence each |
 //!
+//! ```
+//! use graspbox_arm::Inverse;
+//! use graspbox_hand::arm::assets::arm_asset;
+//! use std::ops::ControlFlow;
+//!
+//! let arm = arm_asset("ur5e")?.read()?;
+//! let base_from_flange = arm.forward_kinematics(&arm.home())?[arm.flange];
+//! let mut postures = 0;
+//! let solved = Inverse::new(&arm).solve(&base_from_flange, 32, 0.0, |_| {
+//!     postures += 1;
+//!     ControlFlow::Continue(())
+//! });
+//! assert!(solved.is_ok() && postures >= 4);
+//! # Ok::<(), graspbox_hand::HandError>(())
+//! ```
+//!
 //! Units are metres and radians. Poses of the flange are in the base's frame, those of hands and obstacles in the world's.
 
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]

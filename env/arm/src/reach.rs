@@ -61,7 +61,7 @@ impl ReachParams {
 }
 
 /// Why a pose is or is not reached. Bodies are those of [`ArmBodies`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reason {
     Reached,
     /// It is farther than the axes allow in any posture.
@@ -74,8 +74,21 @@ pub enum Reason {
     ArmTouchesHand(usize),
     /// A body touches something else.
     ArmTouches(usize, Touched),
+    /// With fewer than six axes: its position is met, but its rotation by no less than this angle, rad.
+    Turned(f64),
     /// No posture was found.
     NotFound,
+}
+
+impl From<Unsolved> for Reason {
+    fn from(unsolved: Unsolved) -> Self {
+        match unsolved {
+            Unsolved::TooFar => Self::TooFar,
+            Unsolved::AtLimit(axis) => Self::AtLimit(axis),
+            Unsolved::Turned(angle) => Self::Turned(angle),
+            Unsolved::NotFound => Self::NotFound,
+        }
+    }
 }
 
 /// The answer for one pose.
@@ -150,9 +163,8 @@ impl Reacher<'_> {
         let reason = match (solved, blocked) {
             _ if !solutions.is_empty() => Reason::Reached,
             (_, Some(reason)) => reason,
-            (Err(Unsolved::TooFar), _) => Reason::TooFar,
-            (Err(Unsolved::AtLimit(axis)), _) => Reason::AtLimit(axis),
-            (Ok(()) | Err(Unsolved::NotFound), _) => Reason::NotFound,
+            (Err(unsolved), _) => unsolved.into(),
+            (Ok(()), _) => Reason::NotFound,
         };
         Reach { reason, solutions }
     }

@@ -78,19 +78,22 @@ fn the_flange_carries_the_hand_to_the_pose() {
 fn things_block_what_goes_through_them() {
     let robot = robot("fr3", "panda_gripper");
     let free = robot.reach(&poses(), &scene(&[], Vec::new()), ReachParams::default()).unwrap();
-    let far = robot.reach(&poses(), &scene(&[Point3::new(3.0, 0.0, 0.3)], vec![block(-3.0, 0.0, 0.3, 0.2)]), ReachParams::default());
+    let far = robot.reach(
+        &poses(),
+        &scene(&[Point3::new(3.0, 0.0, 0.3)], vec![block(-3.0, 0.0, 0.3, 0.2)]),
+        ReachParams::default(),
+    );
     let reasons = |answers: &[Reach]| answers.iter().map(|answer| answer.reason).collect::<Vec<_>>();
     assert_eq!(reasons(&far.unwrap()), reasons(&free));
     // Around the base: every posture goes through it.
     let walls = [[0.25, 0.0], [-0.25, 0.0], [0.0, 0.25], [0.0, -0.25]];
     let boxes: Vec<_> = walls.iter().map(|[x, y]| block(*x, *y, 0.6, 0.2)).collect();
-    let cells = || (-20..=20).map(|i| 0.01 * f64::from(i));
-    let points: Vec<Point3<f64>> = walls
-        .iter()
-        .flat_map(|[x, y]| {
-            cells().flat_map(move |a| cells().map(move |b| Point3::new(x + a * y.abs() * 4.0, y + a * x.abs() * 4.0, 0.6 + b)))
-        })
-        .collect();
+    let cell = |number: i32| 0.02 * f64::from(number - 10);
+    let filled = |wall: &[f64; 2]| {
+        let [x, y] = *wall;
+        (0..21 * 21 * 21).map(move |i| Point3::new(x + cell(i % 21), y + cell(i / 21 % 21), 0.6 + cell(i / 441)))
+    };
+    let points: Vec<Point3<f64>> = walls.iter().flat_map(filled).collect();
     for (by, scene) in [(Touched::Obstacle(0), scene(&[], boxes)), (Touched::Points, scene(&points, Vec::new()))] {
         let answers = robot.reach(&poses(), &scene, ReachParams::default()).unwrap();
         let blocked = answers.iter().zip(&free).filter(|(_, free)| free.reason == Reason::Reached);

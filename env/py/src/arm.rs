@@ -8,7 +8,6 @@ use crate::gil::detached;
 use crate::hand::Hand;
 use crate::mesh::Mesh;
 use crate::plan::Obstacles;
-use graspbox_arm::inverse::Unsolved;
 use graspbox_arm::reach::Reacher;
 use graspbox_arm::{ArmBodies, Inverse, Reach, ReachParams, Reason, Scene, Solution, Touched, reach};
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
@@ -329,13 +328,7 @@ fn solved(inverse: &Inverse, pose: &Isometry3<f64>, params: &ReachParams) -> Rea
         solutions.push(solution);
         if solutions.len() >= params.solutions { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
-    let reason = match found {
-        Ok(()) => Reason::Reached,
-        Err(Unsolved::TooFar) => Reason::TooFar,
-        Err(Unsolved::AtLimit(axis)) => Reason::AtLimit(axis),
-        Err(Unsolved::NotFound) => Reason::NotFound,
-    };
-    Reach { reason, solutions }
+    Reach { reason: found.map_or_else(Reason::from, |()| Reason::Reached), solutions }
 }
 
 impl Arm {
@@ -386,13 +379,14 @@ impl Arm {
             Reason::ArmTouches(body, Touched::Obstacle(index)) => {
                 format!("{} touches {}", bodies.name(body), names.get(index).map_or("an object", String::as_str))
             }
+            Reason::Turned(angle) => format!("its rotation is {:.0} degrees out of reach", angle.to_degrees()),
             Reason::NotFound => "no solution was found".to_owned(),
         }
     }
 }
 
 /// Names of the reasons, in the order of their codes: the members of `graspbox.arms.Reason`.
-pub const REASONS: [&str; 9] = [
+pub const REASONS: [&str; 10] = [
     "REACHED",
     "TOO_FAR",
     "AT_LIMIT",
@@ -401,6 +395,7 @@ pub const REASONS: [&str; 9] = [
     "TOUCHES_TABLE",
     "TOUCHES_POINTS",
     "TOUCHES_OBJECT",
+    "TURNED",
     "NOT_FOUND",
 ];
 
@@ -415,7 +410,8 @@ fn code(reason: &Reason) -> i64 {
         Reason::ArmTouches(_, Touched::Table) => 5,
         Reason::ArmTouches(_, Touched::Points) => 6,
         Reason::ArmTouches(_, Touched::Obstacle(_)) => 7,
-        Reason::NotFound => 8,
+        Reason::Turned(_) => 8,
+        Reason::NotFound => 9,
     }
 }
 

@@ -35,8 +35,10 @@ class Reason(IntEnum):
     TOUCHES_TABLE = 5
     TOUCHES_POINTS = 6
     TOUCHES_OBJECT = 7
+    #: With fewer than six joints: the position is met, but the rotation not within `ReachConfig.max_angle`.
+    TURNED = 8
     #: No posture was found, for none of these reasons.
-    NOT_FOUND = 8
+    NOT_FOUND = 9
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -77,7 +77,7 @@ def _print(grasps: ImageGrasps, of: str = "") -> None:
         shares = (f"{grasps.success[rank]:.0%}", f"{grasps.secure[rank]:.0%}", f"{grasps.preshape[rank]:.2f}")
         reach = () if grasps.reach is None else (_posture(grasps.reach, rank),)
         rows.append((str(rank + 1), *shares, place, way, *reach))
-    columns = ("rank", "success", "secure", "preshape", "position / m", "approach")
+    columns: tuple[str, ...] = ("rank", "success", "secure", "preshape", "position / m", "approach")
     columns += () if grasps.reach is None else (f"joints of {grasps.reach.arm} / rad",)
     print_table(f"{of}grasps of {grasps.hand.name}, camera frame", columns, rows)
 
