@@ -8,7 +8,7 @@
 //! | [`inverse`] | all solutions of a pose that the descents find |
 //! | [`bodies`] | collision shapes of the arm and the open hand that it carries; pairs that touch by design |
 //! | [`scene`] | what the arm must not touch: the table, measured points, objects |
-//! | [`reach`] | poses of a hand: which are reached, by which postures, and why others are not |
+//! | [`mod@reach`] | poses of a hand: which are reached, by which postures, and why others are not |
 //! | [`error`] | errors, one sentence each |
 //!
 //! ```
