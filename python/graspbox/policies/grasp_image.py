@@ -459,7 +459,8 @@ def _belongs(
     points = np.einsum("nij,nj->ni", poses[:, :3, :3], local) + poses[:, :3, 3]
     middle = surface.mean(axis=0)
     seen, wanted = surface - middle, points - middle
-    squares = (wanted**2).sum(axis=1)[:, None] - 2.0 * wanted @ seen.T + (seen**2).sum(axis=1)
+    # Not by BLAS, whose threads would wait for those of other things.
+    squares = (wanted**2).sum(axis=1)[:, None] - 2.0 * np.einsum("ij,kj->ik", wanted, seen) + (seen**2).sum(axis=1)
     distances = np.sqrt(np.maximum(squares.min(axis=1, initial=np.inf), 0.0))
     return np.asarray(distances < (_OF_SURFACE[0] if (distances < _OF_SURFACE[0]).any() else _OF_SURFACE[1]))
 
