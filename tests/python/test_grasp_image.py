@@ -337,6 +337,11 @@ def test_grasps_that_an_arm_reaches_come_first(
     assert far.reach is not None
     assert not far.reach.reached.any()
     assert re.search(r"the arm fr3 reaches none of \d+ grasps: too far \(\d+\); move its base", far.warnings[-1])
+    base[2, 3] = -1.0
+    with pytest.raises(errors.ConfigError, match=r"the base of the arm is at z = -1.000 m, under the table"):
+        grasper.find_all(*place, arm="fr3", base=base)
+    with pytest.raises(errors.ArmError, match=r'weighs .* kg, but arm "so101" carries 0.20 kg'):
+        grasper.find(*place, arm="so101", base=np.eye(4))
     with pytest.raises(errors.ConfigError, match="an arm needs its place: pass base"):
         grasper.find(*place, arm="fr3")
     with pytest.raises(errors.ConfigError, match="base and mount place an arm; pass arm too"):

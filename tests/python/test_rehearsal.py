@@ -153,7 +153,9 @@ def test_masses_are_lifted_by_one_closed_hand(scene: RenderedScene) -> None:
     with pytest.raises(ConfigError, match=r"number of masses. is 0"):
         scene.scene.simulate_masses(poses, preshapes, [])
     with pytest.raises(ConfigError, match=r"mass factor. is 0"):
-        scene.scene.simulate_masses(poses, preshapes, [1.0, 0.0])
+        scene.scene.simulate_masses(poses, preshapes, [0.0, 1.0])
+    with pytest.raises(ConfigError, match=r"masses are \[3.0, 1.0\]; pass the lightest first"):
+        scene.scene.simulate_masses(poses, preshapes, [3.0, 1.0])
 
 
 def test_an_error_of_the_hand_makes_trials_fail(scene: RenderedScene) -> None:

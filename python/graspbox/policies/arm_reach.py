@@ -9,6 +9,7 @@ from graspbox._common.arguments import floats
 from graspbox.arms import Arm, ArmLike, Reach, load_arm, reachable
 from graspbox.configs import ReachConfig
 from graspbox.errors import ConfigError
+from graspbox.hands import Hand
 from graspbox.policies.image_grasps import ImageGrasps
 
 __all__ = ["ArmAt"]
@@ -42,9 +43,9 @@ class ArmAt:
 
     @classmethod
     def of(
-        cls, arm: ArmLike | None, base: ArrayLike | None, mount: ArrayLike | None, *, pose_given: bool
+        cls, arm: ArmLike | None, base: ArrayLike | None, mount: ArrayLike | None, hand: Hand, *, pose_given: bool
     ) -> "ArmAt | None":
-        """Check the arguments of a search; None without an arm."""
+        """Check the arguments of a search, also whether the arm can carry the hand; None without an arm."""
         if arm is None:
             if base is not None or mount is not None:
                 raise ConfigError("base and mount place an arm; pass arm too")
@@ -56,7 +57,10 @@ class ArmAt:
                 "base is in the table's frame, which a table found in the image does not fix; pass table_from_camera"
             )
         mounted = None if mount is None else floats(mount, "mount")
-        return cls(load_arm(arm), floats(base, "base"), mounted)
+        made = cls(load_arm(arm), floats(base, "base"), mounted)
+        # Wrong arguments are no refusals of things.
+        made._reach(hand, np.zeros((0, 4, 4)), np.zeros(0))
+        return made
 
     def among(self, count: int) -> int:
         """Return among how many grasps those that are reached are looked for."""
@@ -67,18 +71,27 @@ class ArmAt:
 
         `points` (k, 3) is what is seen, in the table's frame, metres.
         """
-        reach = reachable(
-            self.arm,
-            grasps.hand,
-            grasps.table_from_hand,
-            grasps.preshape,
-            self.table_from_base,
-            mount=self.mount,
-            points=points[points[:, 2] > _ABOVE],
-            config=self.config,
-        )
+        reach = self._reach(grasps.hand, grasps.table_from_hand, grasps.preshape, points[points[:, 2] > _ABOVE])
         kept = reach.first()[:count]
         return replace(grasps.kept(kept), reach=reach[kept], warnings=(*grasps.warnings, *_told(reach)))
+
+    def _reach(
+        self,
+        hand: Hand,
+        poses: NDArray[np.float64],
+        preshapes: NDArray[np.float64],
+        points: NDArray[np.float64] | None = None,
+    ) -> Reach:
+        return reachable(
+            self.arm,
+            hand,
+            poses,
+            preshapes,
+            self.table_from_base,
+            mount=self.mount,
+            points=points,
+            config=self.config,
+        )
 
 
 def _told(reach: Reach) -> tuple[str, ...]:

@@ -195,7 +195,7 @@ class ImageGrasper:
         marked = None if mask is None else _checked(mask, np.shape(depth))
         place = (depth, intrinsics, table_from_camera)
         scene, seen = self._surveyed(place, marked, gravity=gravity, region=region, workspace=workspace)
-        placed = ArmAt.of(arm, base, mount, pose_given=scene.pose_given)
+        placed = ArmAt.of(arm, base, mount, self.hand, pose_given=scene.pose_given)
         chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, self._known(scene, seen, previous), placed)
         return self._grasps(scene, seen, None if marked is None else scene.thinned(marked), chosen)
 
@@ -255,7 +255,7 @@ class ImageGrasper:
         else:
             found = seen.things.labels.astype(np.int64)
             found = found if previous is None else _renumbered(found, previous.labels)
-        placed = ArmAt.of(arm, base, mount, pose_given=scene.pose_given)
+        placed = ArmAt.of(arm, base, mount, self.hand, pose_given=scene.pose_given)
         chosen = _Chosen(count, keep_off, hand_error, None, seed, None, placed)
         chosen.query(scene, np.zeros((0, 3)))  # wrong options are no refusals of things
 

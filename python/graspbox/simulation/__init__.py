@@ -316,11 +316,13 @@ class Scene:
         Raises
         ------
         ConfigError
-            As `graspbox.simulate`, and for no mass, or more than 64.
+            As `graspbox.simulate`, and for no mass, more than 64, or masses that do not rise.
         """
         matrices, values, factors = (
             floats(array, name) for array, name in ((poses, "poses"), (preshape, "preshape"), (masses, "masses"))
         )
+        if (np.diff(factors) < 0.0).any():
+            raise ConfigError(f"masses are {factors.tolist()}; pass the lightest first")
         fields = config_dict(config, TrialConfig)
         return self._core.simulate_masses(matrices, values, factors, fields, num_threads)
 

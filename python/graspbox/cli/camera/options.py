@@ -9,6 +9,7 @@ import typer
 from numpy.typing import NDArray
 
 from graspbox._common.rotations import rotation_about
+from graspbox.arms import load_arm
 from graspbox.captures.files import read_points, read_pose
 from graspbox.cli.common import Seed, hand_like
 from graspbox.errors import ConfigError
@@ -182,7 +183,7 @@ class SearchOptions:
             "region": self.region,
             "workspace": Workspace.of(self.workspace, self.workspace_frame),
             "keep_off": None if self.keep_off is None else read_points(self.keep_off),
-            "arm": None if self.arm is None else hand_like(self.arm),
+            "arm": None if self.arm is None else load_arm(hand_like(self.arm)),
             "base": self.table_from_base(),
             "hand_error": None if self.hand_error is None else PoseNoise.in_millimetres(*self.hand_error),
             "seed": self.seed,
