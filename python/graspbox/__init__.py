@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         FrictionConfig,
         ImplicitConfig,
         LoadConfig,
+        PathConfig,
         PhysicsConfig,
         PictureConfig,
         PlanConfig,
@@ -63,6 +64,7 @@ __all__ = [
     "Mesh",
     "Outcome",
     "Outcomes",
+    "PathConfig",
     "PhysicsConfig",
     "PictureConfig",
     "Plan",
@@ -119,9 +121,9 @@ _PACKAGES = (
 _NAMES = {
     "graspbox._core": "__version__",
     "graspbox.configs": (
-        "CameraConfig CamerasConfig CleanConfig DecomposeConfig FrictionConfig ImplicitConfig LoadConfig PhysicsConfig "
-        "PictureConfig PlanConfig PoseConfig Randomization RapierConfig ReachConfig ShakeConfig SuccessCriterion "
-        "TrialConfig"
+        "CameraConfig CamerasConfig CleanConfig DecomposeConfig FrictionConfig ImplicitConfig LoadConfig PathConfig "
+        "PhysicsConfig PictureConfig PlanConfig PoseConfig Randomization RapierConfig ReachConfig ShakeConfig "
+        "SuccessCriterion TrialConfig"
     ),
     "graspbox.errors": "GraspboxError",
     "graspbox.meshes": "Mesh load_mesh mesh_from_arrays",

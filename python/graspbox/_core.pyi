@@ -34,6 +34,7 @@ __all__ = [
     "SettledScene",
     "__version__",
     "add_depth_noise",
+    "arm_path",
     "arrange",
     "bin_walls",
     "camera_poses",
@@ -648,6 +649,31 @@ def load_binvox(path: str | PathLike[str]) -> tuple[NDArray[np.bool_], NDArray[n
 def save_binvox(
     path: str | PathLike[str], occupancy: NDArray[np.bool_], origin: NDArray[np.float64], voxel_size: float
 ) -> None: ...
+def arm_path(
+    arm: Arm,
+    poses: NDArray[np.float64],
+    preshapes: NDArray[np.float64],
+    hand: Hand,
+    start: NDArray[np.float64],
+    accelerations: NDArray[np.float64],
+    world_from_base: NDArray[np.float64],
+    mount: NDArray[np.float64] | None,
+    points: NDArray[np.float64],
+    objects: Sequence[tuple[Mesh, NDArray[np.float64]]],
+    walls: Sequence[tuple[NDArray[np.float64], tuple[float, float, float]]],
+    thing: tuple[Mesh, NDArray[np.float64]] | None,
+    place: NDArray[np.float64] | None,
+    params: _Config,
+    cache: str | PathLike[str] | None,
+    num_threads: int | None,
+) -> dict[str, Any]:
+    """Plan the path to the first of the grasps `poses`, (n, 4, 4) world_from_hand, that has one.
+
+    ``grasp`` is its index, -1 without one; ``pieces`` are tuples of phase, postures (m, k) and, for straight lines of
+    the hand, the distances (m,) of the postures; ``failures`` are tuples of phase, code and sentence, one per grasp
+    before it. `params` is a `graspbox.PathConfig`.
+    """
+
 def num_threads(requested: int | None = None) -> int: ...
 
 @type_check_only

@@ -46,6 +46,24 @@ class ArmError(GraspboxError, ValueError):
     """The files that describe an arm are invalid, or the arm cannot carry the hand."""
 
 
+class PathError(GraspboxError, RuntimeError):
+    """No path of an arm was found.
+
+    Attributes
+    ----------
+    phase : str
+        Where on the path, a name of `graspbox.arms.Trajectory.phases`; empty for a path that is too long.
+    reason : str
+        ``touches``, ``not_reached``, ``at_limit``, ``singular``, ``no_way``, ``start_beyond_limit`` or ``too_long``.
+    failures : tuple of str
+        For each grasp that was tried, why no path leads to it.
+    """
+
+    def __init__(self, message: str, phase: str = "", reason: str = "", failures: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.phase, self.reason, self.failures = phase, reason, failures
+
+
 class PlanError(GraspboxError, ValueError):
     """No plan can be made for this object or hand, or a file contains no plan."""
 

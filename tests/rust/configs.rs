@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use graspbox_arm::ReachParams;
+use graspbox_arm::{PathParams, ReachParams};
 use graspbox_episode::{ForceConfig, ShakeConfig, SuccessCriterion, TrialConfig};
 use graspbox_gym::json::config;
 use graspbox_gym::{ClutterConfig, EnvConfig, Randomization, ResetOptions};
@@ -32,6 +32,7 @@ const CHECKS: &[(&str, Check)] = &[
     ("ProposalConfig", check::<ProposalConfig>),
     ("DecomposeConfig", check::<DecomposeParams>),
     ("LoadConfig", check::<LoadOptions>),
+    ("PathConfig", check::<PathParams>),
     ("PlanConfig", check::<PlanParams>),
     ("PoseConfig", check::<PoseParams>),
     ("ForceConfig", check::<ForceConfig>),

@@ -5,7 +5,7 @@
 use crate::chain::{Chain, Frames, MAX_AXES, Positions};
 use crate::error::ArmError;
 use crate::postures::within_limits;
-use graspbox_hand::{Arm, Hand, Shape};
+use graspbox_hand::{Arm, Hand, PlacedShape, Shape};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use parry3d_f64::math::{Pose, Rotation, Vector};
 use parry3d_f64::query::intersection_test;
@@ -21,14 +21,14 @@ const ALWAYS: f64 = 0.95;
 #[derive(Clone)]
 pub(crate) struct Solid {
     pub shape: Shape,
-    solid: SharedShape,
+    pub solid: SharedShape,
     pub body_from_shape: Isometry3<f64>,
     /// Radius of a sphere about its centre that contains it, metres.
     pub radius: f64,
 }
 
 impl Solid {
-    fn new(shape: &Shape, body_from_shape: Isometry3<f64>) -> Self {
+    pub(crate) fn new(shape: &Shape, body_from_shape: Isometry3<f64>) -> Self {
         Self { shape: *shape, solid: library_shape(shape, 0.0), body_from_shape, radius: radius(shape) }
     }
 
@@ -76,7 +76,12 @@ pub(crate) fn library_pose(at: &Isometry3<f64>, shape: &Shape) -> Pose {
         Shape::Cylinder { .. } => UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2),
         Shape::Cuboid(_) | Shape::Sphere { .. } => UnitQuaternion::identity(),
     };
-    let (v, q) = (at.translation.vector, (at.rotation * turn).coords);
+    library(&(at * turn))
+}
+
+/// The same pose for the collision library.
+pub(crate) fn library(at: &Isometry3<f64>) -> Pose {
+    let (v, q) = (at.translation.vector, at.rotation.coords);
     Pose::from_parts(Vector::new(v.x, v.y, v.z), Rotation::from_xyzw(q.x, q.y, q.z, q.w))
 }
 
@@ -95,6 +100,10 @@ impl Body {
         let reach = |solid: &Solid| (solid.body_from_shape.translation.vector - center).norm() + solid.radius;
         let radius = solids.iter().map(reach).fold(0.0, f64::max);
         Self { solids, center: center.into(), radius }
+    }
+
+    fn of_hand(shapes: &[PlacedShape<'_>], body_from_hand: &Isometry3<f64>) -> Self {
+        Self::new(shapes.iter().map(|s| Solid::new(&s.collider.shape, body_from_hand * s.hand_from_shape)).collect())
     }
 }
 
@@ -177,6 +186,16 @@ impl ArmBodies {
         self.by_design.iter().map(|pair| pair.map(|body| self.name(body))).collect()
     }
 
+    /// Shapes of a body.
+    pub(crate) fn solids(&self, body: usize) -> &[Solid] {
+        &self.bodies[body].solids
+    }
+
+    /// Pairs of bodies that may touch.
+    pub(crate) fn pairs(&self) -> &[[usize; 2]] {
+        &self.pairs
+    }
+
     /// Finds the pairs that may touch.
     fn find_pairs(&mut self, chain: &Chain) {
         let solid: Vec<usize> = (0..self.bodies.len()).filter(|body| !self.bodies[*body].solids.is_empty()).collect();
@@ -253,6 +272,34 @@ impl ArmBodies {
 }
 
 impl Carried {
+    /// Shapes of the hand, in the frame of the last body.
+    pub(crate) fn solids(&self) -> &[Solid] {
+        &self.body.solids
+    }
+
+    /// Distance of the hand's farthest point from the flange, metres, or a little more.
+    pub(crate) fn radius_about(&self, last_from_flange: &Isometry3<f64>) -> f64 {
+        let far =
+            |s: &Solid| (s.body_from_shape.translation.vector - last_from_flange.translation.vector).norm() + s.radius;
+        self.body.solids.iter().map(far).fold(0.0, f64::max)
+    }
+
+    /// True if a point, in the frame of the last body, is inside the bounds of the hand, grown by a distance.
+    pub(crate) fn encloses(&self, point: &Point3<f64>, by: f64) -> bool {
+        let reach = |s: &Solid| s.shape.half_extents(&s.body_from_shape.rotation).add_scalar(by);
+        let center = |s: &Solid| s.body_from_shape.translation.vector;
+        (0..3).all(|axis| {
+            let low = self.body.solids.iter().map(|s| center(s)[axis] - reach(s)[axis]).fold(f64::INFINITY, f64::min);
+            let high = self.body.solids.iter().map(|s| center(s)[axis] + reach(s)[axis]).fold(-f64::INFINITY, f64::max);
+            (low..=high).contains(&point[axis])
+        })
+    }
+
+    /// Bodies of the arm that the hand may touch.
+    pub(crate) fn meets(&self) -> &[usize] {
+        &self.meets
+    }
+
     /// The open hand with a preshape.
     ///
     /// * `flange_from_base`: pose of the hand's base on the flange.
@@ -274,9 +321,8 @@ impl Carried {
         }
         let shapes = hand.shapes_at(&hand.open_configuration(preshape)).map_err(|_| bad())?;
         let body_from_hand = chain.axis_from_flange() * flange_from_base * hand.base_from_hand;
-        let solids = shapes.iter().map(|s| Solid::new(&s.collider.shape, body_from_hand * s.hand_from_shape)).collect();
         let last = bodies.count() - 1;
-        let mut carried = Self { body: Body::new(solids), meets: (0..last).collect() };
+        let mut carried = Self { body: Body::of_hand(&shapes, &body_from_hand), meets: (0..last).collect() };
         let home: Vec<f64> = arm.home();
         let mut positions: Positions = [0.0; MAX_AXES];
         positions[..home.len()].copy_from_slice(&home);
@@ -291,6 +337,19 @@ impl Carried {
             carried.meets.retain(|other| *other != body);
         }
         Ok(carried)
+    }
+
+    /// The same hand with its fingers elsewhere; `None` for a configuration that it does not have.
+    pub(crate) fn with_fingers(
+        &self,
+        chain: &Chain,
+        hand: &Hand,
+        configuration: &[f64],
+        flange_from_base: &Isometry3<f64>,
+    ) -> Option<Self> {
+        let body_from_hand = chain.axis_from_flange() * flange_from_base * hand.base_from_hand;
+        let shapes = hand.shapes_at(configuration).ok()?;
+        Some(Self { body: Body::of_hand(&shapes, &body_from_hand), meets: self.meets.clone() })
     }
 }
 

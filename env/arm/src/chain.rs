@@ -129,6 +129,10 @@ impl Chain {
         self.axes[axis].home
     }
 
+    pub(crate) fn speed(&self, axis: usize) -> f64 {
+        self.axes[axis].speed
+    }
+
     /// True where a turn of an axis comes back to the same posture of the arm.
     pub(crate) fn is_revolute(&self, axis: usize) -> bool {
         self.axes[axis].revolute

@@ -1,4 +1,4 @@
-//! What an arm reaches: inverse kinematics within limits, and collisions with itself, its hand and a scene. No paths, no dynamics.
+//! What an arm reaches, and by which paths: inverse kinematics within limits, collisions with itself, its hand and a scene. No dynamics.
 //!
 //! | module | purpose |
 //! |---|---|
@@ -9,6 +9,10 @@
 //! | [`bodies`] | collision shapes of the arm and the open hand that it carries; pairs that touch by design |
 //! | [`scene`] | what the arm must not touch: the table, measured points, objects |
 //! | [`mod@reach`] | poses of a hand: which are reached, by which postures, and why others are not |
+//! | `motion` | a straight motion between two postures, checked by the distance that bodies move |
+//! | [`line`] | straight lines of the hand, from posture to posture |
+//! | `roadmap` | ways between postures: RRT-Connect, shortcuts |
+//! | [`mod@path`] | from a posture to a grasp, and on to a place |
 //! | [`error`] | errors, one sentence each |
 //!
 //! ```
@@ -36,13 +40,19 @@ pub mod chain;
 mod descent;
 pub mod error;
 pub mod inverse;
+pub mod line;
+mod motion;
+pub mod path;
 mod postures;
 pub mod reach;
+mod roadmap;
 pub mod scene;
 
 pub use bodies::{ArmBodies, Carried};
 pub use chain::Chain;
 pub use error::ArmError;
 pub use inverse::{Inverse, Solution};
+pub use motion::{Contact, Mover, With};
+pub use path::{Path, PathParams, Robot, Task, Thing, path};
 pub use reach::{Reach, ReachParams, Reason, reach};
 pub use scene::{Scene, Touched};

@@ -1,10 +1,14 @@
 //! What an arm must not touch: the table, measured points, and objects. World frame.
 
-use crate::bodies::{Solid, half_height, is_near, library_pose, library_shape};
+use crate::bodies::{Solid, half_height, is_near, library, library_pose, library_shape};
 use crate::error::ArmError;
 use graspbox_hand::Shape;
 use graspbox_plan::Obstacle;
+use graspbox_plan::collision::COVERED;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use parry3d_f64::bounding_volume::BoundingVolume;
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::shape::SharedShape;
 use std::sync::Arc;
 
 /// Most points.
@@ -14,6 +18,8 @@ pub const MAX_OBSTACLES: usize = 1 << 12;
 /// Side of a cell of the grid of points, metres, unless there would be too many cells.
 const CELL: f64 = 0.04;
 const MAX_CELLS: usize = 1 << 20;
+/// Farthest distance from a shape at which points are looked for, metres.
+const FAR: f64 = 0.04;
 /// Points nearer than this to one that is kept are left out, metres.
 const THIN: f64 = 0.005;
 
@@ -28,9 +34,10 @@ pub enum Touched {
 }
 
 /// The surroundings of an arm.
+#[derive(Clone)]
 pub struct Scene {
     world_from_base: Isometry3<f64>,
-    cloud: Option<Cloud>,
+    cloud: Option<Arc<Cloud>>,
     obstacles: Vec<(Arc<Obstacle>, Isometry3<f64>)>,
     /// Distance that links keep from the table and objects, and from points, metres.
     clearance: f64,
@@ -70,12 +77,75 @@ impl Scene {
             }
         }
         let obstacles = obstacles.into_iter().map(|(obstacle, pose)| (obstacle, pose.inverse())).collect();
-        Ok(Self { world_from_base, cloud: Cloud::new(points), obstacles, clearance, point_radius })
+        Ok(Self { world_from_base, cloud: Cloud::new(points).map(Arc::new), obstacles, clearance, point_radius })
     }
 
     /// Pose of the arm's base.
     pub(crate) fn world_from_base(&self) -> &Isometry3<f64> {
         &self.world_from_base
+    }
+
+    /// The same surroundings with one more object, the last.
+    #[must_use]
+    pub(crate) fn with(&self, obstacle: &Arc<Obstacle>, world_from_obstacle: &Isometry3<f64>) -> Self {
+        let mut more = self.clone();
+        more.obstacles.push((Arc::clone(obstacle), world_from_obstacle.inverse()));
+        more
+    }
+
+    /// The same surroundings without the points of a region.
+    #[must_use]
+    pub(crate) fn without_points(&self, region: impl Fn(&Point3<f64>) -> bool) -> Self {
+        let points = self.cloud.iter().flat_map(|cloud| &cloud.points).filter(|point| !region(point));
+        let cloud = Cloud::new(&points.copied().collect::<Vec<_>>()).map(Arc::new);
+        Self { cloud, ..self.clone() }
+    }
+
+    /// The objects, each with the world's pose in its frame.
+    pub(crate) fn obstacles(&self) -> &[(Arc<Obstacle>, Isometry3<f64>)] {
+        &self.obstacles
+    }
+
+    /// How far a convex shape of the collision library is from everything, beyond half of the distance that it must keep, metres; at most
+    /// `most`. Also what it is nearer to than that distance, if anything.
+    ///
+    /// * `at`: pose of the shape, world frame; `center`, `radius`: a sphere around it.
+    /// * `ignored`: what may be touched.
+    pub(crate) fn room(
+        &self,
+        shape: &SharedShape,
+        at: &Pose,
+        (center, radius): (Vector, f64),
+        most: f64,
+        ignored: impl Fn(Touched) -> bool,
+    ) -> (f64, Option<Touched>) {
+        let half = 0.5 * self.clearance;
+        let (mut least, mut touched) = (most, None);
+        let mut take = |gap: f64, half: f64, what: Touched, least: &mut f64| {
+            *least = least.min(gap - half);
+            if gap < 2.0 * half && touched.is_none() {
+                touched = Some(what);
+            }
+        };
+        if center.z - radius - half < least && !ignored(Touched::Table) {
+            let low = shape.as_support_map().map_or(center.z - radius, |map| map.support_point(at, -Vector::Z).z);
+            take(low, half, Touched::Table, &mut least);
+        }
+        if let Some(cloud) = self.cloud.as_ref().filter(|_| !ignored(Touched::Points)) {
+            let half = 0.5 * self.point_radius;
+            // So far the points are looked for: a shape farther away takes further looks, not more points.
+            let gap = cloud.gap(shape, at, (center, radius), (least + half).min(FAR).max(2.0 * half));
+            take(gap, half, Touched::Points, &mut least);
+        }
+        for (index, (obstacle, from_world)) in self.obstacles.iter().enumerate() {
+            let place = from_world * Point3::new(center.x, center.y, center.z);
+            let needed = (least + half).max(2.0 * half);
+            if obstacle.is_near(&place.coords, radius + needed + COVERED) && !ignored(Touched::Obstacle(index)) {
+                let gap = obstacle.gap(shape, &(library(from_world) * *at), needed);
+                take(gap, half, Touched::Obstacle(index), &mut least);
+            }
+        }
+        (least, touched)
     }
 
     /// What a shape touches.
@@ -146,6 +216,39 @@ impl Cloud {
     fn key(&self, point: &Point3<f64>) -> usize {
         let [x, y, z] = std::array::from_fn(|axis| self.index(point[axis], axis));
         (x * self.counts[1] + y) * self.counts[2] + z
+    }
+
+    /// Distance of a convex shape from the points, or `most` if it is farther, metres.
+    ///
+    /// * `at`: pose of the shape; `center`, `radius`: a sphere around it.
+    fn gap(&self, shape: &SharedShape, at: &Pose, (center, radius): (Vector, f64), most: f64) -> f64 {
+        let mut least = most;
+        let reach = radius + least;
+        let around = shape.compute_aabb(at).loosened(least);
+        let center = [center.x, center.y, center.z];
+        let (low, high) = (around.mins, around.maxs);
+        let bounds = [[low.x, high.x], [low.y, high.y], [low.z, high.z]];
+        let mut ranges = [(0, 0); 3];
+        for (axis, range) in ranges.iter_mut().enumerate() {
+            let (low, high) = (bounds[axis][0].max(center[axis] - reach), bounds[axis][1].min(center[axis] + reach));
+            if high < self.low[axis] || low > self.low[axis] + self.cell * self.counts[axis] as f64 {
+                return least;
+            }
+            *range = (self.index(low, axis), self.index(high, axis));
+        }
+        for x in ranges[0].0..=ranges[0].1 {
+            for y in ranges[1].0..=ranges[1].1 {
+                let row = (x * self.counts[1] + y) * self.counts[2];
+                let (from, to) = (self.starts[row + ranges[2].0] as usize, self.starts[row + ranges[2].1 + 1] as usize);
+                for point in &self.points[from..to] {
+                    let place = Vector::new(point.x, point.y, point.z);
+                    if (Vector::from(center) - place).length() < radius + least {
+                        least = least.min(shape.distance_to_point(at, place, true));
+                    }
+                }
+            }
+        }
+        least
     }
 
     /// True if a point is within a distance of a shape.

@@ -9,6 +9,7 @@
 //! with a second check; whole plans, with a cheaper ranking, take 8 % less CPU time.
 
 mod box_surface;
+mod gap;
 mod touch;
 
 pub use touch::Touch;
@@ -50,7 +51,12 @@ pub struct Obstacle {
     surface: OnceLock<Option<Triangles>>,
     parts: Vec<(SharedShape, Aabb)>,
     bounds: Aabb,
+    /// For distances, made at the first of them.
+    solids: OnceLock<gap::Solids>,
 }
+
+/// Distance by which the surface of an object may be outside of the convex parts that stand for it in [`Obstacle::gap`], metres.
+pub const COVERED: f64 = 0.0015;
 
 impl Obstacle {
     /// Prepares an object.
@@ -69,7 +75,7 @@ impl Obstacle {
         let own = mesh.aabb();
         let own = Aabb::new(vector(&own.min.coords), vector(&own.max.coords));
         let bounds = parts.iter().fold(own, |all, (_, part)| all.merged(part));
-        Ok(Self { mesh: mesh.clone(), surface: OnceLock::new(), parts, bounds })
+        Ok(Self { mesh: mesh.clone(), surface: OnceLock::new(), parts, bounds, solids: OnceLock::new() })
     }
 
     /// A box about its origin, such as a wall.
@@ -109,6 +115,12 @@ impl Obstacle {
                 None => meets(surface),
             })
             || self.is_inside(place.translation)
+    }
+
+    /// True if the open hand meets the object on its straight approach to `object_from_hand`.
+    pub fn is_on_approach(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
+        let place = pose(object_from_hand);
+        hand.shapes.iter().any(|s| self.hits(&s.swept, &(place * s.hand_from_swept)))
     }
 
     /// The mesh for the collision library, which takes every valid mesh.
@@ -189,12 +201,12 @@ impl CollisionScene {
 
     /// True if the open hand, or its path on the approach, meets a neighbour.
     fn hits_neighbour(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>, approach: bool) -> bool {
-        self.neighbours.iter().zip(&self.neighbours_from_object).any(|(neighbour, from_object)| {
-            let place = pose(&(from_object * object_from_hand));
-            hand.shapes.iter().any(|s| match approach {
-                true => neighbour.obstacle.hits(&s.swept, &(place * s.hand_from_swept)),
-                false => neighbour.obstacle.hits(&s.shape, &(place * s.hand_from_shape)),
-            })
+        self.neighbours.iter().zip(&self.neighbours_from_object).any(|(neighbour, from_object)| match approach {
+            true => neighbour.obstacle.is_on_approach(hand, &(from_object * object_from_hand)),
+            false => {
+                let place = pose(&(from_object * object_from_hand));
+                hand.shapes.iter().any(|s| neighbour.obstacle.hits(&s.shape, &(place * s.hand_from_shape)))
+            }
         })
     }
 
@@ -219,8 +231,7 @@ impl CollisionScene {
             return Feasibility::HitsTable;
         }
         let place = pose(object_from_hand);
-        let on_the_way = hand.shapes.iter().any(|s| self.obstacle.hits(&s.swept, &(place * s.hand_from_swept)));
-        if !on_the_way {
+        if !self.obstacle.is_on_approach(hand, object_from_hand) {
             let meets = self.hits_neighbour(hand, object_from_hand, true);
             return if meets { Feasibility::HitsNeighbour } else { Feasibility::Feasible };
         }
@@ -256,9 +267,6 @@ impl CollisionScene {
 
     fn hits_table(&self, hand: &OpenHand, object_from_hand: &Isometry3<f64>) -> bool {
         let back = self.up.dot(&(object_from_hand * Vector3::z())) * hand.standoff;
-        hand.shapes.iter().any(|s| {
-            let lowest = s.corners.iter().map(|c| self.height(&(object_from_hand * c))).fold(f64::INFINITY, f64::min);
-            lowest - back.max(0.0) < s.radius
-        })
+        hand.is_below(back, |c| self.height(&(object_from_hand * c)))
     }
 }

@@ -45,6 +45,19 @@ impl OpenHand {
             .ok_or_else(|| bad("has a collision shape without volume"))?;
         Ok(Self { shapes, standoff })
     }
+
+    /// True if the hand meets the table, z = 0 of the world, on its straight approach to `world_from_hand`.
+    pub fn meets_table(&self, world_from_hand: &Isometry3<f64>) -> bool {
+        self.is_below((world_from_hand * Vector3::z()).z * self.standoff, |c| (world_from_hand * c).z)
+    }
+
+    /// True if a shape reaches below height 0 at the pose, or where the approach begins, `back` metres lower.
+    pub(crate) fn is_below(&self, back: f64, height: impl Fn(&Point3<f64>) -> f64) -> bool {
+        self.shapes.iter().any(|s| {
+            let lowest = s.corners.iter().map(&height).fold(f64::INFINITY, f64::min);
+            lowest - back.max(0.0) < s.radius
+        })
+    }
 }
 
 fn sweep(at: &Isometry3<f64>, shape: &Shape, clearance: f64, standoff: f64) -> Option<SweptShape> {

@@ -1,5 +1,7 @@
 //! `graspbox.arms.Arm`: an arm read from its two files, its kinematics, and what it reaches.
 
+pub mod paths;
+
 use crate::convert::{
     Array, Floats, array, isometries, isometry, matrices, matrix, points, read_config, values, vector,
 };
@@ -8,6 +10,7 @@ use crate::gil::detached;
 use crate::hand::Hand;
 use crate::mesh::Mesh;
 use crate::plan::Obstacles;
+use graspbox_arm::chain::Positions;
 use graspbox_arm::reach::Reacher;
 use graspbox_arm::{ArmBodies, Inverse, Reach, ReachParams, Reason, Scene, Solution, Touched, reach};
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
@@ -33,17 +36,17 @@ struct Source {
 }
 
 /// What queries need; made at the first of them.
-struct Prepared {
-    inverse: Inverse,
-    bodies: ArmBodies,
+pub(crate) struct Prepared {
+    pub inverse: Inverse,
+    pub bodies: ArmBodies,
 }
 
 /// A handle on an arm, with what it was made from.
 #[pyclass(frozen, eq, hash, module = "graspbox._core")]
 pub struct Arm {
-    core: Arc<Core>,
+    pub(crate) core: Arc<Core>,
     source: Arc<Source>,
-    prepared: Arc<OnceLock<Prepared>>,
+    pub(crate) prepared: Arc<OnceLock<Prepared>>,
 }
 
 impl PartialEq for Arm {
@@ -60,7 +63,7 @@ impl Hash for Arm {
     }
 }
 
-fn prepared<'a>(cell: &'a OnceLock<Prepared>, arm: &Core) -> &'a Prepared {
+pub(crate) fn prepared<'a>(cell: &'a OnceLock<Prepared>, arm: &Core) -> &'a Prepared {
     cell.get_or_init(|| {
         let inverse = Inverse::new(arm);
         let bodies = ArmBodies::new(arm, inverse.chain());
@@ -85,6 +88,16 @@ impl Arm {
             )));
         }
         Ok(values(positions, "positions", &[None, Some(axes)])?.chunks_exact(axes).map(<[f64]>::to_vec).collect())
+    }
+
+    /// One number per axis, as an array of the chain's capacity.
+    pub(crate) fn positions(&self, values: &Floats<'_>, name: &str) -> Result<Positions, CoreError> {
+        let (numbers, axes) = (vector(values, name)?, self.core.axes.len());
+        if numbers.len() != axes {
+            let given = numbers.len();
+            return Err(CoreError::Config(format!("{name} has {given} values; give {axes}, one per joint of the arm")));
+        }
+        Ok(prepared(&self.prepared, &self.core).inverse.positions_of(&numbers))
     }
 
     fn numbers<'py>(&self, py: Python<'py>, number: impl Fn(&graspbox_hand::Axis) -> f64) -> PyResult<Array<'py, f64>> {
@@ -312,7 +325,7 @@ impl Arm {
 }
 
 /// Poses with their preshapes.
-fn asked(poses: &Floats<'_>, preshapes: &Floats<'_>) -> Result<Vec<(Isometry3<f64>, f64)>, CoreError> {
+pub(crate) fn asked(poses: &Floats<'_>, preshapes: &Floats<'_>) -> Result<Vec<(Isometry3<f64>, f64)>, CoreError> {
     let (poses, preshapes) = (isometries(poses, "poses")?, vector(preshapes, "preshapes")?);
     if poses.len() != preshapes.len() {
         let (n, m) = (poses.len(), preshapes.len());
@@ -359,29 +372,32 @@ impl Arm {
         dict.set_item("room", first(&|s| chain.room(&s.positions))?)?;
         dict.set_item("singular", first(&|s| chain.least_singular_value(&s.positions))?)?;
         dict.set_item("angle", first(&|s| s.angle)?)?;
-        let why: Vec<String> = answers.iter().map(|answer| self.sentence(&answer.reason, names)).collect();
+        let bodies = &prepared(&self.prepared, &self.core).bodies;
+        let why = answers.iter().map(|answer| sentence(&answer.reason, &self.core, bodies, names));
+        let why: Vec<String> = why.collect();
         dict.set_item("why", why)?;
         Ok(dict)
     }
+}
 
-    /// A reason in words.
-    fn sentence(&self, reason: &Reason, names: &[String]) -> String {
-        let bodies = &prepared(&self.prepared, &self.core).bodies;
-        let joint = |axis: usize| self.core.joints[self.core.axes[axis].joint].name.as_str();
-        match *reason {
-            Reason::Reached => String::new(),
-            Reason::TooFar => "too far".to_owned(),
-            Reason::AtLimit(axis) => format!("{} is at its limit", joint(axis)),
-            Reason::ArmTouchesArm([a, b]) => format!("{} touches {}", bodies.name(b), bodies.name(a)),
-            Reason::ArmTouchesHand(body) => format!("the hand touches {}", bodies.name(body)),
-            Reason::ArmTouches(body, Touched::Table) => format!("{} touches the table", bodies.name(body)),
-            Reason::ArmTouches(body, Touched::Points) => format!("{} touches what is seen", bodies.name(body)),
-            Reason::ArmTouches(body, Touched::Obstacle(index)) => {
-                format!("{} touches {}", bodies.name(body), names.get(index).map_or("an object", String::as_str))
-            }
-            Reason::Turned(angle) => format!("its rotation is {:.0} degrees out of reach", angle.to_degrees()),
-            Reason::NotFound => "no solution was found".to_owned(),
+/// A reason in words.
+///
+/// * `names`: of the obstacles.
+pub(crate) fn sentence(reason: &Reason, arm: &Core, bodies: &ArmBodies, names: &[String]) -> String {
+    let joint = |axis: usize| arm.joints[arm.axes[axis].joint].name.as_str();
+    match *reason {
+        Reason::Reached => String::new(),
+        Reason::TooFar => "too far".to_owned(),
+        Reason::AtLimit(axis) => format!("{} is at its limit", joint(axis)),
+        Reason::ArmTouchesArm([a, b]) => format!("{} touches {}", bodies.name(b), bodies.name(a)),
+        Reason::ArmTouchesHand(body) => format!("the hand touches {}", bodies.name(body)),
+        Reason::ArmTouches(body, Touched::Table) => format!("{} touches the table", bodies.name(body)),
+        Reason::ArmTouches(body, Touched::Points) => format!("{} touches what is seen", bodies.name(body)),
+        Reason::ArmTouches(body, Touched::Obstacle(index)) => {
+            format!("{} touches {}", bodies.name(body), names.get(index).map_or("an object", String::as_str))
         }
+        Reason::Turned(angle) => format!("its rotation is {:.0} degrees out of reach", angle.to_degrees()),
+        Reason::NotFound => "no solution was found".to_owned(),
     }
 }
 

@@ -26,6 +26,8 @@ mod _core {
     #[pymodule_export]
     use crate::arm::Arm;
     #[pymodule_export]
+    use crate::arm::paths::arm_path;
+    #[pymodule_export]
     use crate::convert::is_rigid;
     #[pymodule_export]
     use crate::description::{describe_urdf, urdf_meshes};

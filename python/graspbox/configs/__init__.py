@@ -25,6 +25,7 @@ __all__ = [
     "FrictionConfig",
     "ImplicitConfig",
     "LoadConfig",
+    "PathConfig",
     "PhysicsConfig",
     "PictureConfig",
     "PlanConfig",
@@ -208,6 +209,32 @@ class ReachConfig:
     max_angle: float = 0.2
     clearance: float = 0.005
     point_radius: float = 0.01
+
+
+@dataclass(frozen=True)
+class PathConfig:
+    """Settings of the paths of an arm.
+
+    Attributes
+    ----------
+    reach : ReachConfig
+        Inverse kinematics, and the distances that arm, hand and carried object keep: at least 0.001 m here; on the way
+        half of them. `ReachConfig.solutions` has no effect.
+    standoff : float
+        Length of the straight approach and of the retreat, along the hand's z, metres, 0.001 to 1.
+    lift : float
+        Height of the straight lift, and of the lowering to a place, metres, 0.001 to 1.
+    iterations : int
+        Most samples of each search for a way around obstacles, at most a million.
+    seed : int
+        Seed of the samples.
+    """
+
+    reach: ReachConfig = field(default_factory=ReachConfig)
+    standoff: float = 0.10
+    lift: float = 0.10
+    iterations: int = 1000
+    seed: int = 0
 
 
 @dataclass(frozen=True)

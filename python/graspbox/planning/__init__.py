@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from graspbox import _core
 from graspbox._common.arguments import config_dict, floats, with_settings
 from graspbox._common.by_value import ByValue
-from graspbox.arms import ArmLike, Reach, reachable
+from graspbox.arms import ArmLike, Reach, Trajectory, plan_path, reachable
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, PlanError
 from graspbox.hands import Hand, HandLike, cache_folder, load_hand
 from graspbox.meshes import MeshLike, Surroundings, as_mesh, placed
 from graspbox.planning import plan_files
@@ -240,15 +240,64 @@ class Plan(ByValue):
         ArmError, ConfigError
             As `graspbox.arms.reachable`, and for a hand other than the plan's.
         """
+        loaded = self._hand(hand)
+        own = [] if mesh is None else [(mesh, self.world_from_object)]
+        objects = [*own, *(around.pop("objects", None) or [])]
+        poses = self.world_from_object @ self.poses
+        return reachable(arm, loaded, poses, self.preshape, world_from_base, objects=objects, **around)
+
+    def path(
+        self,
+        arm: ArmLike,
+        world_from_base: ArrayLike,
+        *,
+        hand: HandLike | None = None,
+        mesh: MeshLike | None = None,
+        **options: Any,
+    ) -> Trajectory:
+        """Plan a timed path of an arm to the first feasible grasp that has one, in ranking order.
+
+        Parameters
+        ----------
+        arm : str, Arm or pair of paths
+            See `graspbox.arms.load_arm`.
+        world_from_base : (4, 4) array_like
+            Pose of the arm's base, metres; the table is the plane z = 0.
+        hand : str, Hand or pair of paths, optional
+            The hand of the plan; by default the included one of its name.
+        mesh : Mesh, optional
+            The object, which is then carried.
+        **options
+            Further arguments of `graspbox.arms.plan_path`: ``place``, ``objects``, ``neighbours``, ``points``,
+            ``config``, ``speed``, ...
+
+        Returns
+        -------
+        Trajectory
+            Its ``grasp`` is an index of the plan's feasible grasps, ``plan[plan.feasible]``.
+
+        Raises
+        ------
+        PlanError
+            If no grasp of the plan is feasible.
+        PathError, ArmError, ConfigError, MissingExtraError
+            As `graspbox.arms.plan_path`, and for a hand other than the plan's.
+        """
+        loaded = self._hand(hand)
+        if not self.feasible.any():
+            raise PlanError("no grasp of the plan is feasible, so none needs a path")
+        poses = (self.world_from_object @ self.poses)[self.feasible]
+        target = None if mesh is None else (mesh, self.world_from_object)
+        return plan_path(arm, loaded, poses, self.preshape[self.feasible], world_from_base, target=target, **options)
+
+    def _hand(self, hand: HandLike | None) -> Hand:
+        """Return the hand of the plan."""
         if hand is None and self.hand_name not in Hand.names():
             raise ConfigError(f"the plan is for the hand {self.hand_name!r}, which is not included; pass it as hand")
         loaded = load_hand(self.hand_name if hand is None else hand)
         if loaded.name != self.hand_name:
             raise ConfigError(f"the plan is for the hand {self.hand_name!r}, not {loaded.name!r}; pass that hand")
-        own = [] if mesh is None else [(mesh, self.world_from_object)]
-        objects = [*own, *(around.pop("objects", None) or [])]
-        poses = self.world_from_object @ self.poses
-        return reachable(arm, loaded, poses, self.preshape, world_from_base, objects=objects, **around)
+        return loaded
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the plan as JSON, in the format of `graspbox.planning.plan_files`; `load` restores it bit for bit.

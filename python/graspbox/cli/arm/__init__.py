@@ -1,4 +1,4 @@
-"""Show arms, or begin the files of your own."""
+"""Show arms, begin the files of your own, or plan paths."""
 
 import json
 import sys
@@ -11,12 +11,14 @@ import typer
 from graspbox._common.files import check_output, write_text
 from graspbox.arms import load_arm
 from graspbox.arms.drafting import draft_arm
+from graspbox.cli.arm.path import path_command
 from graspbox.cli.common import Json, console, hand_like, print_json, print_table
 from graspbox.errors import ArmError, ConfigError, FileError
 
 __all__ = ["arm_app"]
 
 arm_app = typer.Typer(no_args_is_help=True, help=__doc__)
+arm_app.command("path")(path_command)
 
 
 @arm_app.command("show")

@@ -1,0 +1,199 @@
+//! Distances between a convex shape and an object, for motions: a motion that is shorter than the distance meets nothing.
+//!
+//! The object is its convex parts, and those triangles of its surface that they do not cover: most often none.
+
+use super::{COVERED, Obstacle};
+use crate::open_hand::{convex, vector};
+use nalgebra::{Point3, distance};
+use parry3d_f64::bounding_volume::Aabb;
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::query;
+use parry3d_f64::shape::{SharedShape, TriMesh as Triangles};
+
+/// Rounding of the corners of parts and surface, metres.
+const ROUNDING: f64 = 1e-6;
+/// Most triangles into which the surface of an object is cut; what remains then is not covered.
+const MOST_TRIANGLES: usize = 200_000;
+
+/// An object for distances.
+pub(super) struct Solids {
+    parts: Vec<(SharedShape, Aabb)>,
+    rest: Option<(Triangles, Aabb)>,
+    /// Distance by which the surface may be outside of the parts, metres.
+    slack: f64,
+}
+
+/// Half-spaces whose intersection is a convex part.
+struct Planes(Vec<(Vector, f64)>);
+
+impl Planes {
+    fn new(part: &SharedShape) -> Self {
+        let Some(hull) = part.as_convex_polyhedron() else { return Self(Vec::new()) };
+        let planes = hull.faces().iter().map(|face| {
+            let corner = hull.points()[hull.vertices_adj_to_face()[face.first_vertex_or_edge as usize] as usize];
+            (face.normal, face.normal.dot(corner) + ROUNDING)
+        });
+        Self(planes.collect())
+    }
+
+    fn contain(&self, point: &Vector) -> bool {
+        !self.0.is_empty() && self.0.iter().all(|(normal, offset)| normal.dot(*point) <= *offset)
+    }
+}
+
+impl Solids {
+    fn new(obstacle: &Obstacle) -> Self {
+        let mesh = &obstacle.mesh;
+        let mut parts = obstacle.parts.clone();
+        if parts.is_empty() {
+            // A mesh that is its own hull, such as a wall, is its own part.
+            parts.extend(convex(mesh).map(|hull| (hull.clone(), hull.compute_local_aabb())));
+            let own = parts.first().map(|(hull, _)| Planes::new(hull));
+            let is_convex = own.is_some_and(|own| mesh.vertices().iter().all(|p| own.contain(&vector(&p.coords))));
+            if is_convex {
+                return Self { parts, rest: None, slack: 0.0 };
+            }
+            parts.clear();
+        }
+        let planes: Vec<Planes> = parts.iter().map(|(part, _)| Planes::new(part)).collect();
+        let mut left = MOST_TRIANGLES;
+        let faces: Vec<[u32; 3]> = mesh
+            .faces()
+            .iter()
+            .filter(|face| !is_covered(face.map(|corner| mesh.vertices()[corner as usize]), &planes, &mut left))
+            .copied()
+            .collect();
+        let vertices: Vec<Vector> = mesh.vertices().iter().map(|p| vector(&p.coords)).collect();
+        let rest = (!faces.is_empty()).then(|| Triangles::new(vertices, faces).ok()).flatten();
+        let rest = rest.map(|triangles| {
+            let bounds = triangles.local_aabb();
+            (triangles, bounds)
+        });
+        Self { parts, rest, slack: COVERED }
+    }
+}
+
+/// True if no point of a triangle is farther than [`COVERED`] from the parts.
+fn is_covered(triangle: [Point3<f64>; 3], parts: &[Planes], left: &mut usize) -> bool {
+    let mut open = vec![triangle];
+    while let Some([a, b, c]) = open.pop() {
+        if *left == 0 {
+            return false;
+        }
+        *left -= 1;
+        let corners = [a, b, c].map(|corner| vector(&corner.coords));
+        if parts.iter().any(|part| corners.iter().all(|corner| part.contain(corner))) {
+            continue;
+        }
+        if !corners.iter().all(|corner| parts.iter().any(|part| part.contain(corner))) {
+            return false;
+        }
+        let sides = [distance(&a, &b), distance(&b, &c), distance(&c, &a)];
+        let longest = sides.into_iter().fold(0.0, f64::max);
+        // The farthest point from all three corners is as far from them as the longest side / sqrt 3 at most.
+        if longest <= COVERED * 1.7 {
+            continue;
+        }
+        let [a, b, c] = match sides.iter().position(|side| *side == longest) {
+            Some(0) => [a, b, c],
+            Some(1) => [b, c, a],
+            _ => [c, a, b],
+        };
+        let middle = nalgebra::center(&a, &b);
+        open.extend([[a, middle, c], [middle, b, c]]);
+    }
+    true
+}
+
+impl Obstacle {
+    fn solids(&self) -> &Solids {
+        self.solids.get_or_init(|| Solids::new(self))
+    }
+
+    /// The object's convex parts, object frame; a mesh that is convex itself is its own part. Empty for any other without parts.
+    pub fn convex_parts(&self) -> impl Iterator<Item = &SharedShape> {
+        self.solids().parts.iter().map(|(part, _)| part)
+    }
+
+    /// Distance of a convex shape of the collision library at `place` in the object's frame, or `most` if it is farther, metres.
+    ///
+    /// It is a lower bound, at most [`COVERED`] too small; 0 where they touch.
+    pub fn gap(&self, shape: &SharedShape, place: &Pose, most: f64) -> f64 {
+        let solids = self.solids();
+        let around = shape.compute_aabb(place);
+        let far = |bounds: &Aabb, least: f64| apart(&around, bounds) - solids.slack >= least;
+        let mut least = most;
+        if far(&self.bounds, least) {
+            return least;
+        }
+        for (part, bounds) in &solids.parts {
+            if !far(bounds, least) {
+                // Unsupported pairs do not occur: all shapes are convex.
+                let found = query::distance(place, &*shape.0, &Pose::IDENTITY, &*part.0).map_or(0.0, |d| d.distance);
+                least = least.min(found - solids.slack);
+            }
+        }
+        if let Some((rest, bounds)) = &solids.rest
+            && !far(bounds, least)
+        {
+            let found = query::distance(place, &*shape.0, &Pose::IDENTITY, rest).map_or(0.0, |d| d.distance);
+            least = least.min(found);
+        }
+        if solids.parts.is_empty() && self.is_inside(place.translation) {
+            return 0.0;
+        }
+        least.max(0.0)
+    }
+
+    /// How deep a convex shape of the collision library at `place` in the object's frame is in the object's parts, metres; 0 outside.
+    pub fn depth(&self, shape: &SharedShape, place: &Pose) -> f64 {
+        let depth = |(part, _): &(SharedShape, Aabb)| {
+            let found = query::contact(place, &*shape.0, &Pose::IDENTITY, &*part.0, 0.0).ok().flatten();
+            found.map_or(0.0, |contact| -contact.dist)
+        };
+        self.solids().parts.iter().map(depth).fold(0.0, f64::max)
+    }
+}
+
+/// Distance between two boxes, metres.
+fn apart(a: &Aabb, b: &Aabb) -> f64 {
+    (a.mins - b.maxs).max(b.mins - a.maxs).max(Vector::ZERO).length()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use graspbox_mesh::{TriMesh, convex_hull};
+    use nalgebra::Vector3;
+
+    fn brick(low: [f64; 3], high: [f64; 3]) -> TriMesh {
+        let corner = |i: usize| Point3::from(Vector3::from_fn(|axis, _| [low, high][i >> axis & 1][axis]));
+        convex_hull(&(0..8).map(corner).collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn distances_are_those_of_boxes() {
+        let wall = Obstacle::cuboid(&Vector3::new(0.1, 0.2, 0.3)).unwrap();
+        let ball = SharedShape::ball(0.05);
+        let at = |x: f64, y: f64| wall.gap(&ball, &Pose::from_translation(Vector::new(x, y, 0.0)), 1.0);
+        assert!((at(0.25, 0.0) - 0.1).abs() < 1e-9);
+        assert!((at(0.4, 0.6) - (0.5 - 0.05)).abs() < 1e-9);
+        assert_eq!(at(0.0, 0.0), 0.0, "inside is no distance");
+        assert_eq!(at(5.0, 0.0), 1.0);
+    }
+
+    /// A brick whose parts are its two halves: the triangles across their border are covered by both together.
+    #[test]
+    fn parts_cover_the_surface_that_they_share() {
+        let whole = brick([-0.1, -0.02, 0.0], [0.1, 0.02, 0.05]);
+        let halves = [brick([-0.1, -0.02, 0.0], [0.0, 0.02, 0.05]), brick([0.0, -0.02, 0.0], [0.1, 0.02, 0.05])];
+        assert!(Obstacle::new(&whole, &halves).unwrap().solids().rest.is_none());
+        // Without the second half its surface is left, and still met.
+        let part = Obstacle::new(&whole, &halves[..1]).unwrap();
+        assert!(part.solids().rest.is_some());
+        let ball = SharedShape::ball(0.01);
+        let gap = part.gap(&ball, &Pose::from_translation(Vector::new(0.13, 0.0, 0.025)), 1.0);
+        assert!((gap - 0.02).abs() < 2e-3, "{gap}");
+        assert!((part.depth(&ball, &Pose::from_translation(Vector::new(-0.105, 0.0, 0.025))) - 0.005).abs() < 1e-6);
+    }
+}

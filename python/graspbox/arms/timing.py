@@ -1,0 +1,222 @@
+"""From geometry to time: each piece of a path from rest to rest, within the limits of speed, acceleration and jerk.
+
+A piece is a cubic spline q(s) of the joints. Its course s(t) has one degree of freedom, so that the arm never leaves
+the checked geometry: q' = dq/ds and its derivatives bound speed, acceleration and jerk of every joint from those of s,
+
+    |dq/dt|    <= |q'| v
+    |d2q/dt2|  <= |q''| v^2 + |q'| a
+    |d3q/dt3|  <= |q'''| v^3 + 3 |q''| v a + |q'| j
+
+for any time at which v, a, j bound the derivatives of s. A straight motion of the joints has q'' = q''' = 0.
+"""
+
+import warnings
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspbox._common.imports import imported
+from graspbox._core import Arm
+from graspbox.hands.loading import AssumedWarning
+
+__all__ = ["NEED", "Limits", "TimedPiece", "limits_of", "timed"]
+
+#: What the package ruckig is needed for.
+NEED = "timing a path needs the package ruckig (on Linux with ARM: pip install ruckig, and a compiler of C++20)"
+#: What is assumed where an arm states no limit: full speed is reached in this time, full acceleration in that, seconds.
+ASSUMED_TIMES = {"acceleration": 0.5, "jerk": 0.1}
+#: Arms about whose assumed limits a warning was given.
+_TOLD: set[Arm] = set()
+#: Shares of the greatest speed and acceleration along a curve that are tried: less of one leaves more to the others.
+_SPEEDS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
+_ACCELERATIONS = (1.0, 0.75, 0.5, 0.25)
+#: Share of a limit that is used: rounding must not exceed it.
+_USED = 0.9999
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Greatest speed, acceleration and jerk of each joint, (k,), and what was assumed of them."""
+
+    speed: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    jerk: NDArray[np.float64]
+    assumed: tuple[str, ...] = ()
+
+
+def limits_of(arm: Arm, share: float = 1.0) -> Limits:
+    """Return the limits of an arm, `share` of its speeds; what it does not state is assumed, with a warning per arm."""
+    speed, acceleration, jerk = arm.speeds, arm.accelerations.copy(), arm.jerks.copy()
+    assumed = []
+    for name, numbers, before in (("acceleration", acceleration, speed), ("jerk", jerk, acceleration)):
+        missing = ~np.isfinite(numbers)
+        numbers[missing] = before[missing] / ASSUMED_TIMES[name]
+        if missing.any():
+            joints = ", ".join(joint for joint, none in zip(arm.joints, missing, strict=True) if none)
+            least = f"{numbers[missing].min():.3g} rad/s{'2' if name == 'acceleration' else '3'}"
+            assumed.append(f"arm {arm.name!r} states no {name} of {joints}: {least} or more is assumed")
+    if assumed and arm not in _TOLD:
+        _TOLD.add(arm)
+        warnings.warn(AssumedWarning(assumed, "Trajectory.assumptions"), stacklevel=4)
+    # Slower by a factor in time: its square in accelerations, its cube in jerks.
+    return Limits(share * speed, share**2 * acceleration, share**3 * jerk, tuple(assumed))
+
+
+@dataclass(frozen=True)
+class TimedPiece:
+    """A cubic spline q(s), and cubic pieces of s(t).
+
+    Attributes
+    ----------
+    phase : str
+        Part of the path.
+    knots : (n + 1,) float64
+        Values of s where the polynomials of the spline meet.
+    coefficients : (n, 4, k) float64
+        Of (s - knot)^0 to ^3.
+    starts : (p,) float64
+        Times at which the pieces of s(t) begin, seconds.
+    course : (p, 4) float64
+        s and its derivatives there.
+    duration : float
+        Seconds.
+    """
+
+    phase: str
+    knots: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    starts: NDArray[np.float64]
+    course: NDArray[np.float64]
+    duration: float
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return position, velocity, acceleration and jerk of the joints, (4, m, k), at times from its beginning."""
+        part = np.clip(np.searchsorted(self.starts, times, side="right") - 1, 0, len(self.starts) - 1)
+        since = times - self.starts[part]
+        s0, v0, a0, j = self.course[part].T
+        s = s0 + since * (v0 + since * (a0 / 2 + since * j / 6))
+        v = v0 + since * (a0 + since * j / 2)
+        a = a0 + since * j
+        s = np.clip(s, self.knots[0], self.knots[-1])
+        segment = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.coefficients) - 1)
+        x = (s - self.knots[segment])[:, None]
+        c0, c1, c2, c3 = np.moveaxis(self.coefficients[segment], 1, 0)
+        first, second, third = c1 + x * (2 * c2 + 3 * c3 * x), 2 * c2 + 6 * c3 * x, 6 * c3
+        v, a, j = v[:, None], a[:, None], j[:, None]
+        return np.stack(
+            [
+                c0 + x * (c1 + x * (c2 + x * c3)),
+                first * v,
+                second * v**2 + first * a,
+                third * v**3 + 3 * second * v * a + first * j,
+            ]
+        )
+
+
+def timed(
+    phase: str, postures: NDArray[np.float64], lengths: NDArray[np.float64] | None, limits: Limits
+) -> list[TimedPiece]:
+    """Time a piece of a path.
+
+    Parameters
+    ----------
+    phase : str
+        Part of the path.
+    postures : (m, k) array
+        Without `lengths`, corners at which the arm comes to rest, straight motions between them. With them, samples of
+        a straight line of the hand.
+    lengths : (m,) array or None
+        Distances of the samples along the line, evenly spaced.
+    limits : Limits
+        Of the joints.
+
+    Returns
+    -------
+    list of TimedPiece
+    """
+    if lengths is None:
+        return [_straight(phase, a, b, limits) for a, b in pairwise(postures) if not np.array_equal(a, b)]
+    return [_curve(phase, postures, lengths, limits)]
+
+
+def _straight(phase: str, start: NDArray[np.float64], end: NDArray[np.float64], limits: Limits) -> TimedPiece:
+    """Time a straight motion of the joints; s goes from 0 to 1."""
+    change = end - start
+    with np.errstate(divide="ignore"):
+        least = [float((limit / np.abs(change)).min()) for limit in (limits.speed, limits.acceleration, limits.jerk)]
+    coefficients = np.zeros((1, 4, len(start)))
+    coefficients[0, :2] = start, change
+    starts, course, duration = _course(1.0, *(_USED * x for x in least))
+    return TimedPiece(phase, np.array([0.0, 1.0]), coefficients, starts, course, duration)
+
+
+def _curve(phase: str, postures: NDArray[np.float64], lengths: NDArray[np.float64], limits: Limits) -> TimedPiece:
+    """Time a spline through samples; of the bounds of speed and acceleration, those that take the least time."""
+    coefficients = _spline(postures, float(lengths[1] - lengths[0]))
+    first, second, third = _greatest(coefficients, float(lengths[1] - lengths[0]))
+    with np.errstate(divide="ignore"):
+        fastest = min(
+            (limits.speed / first).min(),
+            np.sqrt(limits.acceleration / second).min(),
+            np.cbrt(limits.jerk / third).min(),
+        )
+        choices = []
+        for speed in _USED * fastest * np.array(_SPEEDS):
+            most = ((_USED * limits.acceleration - second * speed**2) / first).min()
+            for acceleration in most * np.array(_ACCELERATIONS):
+                bent = third * speed**3 + 3 * second * speed * acceleration
+                jerk = ((_USED * limits.jerk - bent) / first).min()
+                if acceleration > 0 and jerk > 0:
+                    choices.append(_course(float(lengths[-1]), float(speed), float(acceleration), float(jerk)))
+    starts, course, duration = min(choices, key=lambda choice: choice[2])
+    return TimedPiece(phase, lengths, coefficients, starts, course, duration)
+
+
+def _spline(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Return the coefficients (n, 4, k) of the cubic spline through evenly spaced values (n + 1, k), not-a-knot."""
+    count = len(values)
+    slopes = np.diff(values, axis=0) / step
+    if count == 2:
+        bend = np.zeros_like(values)
+    elif count == 3:
+        bend = np.repeat((slopes[1:] - slopes[:-1]) / step, 3, axis=0)
+    else:
+        # Second derivatives at the knots.
+        matrix = 4 * np.eye(count) + np.eye(count, k=1) + np.eye(count, k=-1)
+        matrix[0, :3] = matrix[-1, -3:] = 1.0, -2.0, 1.0
+        right = np.zeros_like(values)
+        right[1:-1] = 6 / step * np.diff(slopes, axis=0)
+        bend = np.linalg.solve(matrix, right)
+    linear = slopes - step / 6 * (2 * bend[:-1] + bend[1:])
+    return np.stack([values[:-1], linear, bend[:-1] / 2, np.diff(bend, axis=0) / (6 * step)], axis=1)
+
+
+def _greatest(coefficients: NDArray[np.float64], step: float) -> tuple[NDArray[np.float64], ...]:
+    """Return the greatest absolute first, second and third derivative of a spline, (k,) each."""
+    _, c1, c2, c3 = np.moveaxis(coefficients, 1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.nan_to_num(-c2 / (3 * c3), nan=0.0, posinf=0.0, neginf=0.0).clip(0, step)
+    slopes = [np.abs(c1 + x * (2 * c2 + 3 * c3 * x)).max(axis=0) for x in (0.0, step, turn)]
+    bends = [np.abs(2 * c2 + 6 * c3 * x).max(axis=0) for x in (0.0, step)]
+    return np.maximum.reduce(slopes), np.maximum(*bends), np.abs(6 * c3).max(axis=0)
+
+
+def _course(
+    length: float, speed: float, acceleration: float, jerk: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return s(t) from rest to rest: times at which its pieces begin, s and its derivatives there, and the duration."""
+    ruckig = imported("ruckig", NEED, "arm")
+    wanted = ruckig.InputParameter(1)
+    wanted.current_position, wanted.target_position = [0.0], [length]
+    wanted.max_velocity, wanted.max_acceleration, wanted.max_jerk = [speed], [acceleration], [jerk]
+    found = ruckig.Trajectory(1)
+    result = ruckig.Ruckig(1).calculate(wanted, found)
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):  # not for positive limits
+        raise RuntimeError(f"ruckig cannot time {length} with {speed}, {acceleration}, {jerk}: {result}")
+    profile = found.profiles[0][0]
+    starts = np.concatenate([[0.0], np.cumsum(profile.t)])[:-1]
+    course = np.stack([profile.p[:-1], profile.v[:-1], profile.a[:-1], profile.j], axis=1)
+    lasting = np.asarray(profile.t) > 0
+    return starts[lasting], course[lasting], float(found.duration)
