@@ -28,7 +28,7 @@ pub(crate) struct Solid {
 }
 
 impl Solid {
-    fn new(shape: &Shape, body_from_shape: Isometry3<f64>) -> Self {
+    pub(crate) fn new(shape: &Shape, body_from_shape: Isometry3<f64>) -> Self {
         Self { shape: *shape, solid: library_shape(shape, 0.0), body_from_shape, radius: radius(shape) }
     }
 
@@ -82,14 +82,14 @@ pub(crate) fn library_pose(at: &Isometry3<f64>, shape: &Shape) -> Pose {
 
 /// A rigid body: its shapes, and a sphere that contains them.
 #[derive(Clone, Debug)]
-struct Body {
-    solids: Vec<Solid>,
-    center: Point3<f64>,
-    radius: f64,
+pub(crate) struct Body {
+    pub solids: Vec<Solid>,
+    pub center: Point3<f64>,
+    pub radius: f64,
 }
 
 impl Body {
-    fn new(solids: Vec<Solid>) -> Self {
+    pub(crate) fn new(solids: Vec<Solid>) -> Self {
         let count = solids.len().max(1) as f64;
         let center = solids.iter().map(|solid| solid.body_from_shape.translation.vector).sum::<Vector3<f64>>() / count;
         let reach = |solid: &Solid| (solid.body_from_shape.translation.vector - center).norm() + solid.radius;
@@ -126,7 +126,7 @@ pub struct Carried {
 }
 
 /// The frame of a body in the base's frame.
-fn frame(frames: &Frames, body: usize) -> Isometry3<f64> {
+pub(crate) fn frame(frames: &Frames, body: usize) -> Isometry3<f64> {
     body.checked_sub(1).map_or_else(Isometry3::identity, |axis| frames.axes[axis].isometry())
 }
 
@@ -163,6 +163,11 @@ impl ArmBodies {
     #[must_use]
     pub fn count(&self) -> usize {
         self.bodies.len()
+    }
+
+    /// All of them.
+    pub(crate) fn bodies(&self) -> &[Body] {
+        &self.bodies
     }
 
     /// Name of a body: that of its first link.

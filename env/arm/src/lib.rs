@@ -8,6 +8,7 @@
 //! | [`inverse`] | all solutions of a pose that the descents find |
 //! | [`bodies`] | collision shapes of the arm and the open hand that it carries; pairs that touch by design |
 //! | [`scene`] | what the arm must not touch: the table, measured points, objects |
+//! | [`mask`] | measured points that show the arm itself or its hand |
 //! | [`mod@reach`] | poses of a hand: which are reached, by which postures, and why others are not |
 //! | [`error`] | errors, one sentence each |
 //!
@@ -36,6 +37,7 @@ pub mod chain;
 mod descent;
 pub mod error;
 pub mod inverse;
+pub mod mask;
 mod postures;
 pub mod reach;
 pub mod scene;
@@ -44,5 +46,6 @@ pub use bodies::{ArmBodies, Carried};
 pub use chain::Chain;
 pub use error::ArmError;
 pub use inverse::{Inverse, Solution};
+pub use mask::{Mounted, on_arm};
 pub use reach::{Reach, ReachParams, Reason, reach};
 pub use scene::{Scene, Touched};

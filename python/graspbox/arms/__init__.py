@@ -1,4 +1,4 @@
-"""Arms: loaded by name or from their two files, and which poses of a hand they reach.
+"""Arms: loaded by name or from their two files, which poses of a hand they reach, and which points show them.
 
 >>> import numpy as np
 >>> from graspbox import arms
@@ -9,6 +9,7 @@
 
 from graspbox._core import Arm
 from graspbox.arms.loading import ArmLike, load_arm
+from graspbox.arms.masking import on_arm
 from graspbox.arms.reaching import Reach, Reason, inverse, reachable
 
-__all__ = ["Arm", "ArmLike", "Reach", "Reason", "inverse", "load_arm", "reachable"]
+__all__ = ["Arm", "ArmLike", "Reach", "Reason", "inverse", "load_arm", "on_arm", "reachable"]
