@@ -85,8 +85,8 @@ class RealImage:
         marked : (H, W) bool, optional
             Pixels of what is to be grasped, which carries nothing.
         without : callable, optional
-            Which points (n, 3), table's frame, at depths (n,), metres, are left out, with what they hide, such as those of
-            the robot; needs `table_from_camera`.
+            Which points (n, 3), table's frame, at depths (n,), metres, are left out with what they hide, such as the
+            robot's; needs `table_from_camera`.
 
         Raises
         ------
