@@ -9,7 +9,20 @@
 
 from graspbox._core import Arm
 from graspbox.arms.loading import ArmLike, load_arm
+from graspbox.arms.mapping import BasePlace, ReachMap, reach_map
 from graspbox.arms.masking import on_arm
 from graspbox.arms.reaching import Reach, Reason, inverse, reachable
 
-__all__ = ["Arm", "ArmLike", "Reach", "Reason", "inverse", "load_arm", "on_arm", "reachable"]
+__all__ = [
+    "Arm",
+    "ArmLike",
+    "BasePlace",
+    "Reach",
+    "ReachMap",
+    "Reason",
+    "inverse",
+    "load_arm",
+    "on_arm",
+    "reach_map",
+    "reachable",
+]
