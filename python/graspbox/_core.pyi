@@ -318,6 +318,16 @@ class Arm:
         cache: str | PathLike[str] | None,
         num_threads: int | None,
     ) -> dict[str, Any]: ...
+    def on_arm(
+        self,
+        points: NDArray[np.float64],
+        distances: NDArray[np.float64],
+        positions: NDArray[np.float64],
+        world_from_base: NDArray[np.float64],
+        hand: Hand | None = None,
+        mount: NDArray[np.float64] | None = None,
+        num_threads: int | None = None,
+    ) -> NDArray[np.bool_]: ...
 
 @final
 class Hand:

@@ -344,7 +344,7 @@ def test_grasps_that_an_arm_reaches_come_first(
         grasper.find(*place, arm="so101", base=np.eye(4))
     with pytest.raises(errors.ConfigError, match="an arm needs its place: pass base"):
         grasper.find(*place, arm="fr3")
-    with pytest.raises(errors.ConfigError, match="base and mount place an arm; pass arm too"):
+    with pytest.raises(errors.ConfigError, match="base, mount and joints place an arm; pass arm too"):
         grasper.find(*place, base=base)
     with pytest.raises(errors.ConfigError, match="base is in the table's frame, which a table found in the image"):
         grasper.find(*place[:2], arm="fr3", base=base)

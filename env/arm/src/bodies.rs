@@ -87,14 +87,14 @@ pub(crate) fn library(at: &Isometry3<f64>) -> Pose {
 
 /// A rigid body: its shapes, and a sphere that contains them.
 #[derive(Clone, Debug)]
-struct Body {
-    solids: Vec<Solid>,
-    center: Point3<f64>,
-    radius: f64,
+pub(crate) struct Body {
+    pub solids: Vec<Solid>,
+    pub center: Point3<f64>,
+    pub radius: f64,
 }
 
 impl Body {
-    fn new(solids: Vec<Solid>) -> Self {
+    pub(crate) fn new(solids: Vec<Solid>) -> Self {
         let count = solids.len().max(1) as f64;
         let center = solids.iter().map(|solid| solid.body_from_shape.translation.vector).sum::<Vector3<f64>>() / count;
         let reach = |solid: &Solid| (solid.body_from_shape.translation.vector - center).norm() + solid.radius;
@@ -135,7 +135,7 @@ pub struct Carried {
 }
 
 /// The frame of a body in the base's frame.
-fn frame(frames: &Frames, body: usize) -> Isometry3<f64> {
+pub(crate) fn frame(frames: &Frames, body: usize) -> Isometry3<f64> {
     body.checked_sub(1).map_or_else(Isometry3::identity, |axis| frames.axes[axis].isometry())
 }
 
@@ -172,6 +172,11 @@ impl ArmBodies {
     #[must_use]
     pub fn count(&self) -> usize {
         self.bodies.len()
+    }
+
+    /// All of them.
+    pub(crate) fn bodies(&self) -> &[Body] {
+        &self.bodies
     }
 
     /// Name of a body: that of its first link.

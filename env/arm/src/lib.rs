@@ -8,6 +8,7 @@
 //! | [`inverse`] | all solutions of a pose that the descents find |
 //! | [`bodies`] | collision shapes of the arm and the open hand that it carries; pairs that touch by design |
 //! | [`scene`] | what the arm must not touch: the table, measured points, objects |
+//! | [`mask`] | measured points that show the arm itself or its hand |
 //! | [`mod@reach`] | poses of a hand: which are reached, by which postures, and why others are not |
 //! | `motion` | a straight motion between two postures, checked by the distance that bodies move |
 //! | [`line`] | straight lines of the hand, from posture to posture |
@@ -43,6 +44,7 @@ pub mod inverse;
 pub mod line;
 mod motion;
 pub mod path;
+pub mod mask;
 mod postures;
 pub mod reach;
 mod roadmap;
@@ -54,5 +56,6 @@ pub use error::ArmError;
 pub use inverse::{Inverse, Solution};
 pub use motion::{Contact, Mover, With};
 pub use path::{Path, PathParams, Robot, Task, Thing, path};
+pub use mask::{Mounted, on_arm};
 pub use reach::{Reach, ReachParams, Reason, reach};
 pub use scene::{Scene, Touched};

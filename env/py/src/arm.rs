@@ -12,7 +12,7 @@ use crate::mesh::Mesh;
 use crate::plan::Obstacles;
 use graspbox_arm::chain::Positions;
 use graspbox_arm::reach::Reacher;
-use graspbox_arm::{ArmBodies, Inverse, Reach, ReachParams, Reason, Scene, Solution, Touched, reach};
+use graspbox_arm::{ArmBodies, Inverse, Mounted, Reach, ReachParams, Reason, Scene, Solution, Touched, on_arm, reach};
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
 use graspbox_hand::{Arm as Core, HandError};
 use nalgebra::Isometry3;
@@ -317,6 +317,41 @@ impl Arm {
             Ok::<_, CoreError>((reach(&reacher, &hand, &flange_from_base, &asked)?, names))
         })?;
         self.answers(py, &answers, &params, &names)
+    }
+
+    /// Which `points` (n, 3), world frame, are within `distances` (n,) of the arm with its joints at `positions` (k,), or of a hand.
+    #[pyo3(signature = (points, distances, positions, world_from_base, hand=None, mount=None, num_threads=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn on_arm<'py>(
+        &self,
+        py: Python<'py>,
+        points: Floats<'py>,
+        distances: Floats<'py>,
+        positions: Floats<'py>,
+        world_from_base: Floats<'py>,
+        hand: Option<&Hand>,
+        mount: Option<Floats<'py>>,
+        #[pyo3(from_py_with = crate::gil::threads)] num_threads: Option<usize>,
+    ) -> PyResult<Array<'py, bool>> {
+        let (cloud, distances) = (self::points(&points, "points")?, vector(&distances, "distances")?);
+        let positions = vector(&positions, "positions")?;
+        self.core.forward_kinematics(&positions).map_err(arm_error)?; // checks their number
+        let world_from_base = isometry(&world_from_base, "world_from_base")?;
+        let mount = mount.map(|m| isometry(&m, "mount")).transpose()?;
+        let (n, m) = (cloud.len(), distances.len());
+        if n != m {
+            return Err(CoreError::Config(format!("there are {n} points and {m} distances; give one per point")).into());
+        }
+        let (core, cell, hand) = (Arc::clone(&self.core), Arc::clone(&self.prepared), hand.map(|h| Arc::clone(&h.0)));
+        let near = detached(py, num_threads, move || {
+            let Prepared { inverse, bodies } = prepared(&cell, &core);
+            let mounted = hand.as_deref().map(|hand| Mounted {
+                hand,
+                flange_from_base: mount.unwrap_or_else(|| core.flange_from_base_of(hand)),
+            });
+            Ok::<_, CoreError>(on_arm((inverse, bodies), &positions, &world_from_base, mounted, &cloud, &distances)?)
+        })?;
+        array(py, near, &[n])
     }
 
     fn __repr__(&self) -> String {

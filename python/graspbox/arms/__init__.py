@@ -1,4 +1,5 @@
-"""Arms: loaded by name or from their two files, which poses of a hand they reach, and by which paths.
+"""Arms: loaded from files, what they reach, by which paths, and which points show them.
+
 
 >>> import numpy as np
 >>> from graspbox import arms
@@ -9,8 +10,25 @@
 
 from graspbox._core import Arm
 from graspbox.arms.loading import ArmLike, load_arm
+from graspbox.arms.mapping import BasePlace, ReachMap, reach_map
+from graspbox.arms.masking import on_arm
 from graspbox.arms.paths import plan_path
 from graspbox.arms.reaching import Reach, Reason, inverse, reachable
 from graspbox.arms.trajectories import Sample, Trajectory
 
-__all__ = ["Arm", "ArmLike", "Reach", "Reason", "Sample", "Trajectory", "inverse", "load_arm", "plan_path", "reachable"]
+__all__ = [
+    "Arm",
+    "ArmLike",
+    "BasePlace",
+    "Reach",
+    "ReachMap",
+    "Reason",
+    "Sample",
+    "Trajectory",
+    "inverse",
+    "load_arm",
+    "on_arm",
+    "plan_path",
+    "reach_map",
+    "reachable",
+]

@@ -194,7 +194,7 @@ def reachable(
         Pose of the hand's base link in the frame of the flange; by default as the files of arm and hand state it
         (`Arm.flange_from_base_of`).
     points : (m, 3) array_like, optional
-        Measured points, metres: what is seen. None may be on the arm itself.
+        Measured points, metres: what is seen, without those of the arm itself (`on_arm`).
     objects : list of (Mesh, (4, 4) array_like), optional
         Objects with their poses.
     neighbours : Surroundings, optional

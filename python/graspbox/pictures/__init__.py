@@ -15,6 +15,7 @@
 | `save_episode`  | an episode of ``graspbox/Grasp-v0`` solved by the scripted expert, with images observed in it |
 | `save_video`    | a video of pictures with captions |
 | `save_rates`    | success and secure holds of policies, with confidence intervals |
+| `save_reach_map` | share of typical grasps that an arm reaches, by where the thing stands |
 | `save_reliability` | observed success rate over the probability that a policy predicted |
 
 Paths are str or Path; their extension, one of `SUFFIXES`, or of `VIDEO_SUFFIXES` for videos, sets the format. Paths are
@@ -52,7 +53,7 @@ _import_matplotlib()
 # The imports below need matplotlib.
 from graspbox.pictures.arrangements import save_arrangements  # noqa: E402
 from graspbox.pictures.episodes import save_episode  # noqa: E402
-from graspbox.pictures.evaluations import save_rates, save_reliability  # noqa: E402
+from graspbox.pictures.evaluations import save_rates, save_reach_map, save_reliability  # noqa: E402
 from graspbox.pictures.files import SUFFIXES, check_path  # noqa: E402
 from graspbox.pictures.grasp_images import save_grasp_image  # noqa: E402
 from graspbox.pictures.hand_frames import save_hand_frames  # noqa: E402
@@ -88,6 +89,7 @@ __all__ = [
     "save_kindness",
     "save_plan",
     "save_rates",
+    "save_reach_map",
     "save_reliability",
     "save_stages",
     "save_sweep",

@@ -1,11 +1,13 @@
-"""Pictures of evaluations: rates with confidence intervals, and reliability diagrams."""
+"""Pictures of rates: with confidence intervals, reliability diagrams, and what an arm reaches around its base."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspbox._common.colors import COLORS
+from graspbox.arms import BasePlace, ReachMap
 from graspbox.errors import ConfigError
 from graspbox.evaluation.results import reliability, wilson
 from graspbox.pictures.files import Figure, PathLike, check_path, write
@@ -99,3 +101,61 @@ def save_reliability(
     for axes in (above, below):
         axes.grid(alpha=0.3)
     write(figure, target)
+
+
+def save_reach_map(
+    path: PathLike,
+    reach_map: ReachMap,
+    *,
+    place: BasePlace | None = None,
+    workspace: tuple[float, float, float, float] | None = None,
+) -> None:
+    """Plot which share of typical grasps an arm reaches around its base: of all, from above and from the side.
+
+    Parameters
+    ----------
+    place : BasePlace, optional
+        Where the base stands relative to the `workspace`, which is outlined then.
+    workspace : (float, float, float, float), optional
+        Its lower and its upper corner, x and y, metres.
+
+    Raises
+    ------
+    ConfigError, FileError
+        As `check_path`; also if one of place and workspace is missing.
+    """
+    target = check_path(path)
+    if (place is None) != (workspace is None):
+        raise ConfigError("place and workspace belong together; pass both or none")
+    panels = {"all grasps": reach_map.share, "from above": reach_map.above, "from the side": reach_map.side}
+    shown = {name: rows for name, rows in panels.items() if not np.isnan(rows).any()}
+    figure = Figure(figsize=(0.9 + 3.3 * len(shown), 3.6), layout="constrained", dpi=120)
+    half = 0.5 * (reach_map.x[1] - reach_map.x[0])
+    # The robot's x axis points up, its y axis to the left, as one who stands behind it sees the table.
+    extent = (reach_map.y[-1] + half, reach_map.y[0] - half, reach_map.x[0] - half, reach_map.x[-1] + half)
+    for axes, (name, rows) in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown.items(), strict=True):
+        seen = 100.0 * rows.T[::-1, ::-1]
+        image = axes.imshow(seen, extent=extent, cmap="viridis", vmin=0.0, vmax=100.0, interpolation="nearest")
+        axes.plot([0.0], [0.0], marker="^", color="white", markeredgecolor="black", markersize=9)
+        if place is not None and workspace is not None:
+            x, y = _in_frame_of(place, workspace)
+            axes.plot(y, x, color="#d55e00", linewidth=1.8)
+        axes.set_title(name, fontsize=9)
+        axes.set_xlabel("y / m", fontsize=8)
+        axes.tick_params(labelsize=7)
+    figure.axes[0].set_ylabel("x / m (front)", fontsize=8)
+    bar = figure.colorbar(figure.axes[0].images[0], ax=figure.axes, shrink=0.85)
+    bar.set_label("share of grasps reached, %", fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+    figure.suptitle(f"{reach_map.arm} with {reach_map.hand}, base {reach_map.height:g} m over the table", fontsize=10)
+    write(figure, target)
+
+
+def _in_frame_of(
+    place: BasePlace, workspace: tuple[float, float, float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the outline of a workspace, x and y (5,), in the frame of the base."""
+    left, low, right, high = workspace
+    corners = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])
+    local = (corners - place.pose[:2, 3]) @ place.pose[:2, :2]
+    return local[:, 0], local[:, 1]

@@ -1,9 +1,9 @@
 """Geometric grasp planning: box decomposition of an object, and hand poses from the boxes."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, Self, TypedDict, Unpack, overload
+from typing import Any, Literal, NamedTuple, Self, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from graspbox.arms import ArmLike, Reach, Trajectory, plan_path, reachable
 from graspbox.configs import DecomposeConfig, PlanConfig, PoseConfig
 from graspbox.errors import ConfigError, PlanError
 from graspbox.hands import Hand, HandLike, cache_folder, load_hand
-from graspbox.meshes import MeshLike, Surroundings, as_mesh, placed
+from graspbox.meshes import Mesh, MeshLike, Surroundings, as_mesh, mesh_from_arrays, placed
 from graspbox.planning import plan_files
 from graspbox.planning.boxes import Box, BoxTree
 
@@ -26,10 +26,18 @@ __all__ = [
     "Grasp",
     "Plan",
     "PlanSettings",
+    "TypicalGrasps",
     "decompose",
     "plan",
     "rank_weights",
+    "typical_grasps",
 ]
+
+#: Things of household size, metres: width, depth, and height of a box; of a cylinder without depth.
+_TYPICAL = ((0.05, 0.05, 0.12), (0.04, 0.16, 0.06), (0.06, 0.0, 0.1), (0.07, 0.0, 0.22))
+#: Vertical part of the direction of approach: down by more than the first is from above, by less than the second from
+#: the side.
+_ABOVE, _SIDE = 0.8, 0.5
 
 
 class DecomposeSettings(TypedDict, total=False):
@@ -408,3 +416,80 @@ def rank_weights(hand: HandLike = "reflex") -> dict[str, float]:
     ``scripts/fit_ranking.py`` refits the weights.
     """
     return dict(_core.rank_weights(load_hand(hand)))
+
+
+class TypicalGrasps(NamedTuple):
+    """Grasps of things that stand on the table's origin.
+
+    Attributes
+    ----------
+    poses : (n, 4, 4) float64
+        ``table_from_hand``, metres.
+    preshape : (n,) float64
+        See `graspbox.Hand.preshape_limits`.
+    above : (n,) bool
+        Whether the hand comes from above; else it comes from the side.
+    """
+
+    poses: NDArray[np.float64]
+    preshape: NDArray[np.float64]
+    above: NDArray[np.bool_]
+
+
+def typical_grasps(
+    hand: HandLike = "reflex",
+    *,
+    objects: Sequence[MeshLike] | None = None,
+    each: int = 2,
+    seed: int = 0,
+    num_threads: int | None = None,
+) -> TypicalGrasps:
+    """Plan some grasps from above and some from the side, for what an arm reaches (`graspbox.arms.reach_map`).
+
+    Parameters
+    ----------
+    hand : str, Hand or pair of paths
+        See `graspbox.load_hand`.
+    objects : sequence of Mesh, optional
+        Things, z up; by default two boxes and two cylinders, 6 to 22 cm high.
+    each : int
+        Most grasps of each thing from above, and as many from the side: the best of the ranking.
+    seed, num_threads
+        As of `plan`.
+
+    Raises
+    ------
+    ConfigError
+        If `each` is below 1.
+    PlanError
+        If the hand grasps none of the things, or the planner does not support it.
+    """
+    if each < 1:
+        raise ConfigError(f"each is {each}; pass 1 or more grasps per thing and direction")
+    loaded, found = load_hand(hand), []
+    for mesh in [_solid(*sides) for sides in _TYPICAL] if objects is None else objects:
+        best = plan(mesh, hand=loaded, seed=seed, num_threads=num_threads).best()
+        poses = best.world_from_object @ best.poses
+        down = -poses[:, 2, 2]
+        for rows in (down > _ABOVE, np.abs(down) < _SIDE):
+            kept = np.flatnonzero(rows)[:each]
+            found.append((poses[kept], best.preshape[kept], down[kept] > _ABOVE))
+    if not sum(len(poses) for poses, _, _ in found):
+        raise PlanError(f"the hand {loaded.name} grasps none of the things from above or from the side; pass others")
+    poses, preshape, above = (np.concatenate(column) for column in zip(*found, strict=True))
+    return TypicalGrasps(poses, preshape, above)
+
+
+def _solid(width: float, depth: float, height: float) -> Mesh:
+    """Make a box, or a cylinder if it has no depth."""
+    sides = 4 if depth else 32
+    turns = 2 * np.pi * (np.arange(sides) + 0.5) / sides
+    reach = np.array([width, depth]) / np.sqrt(2.0) if depth else np.array([width, width]) / 2
+    outline = reach * np.column_stack([np.cos(turns), np.sin(turns)])
+    corners = np.concatenate([np.column_stack([outline, np.full(sides, z)]) for z in (0.0, height)])
+    ring = np.arange(sides)
+    after = (ring + 1) % sides
+    around = [np.column_stack([ring, after, sides + ring]), np.column_stack([after, sides + after, sides + ring])]
+    fan = np.column_stack([np.zeros(sides - 2, dtype=np.int64), ring[1:-1], ring[2:]])
+    faces = np.concatenate([*around, fan[:, ::-1], sides + fan])
+    return mesh_from_arrays(corners, faces, name="box" if depth else "cylinder")

@@ -1,4 +1,4 @@
-"""The arm that carries out grasps of an image: where it stands, and which of them it reaches."""
+"""The arm that carries out grasps of an image: where it stands, what of the image shows it, and what it reaches."""
 
 from dataclasses import dataclass, field, replace
 
@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
-from graspbox.arms import Arm, ArmLike, Reach, load_arm, reachable
+from graspbox.arms import Arm, ArmLike, Reach, load_arm, on_arm, reachable
+from graspbox.arms.masking import checked_joints
 from graspbox.configs import ReachConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand
@@ -18,6 +19,10 @@ __all__ = ["ArmAt"]
 _AMONG, _MOST = 8, 100
 #: Points lower than this over the table are the table's, metres.
 _ABOVE = 0.012
+#: Pixels nearer to a link or the hand show the arm, metres: this, and a share of the squared depth, as noise grows.
+_MARGIN, _NOISE = 0.02, 0.01
+#: From so many pixels of the networks' image on, something where the arm at home would be is told.
+_MANY = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +37,8 @@ class ArmAt:
         Pose of its base, metres; the table is the plane z = 0.
     mount : (4, 4) float64, optional
         Pose of the hand's base on its flange; by default as the files of both state it.
+    joints : (k,) float64, optional
+        Positions of its joints when the image was taken, rad or m.
     config : ReachConfig
         Settings.
     """
@@ -39,16 +46,24 @@ class ArmAt:
     arm: Arm
     table_from_base: NDArray[np.float64]
     mount: NDArray[np.float64] | None = None
+    joints: NDArray[np.float64] | None = None
     config: ReachConfig = field(default_factory=ReachConfig)
 
     @classmethod
     def of(
-        cls, arm: ArmLike | None, base: ArrayLike | None, mount: ArrayLike | None, hand: Hand, *, pose_given: bool
+        cls,
+        arm: ArmLike | None,
+        base: ArrayLike | None,
+        mount: ArrayLike | None,
+        joints: ArrayLike | None,
+        hand: Hand,
+        *,
+        pose_given: bool,
     ) -> "ArmAt | None":
         """Check the arguments of a search, also whether the arm can carry the hand; None without an arm."""
         if arm is None:
-            if base is not None or mount is not None:
-                raise ConfigError("base and mount place an arm; pass arm too")
+            if base is not None or mount is not None or joints is not None:
+                raise ConfigError("base, mount and joints place an arm; pass arm too")
             return None
         if base is None:
             raise ConfigError("an arm needs its place: pass base, the pose of its base in the table's frame")
@@ -57,10 +72,31 @@ class ArmAt:
                 "base is in the table's frame, which a table found in the image does not fix; pass table_from_camera"
             )
         mounted = None if mount is None else floats(mount, "mount")
-        made = cls(load_arm(arm), floats(base, "base"), mounted)
+        loaded = load_arm(arm)
+        measured = None if joints is None else checked_joints(loaded, joints)
+        made = cls(loaded, floats(base, "base"), mounted, measured)
         # Wrong arguments are no refusals of things.
         made._reach(hand, np.zeros((0, 4, 4)), np.zeros(0))
         return made
+
+    def shown(
+        self, hand: Hand, points: NDArray[np.float64], depths: NDArray[np.float64], joints: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Return which points (n, 3) of an image, table's frame, at depths (n,), show the arm or its hand."""
+        margins = _MARGIN + _NOISE * depths**2
+        return on_arm(self.arm, joints, points, self.table_from_base, hand=hand, mount=self.mount, distance=margins)
+
+    def hint(self, hand: Hand, points: NDArray[np.float64]) -> tuple[str, ...]:
+        """Return a warning if the image, whose points above the table are given, may show an arm of unknown joints."""
+        if self.joints is not None:
+            return ()
+        at_home = int(self.shown(hand, points, np.zeros(len(points)), self.arm.home).sum())
+        if at_home < _MANY:
+            return ()
+        return (
+            f"{at_home} pixels show something where the arm {self.arm.name} at home would be; if the image shows the "
+            "arm, pass joints (--joints), its positions when the image was taken: all else that is seen is an obstacle",
+        )
 
     def among(self, count: int) -> int:
         """Return among how many grasps those that are reached are looked for."""

@@ -88,11 +88,15 @@ class ImageOptions(TypedDict, total=False):
         else in the camera's.
     arm : str, Arm or pair of paths
         The arm that carries the hand (`graspbox.arms.load_arm`): grasps that it reaches come first, each with its
-        joints (`ImageGrasps.reach`). Everything that is seen is an obstacle, so the arm must not be in the image.
+        joints (`ImageGrasps.reach`). Everything that is seen is an obstacle, but for the arm itself if `joints` are
+        given.
     base : (4, 4) array
         Pose of the arm's base in the table's frame, metres; needs `table_from_camera`.
     mount : (4, 4) array
         Pose of the hand's base on the arm's flange; by default as the files of both state it.
+    joints : (k,) array
+        Positions of the arm's joints when the image was taken, rad or m: pixels within 2 cm of a link or of the hand,
+        and 1 cm more at a depth of 1 m, 4 cm at 2 m, are taken as not measured.
     seed : int
         Seed of the refinement, by default 0.
     """
@@ -109,6 +113,7 @@ class ImageOptions(TypedDict, total=False):
     arm: ArmLike | None
     base: ArrayLike | None
     mount: ArrayLike | None
+    joints: ArrayLike | None
     seed: int
 
 
@@ -171,6 +176,7 @@ class ImageGrasper:
         arm: ArmLike | None = None,
         base: ArrayLike | None = None,
         mount: ArrayLike | None = None,
+        joints: ArrayLike | None = None,
         seed: int = 0,
     ) -> ImageGrasps:
         """Find grasps of the object that a depth image shows; further arguments are those of `ImageOptions`.
@@ -194,8 +200,8 @@ class ImageGrasper:
         """
         marked = None if mask is None else _checked(mask, np.shape(depth))
         place = (depth, intrinsics, table_from_camera)
-        scene, seen = self._surveyed(place, marked, gravity=gravity, region=region, workspace=workspace)
-        placed = ArmAt.of(arm, base, mount, self.hand, pose_given=scene.pose_given)
+        placed = ArmAt.of(arm, base, mount, joints, self.hand, pose_given=table_from_camera is not None)
+        scene, seen = self._surveyed(place, marked, placed, gravity=gravity, region=region, workspace=workspace)
         chosen = _Chosen(count, keep_off, hand_error, rehearsed, seed, self._known(scene, seen, previous), placed)
         return self._grasps(scene, seen, None if marked is None else scene.thinned(marked), chosen)
 
@@ -213,7 +219,7 @@ class ImageGrasper:
         """Return the warnings of an image without grasps, in a tenth of the time; arguments and errors as of `find`."""
         marked = None if mask is None else _checked(mask, np.shape(depth))
         place = (depth, intrinsics, table_from_camera)
-        scene, seen = self._surveyed(place, marked, gravity=gravity, region=region, workspace=workspace)
+        scene, seen = self._surveyed(place, marked, None, gravity=gravity, region=region, workspace=workspace)
         return self._look(scene, seen, None if marked is None else scene.thinned(marked)).warnings
 
     def find_all(
@@ -233,6 +239,7 @@ class ImageGrasper:
         arm: ArmLike | None = None,
         base: ArrayLike | None = None,
         mount: ArrayLike | None = None,
+        joints: ArrayLike | None = None,
         seed: int = 0,
     ) -> SceneGrasps:
         """Find grasps of every thing that a depth image shows; arguments and errors as of `find`.
@@ -248,14 +255,14 @@ class ImageGrasper:
             labels = _numbers(labels, np.shape(depth))
         marked = None if labels is None else labels > 0
         place = (depth, intrinsics, table_from_camera)
-        scene, seen = self._surveyed(place, marked, gravity=gravity, region=region, workspace=workspace)
+        placed = ArmAt.of(arm, base, mount, joints, self.hand, pose_given=table_from_camera is not None)
+        scene, seen = self._surveyed(place, marked, placed, gravity=gravity, region=region, workspace=workspace)
         if labels is not None:
             found = scene.thinned(labels).astype(np.int64)
             found = found if scene.inside is None else np.where(scene.inside, found, 0)
         else:
             found = seen.things.labels.astype(np.int64)
             found = found if previous is None else _renumbered(found, previous.labels)
-        placed = ArmAt.of(arm, base, mount, self.hand, pose_given=scene.pose_given)
         chosen = _Chosen(count, keep_off, hand_error, None, seed, None, placed)
         chosen.query(scene, np.zeros((0, 3)))  # wrong options are no refusals of things
 
@@ -281,11 +288,17 @@ class ImageGrasper:
         self,
         place: tuple[ArrayLike, ArrayLike, ArrayLike | None],
         marked: NDArray[np.bool_] | None,
+        placed: ArmAt | None,
         **where: Unpack[_Where],
     ) -> tuple[RealImage, Survey]:
-        """Check an image, intrinsics and pose, and find all things; errors as of `find`."""
-        scene = RealImage.of(*place, marked=marked, **where)
-        return scene, scene.survey(self._finder.crop)
+        """Check an image, intrinsics and pose, and find all things but the arm; errors as of `find`."""
+        known = None if placed is None else placed.joints
+        shown = None if placed is None or known is None else partial(placed.shown, self.hand, joints=known)
+        scene = RealImage.of(*place, marked=marked, without=shown, **where)
+        seen = scene.survey(self._finder.crop)
+        if placed is not None:
+            seen = seen._replace(warnings=(*seen.warnings, *placed.hint(self.hand, seen.points[seen.over])))
+        return scene, seen
 
     def _known(self, scene: RealImage, surveyed: Survey, earlier: ImageGrasps | EarlierGrasp | None) -> "_Known | None":
         """Return the best earlier grasp, in the frame of the table."""

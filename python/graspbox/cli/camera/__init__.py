@@ -56,7 +56,7 @@ def _grasping(
     if not is_url(policy):
         grasper = ImageGrasper(policy, hand=None if search.hand is None else find_hand(search.hand))
         return LocalGrasping(grasper, place, everything, label, search.find())
-    here = (search.hand, search.keep_off, search.gravity, search.arm, search.base, search.base_pose)
+    here = (search.hand, search.keep_off, search.gravity, search.arm, search.base, search.base_pose, search.joints)
     if everything or any(one is not None for one in here):
         raise ConfigError(
             "a policy on a server takes no --hand, --all, --gravity, --keep-off and --arm; name one of this machine"

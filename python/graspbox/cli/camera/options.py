@@ -132,7 +132,7 @@ class SearchOptions:
         str | None,
         typer.Option(
             help="The arm that carries the hand, a name such as fr3 or URDF,TOML: grasps that it reaches come first, "
-            "with its joints. It must not be in the image."
+            "with its joints. All that is seen is an obstacle, but for the arm itself if --joints are given."
         ),
     ] = None
     base: Annotated[
@@ -145,6 +145,13 @@ class SearchOptions:
     ] = None
     base_pose: Annotated[
         Path | None, typer.Option(help="File of table_from_base, 4x4, instead of --base, for any other pose.")
+    ] = None
+    joints: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'Q1 Q2 ...'",
+            help="Positions of the arm's joints when the image was taken, rad: what shows the arm is left out.",
+        ),
     ] = None
     seed: Seed = 0
 
@@ -185,6 +192,7 @@ class SearchOptions:
             "keep_off": None if self.keep_off is None else read_points(self.keep_off),
             "arm": None if self.arm is None else load_arm(hand_like(self.arm)),
             "base": self.table_from_base(),
+            "joints": None if self.joints is None else _numbers(self.joints),
             "hand_error": None if self.hand_error is None else PoseNoise.in_millimetres(*self.hand_error),
             "seed": self.seed,
         }
@@ -196,3 +204,11 @@ class SearchOptions:
         boxed = {"workspace": corners, "workspace_frame": self.workspace_frame}
         own = {name: getattr(self, name) for name in ("count", "region", "hand_error", "seed")}
         return {name: value for name, value in {**own, **boxed}.items() if value is not None}
+
+
+def _numbers(text: str) -> list[float]:
+    """Read numbers with spaces or commas between."""
+    try:
+        return [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise ConfigError(f"--joints is {text!r}; pass numbers, such as '0 -0.8 0 -2.4 0 1.6 0.8'") from None

@@ -1,5 +1,6 @@
 """A real depth image whose arguments are checked and whose table is known, as the networks see it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -14,10 +15,12 @@ from graspbox.perception.depth_images import (
     check_intrinsics,
     check_pose,
     fit_table,
+    points_of,
     table_under,
     thinned,
 )
 from graspbox.perception.depth_views import DepthView
+from graspbox.perception.leveling import level
 from graspbox.perception.real.rays import distances_instead, is_flat
 from graspbox.perception.real.workspace import Workspace
 
@@ -25,6 +28,10 @@ __all__ = ["RealImage"]
 
 #: A table that leans against gravity by more is seen with other intrinsics, degrees: accelerometers err by 1 to 2.
 _LEANING = 4.0
+#: Width of the rim around what is left out, as a share of the image's width: 2 pixels of 640.
+_MIXED = 0.003
+#: Which points (n, 3), table's frame, at depths (n,), metres, are left out.
+Hides = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +72,7 @@ class RealImage:
         marked: NDArray[np.bool_] | None = None,
         region: tuple[int, int, int, int] | None = None,
         workspace: Workspace | None = None,
+        without: Hides | None = None,
     ) -> Self:
         """Check an image, and find its table if the pose is not given.
 
@@ -76,6 +84,9 @@ class RealImage:
             As of `graspbox.policies.grasp_image.ImageOptions`.
         marked : (H, W) bool, optional
             Pixels of what is to be grasped, which carries nothing.
+        without : callable, optional
+            Which points (n, 3), table's frame, at depths (n,), metres, are left out with what they hide, such as the
+            robot's; needs `table_from_camera`.
 
         Raises
         ------
@@ -93,6 +104,8 @@ class RealImage:
         lens = check_intrinsics(intrinsics, (image.shape[0], image.shape[1]))
         down = None if gravity is None else check_gravity(gravity)
         given = None if table_from_camera is None else check_pose(table_from_camera)
+        if without is not None and given is not None:
+            image = _left_out(image, lens, given, without)
         inside = None if region is None else _within(region, image.shape)
         on_table = workspace is not None and workspace.in_table_frame(pose_given=given is not None)
         if workspace is not None and not on_table:
@@ -122,6 +135,25 @@ class RealImage:
         if not (pixels & self.inside).any():
             raise ConfigError("no pixel of the thing is in the region and the workspace; pass others, or another mask")
         return np.asarray(pixels & self.inside)
+
+
+def _left_out(
+    image: NDArray[np.float64], lens: NDArray[np.float64], given: NDArray[np.float64], without: Hides
+) -> NDArray[np.float64]:
+    """Take pixels (H, W) as not measured, and those next to them, which may show a mixture of near and far."""
+    small, coarse, _ = thinned(image, lens)
+    pose = level(small, coarse, given)
+    points = points_of(image, lens) @ pose[:3, :3].T + pose[:3, 3]
+    hidden = np.zeros(image.shape, dtype=np.bool_)
+    hidden[image > 0] = without(points, image[image > 0])
+    for _ in range(max(1, round(image.shape[1] * _MIXED))):
+        grown = hidden.copy()
+        grown[1:] |= hidden[:-1]
+        grown[:-1] |= hidden[1:]
+        grown[:, 1:] |= hidden[:, :-1]
+        grown[:, :-1] |= hidden[:, 1:]
+        hidden = grown
+    return np.where(hidden, 0.0, image)
 
 
 def _table(
