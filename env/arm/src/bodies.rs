@@ -21,7 +21,7 @@ const ALWAYS: f64 = 0.95;
 #[derive(Clone)]
 pub(crate) struct Solid {
     pub shape: Shape,
-    solid: SharedShape,
+    pub solid: SharedShape,
     pub body_from_shape: Isometry3<f64>,
     /// Radius of a sphere about its centre that contains it, metres.
     pub radius: f64,
@@ -82,10 +82,10 @@ pub(crate) fn library_pose(at: &Isometry3<f64>, shape: &Shape) -> Pose {
 
 /// A rigid body: its shapes, and a sphere that contains them.
 #[derive(Clone, Debug)]
-struct Body {
-    solids: Vec<Solid>,
-    center: Point3<f64>,
-    radius: f64,
+pub(crate) struct Body {
+    pub solids: Vec<Solid>,
+    pub center: Point3<f64>,
+    pub radius: f64,
 }
 
 impl Body {
@@ -101,11 +101,11 @@ impl Body {
 /// The bodies of an arm: 0 is the base, `i + 1` is what axis `i` moves.
 #[derive(Clone, Debug)]
 pub struct ArmBodies {
-    bodies: Vec<Body>,
+    pub(crate) bodies: Vec<Body>,
     /// Name of the first link of each body.
     names: Vec<String>,
     /// Pairs that may touch.
-    pairs: Vec<[usize; 2]>,
+    pub(crate) pairs: Vec<[usize; 2]>,
     /// Pairs, other than bodies next to each other, that touch by design.
     by_design: Vec<[usize; 2]>,
 }
@@ -120,13 +120,13 @@ pub(crate) struct Placed {
 /// An open hand on a flange.
 #[derive(Clone, Debug)]
 pub struct Carried {
-    body: Body,
+    pub(crate) body: Body,
     /// Bodies of the arm that it may touch.
-    meets: Vec<usize>,
+    pub(crate) meets: Vec<usize>,
 }
 
 /// The frame of a body in the base's frame.
-fn frame(frames: &Frames, body: usize) -> Isometry3<f64> {
+pub(crate) fn frame(frames: &Frames, body: usize) -> Isometry3<f64> {
     body.checked_sub(1).map_or_else(Isometry3::identity, |axis| frames.axes[axis].isometry())
 }
 

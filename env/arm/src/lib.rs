@@ -9,6 +9,9 @@
 //! | [`bodies`] | collision shapes of the arm and the open hand that it carries; pairs that touch by design |
 //! | [`scene`] | what the arm must not touch: the table, measured points, objects |
 //! | [`mod@reach`] | poses of a hand: which are reached, by which postures, and why others are not |
+//! | [`follow`] | an arm in motion: rates for a wanted motion within all limits |
+//! | [`room`] | how much room a posture leaves |
+//! | [`mod@carrier`] | arm and hand as bodies in the frame of the hand |
 //! | [`error`] | errors, one sentence each |
 //!
 //! ```
@@ -32,17 +35,23 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod bodies;
+pub mod carrier;
 pub mod chain;
 mod descent;
 pub mod error;
+pub mod follow;
 pub mod inverse;
 mod postures;
 pub mod reach;
+pub mod room;
 pub mod scene;
 
 pub use bodies::{ArmBodies, Carried};
+pub use carrier::carrier;
 pub use chain::Chain;
 pub use error::ArmError;
+pub use follow::{AxesState, Follower};
 pub use inverse::{Inverse, Solution};
 pub use reach::{Reach, ReachParams, Reason, reach};
+pub use room::Room;
 pub use scene::{Scene, Touched};

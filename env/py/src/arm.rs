@@ -359,29 +359,11 @@ impl Arm {
         dict.set_item("room", first(&|s| chain.room(&s.positions))?)?;
         dict.set_item("singular", first(&|s| chain.least_singular_value(&s.positions))?)?;
         dict.set_item("angle", first(&|s| s.angle)?)?;
-        let why: Vec<String> = answers.iter().map(|answer| self.sentence(&answer.reason, names)).collect();
+        let bodies = &prepared(&self.prepared, &self.core).bodies;
+        let why = answers.iter().map(|answer| answer.reason.sentence(&self.core, bodies, names));
+        let why: Vec<String> = why.collect();
         dict.set_item("why", why)?;
         Ok(dict)
-    }
-
-    /// A reason in words.
-    fn sentence(&self, reason: &Reason, names: &[String]) -> String {
-        let bodies = &prepared(&self.prepared, &self.core).bodies;
-        let joint = |axis: usize| self.core.joints[self.core.axes[axis].joint].name.as_str();
-        match *reason {
-            Reason::Reached => String::new(),
-            Reason::TooFar => "too far".to_owned(),
-            Reason::AtLimit(axis) => format!("{} is at its limit", joint(axis)),
-            Reason::ArmTouchesArm([a, b]) => format!("{} touches {}", bodies.name(b), bodies.name(a)),
-            Reason::ArmTouchesHand(body) => format!("the hand touches {}", bodies.name(body)),
-            Reason::ArmTouches(body, Touched::Table) => format!("{} touches the table", bodies.name(body)),
-            Reason::ArmTouches(body, Touched::Points) => format!("{} touches what is seen", bodies.name(body)),
-            Reason::ArmTouches(body, Touched::Obstacle(index)) => {
-                format!("{} touches {}", bodies.name(body), names.get(index).map_or("an object", String::as_str))
-            }
-            Reason::Turned(angle) => format!("its rotation is {:.0} degrees out of reach", angle.to_degrees()),
-            Reason::NotFound => "no solution was found".to_owned(),
-        }
     }
 }
 

@@ -18,7 +18,7 @@ use graspbox_render::Mount;
 use serde::{Deserialize, Serialize};
 
 /// First bytes of every saved state; the last one changes with the layout.
-const MAGIC: &[u8; 8] = b"gbstate3";
+const MAGIC: &[u8; 8] = b"gbstate4";
 
 /// The content of a saved state.
 #[derive(Serialize, Deserialize)]
