@@ -171,6 +171,12 @@ impl ArmBodies {
         &self.names[body]
     }
 
+    /// Shapes of a body in its frame: that of its axis, or of the base.
+    #[must_use]
+    pub fn shapes(&self, body: usize) -> Vec<(Shape, Isometry3<f64>)> {
+        self.bodies[body].solids.iter().map(|solid| (solid.shape, solid.body_from_shape)).collect()
+    }
+
     /// Names of bodies that touch by design although they are not next to each other.
     #[must_use]
     pub fn by_design(&self) -> Vec<[&str; 2]> {

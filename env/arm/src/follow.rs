@@ -154,7 +154,7 @@ impl Follower {
             let mut bound = false;
             for axis in (0..self.count()).filter(|axis| free[*axis]) {
                 let wanted = homing[axis] + columns[axis].dot(&solved);
-                let [low, high] = self.range(state, axis, period);
+                let [low, high] = self.brakes(state, axis, period);
                 rates[axis] = wanted.clamp(low, high);
                 if rates[axis] != wanted {
                     bound = true;
@@ -165,7 +165,7 @@ impl Follower {
             }
             // All axes that are bound now stay so; the others are solved again.
             for axis in 0..self.count() {
-                let [low, high] = self.range(state, axis, period);
+                let [low, high] = self.brakes(state, axis, period);
                 free[axis] &= low < rates[axis] && rates[axis] < high;
             }
         }
@@ -259,21 +259,26 @@ impl Follower {
         rates
     }
 
-    /// Least and greatest rate at the end of a period: within the acceleration, and so that the axis can stop before its limits.
+    /// Least and greatest rate at the end of a period: within speed and acceleration, and so that the axis can stop before its limits.
+    fn range(&self, state: &AxesState, axis: usize, period: f64) -> [f64; 2] {
+        let ([low, high], rate) = (self.brakes(state, axis, period), state.rates[axis]);
+        let (change, speed) = (self.accelerations[axis] * period, self.speed(axis));
+        [low.max(-speed).max(rate - change), high.min(speed).min(rate + change)]
+    }
+
+    /// Least and greatest rate at the end of a period from which an axis can stop before its limits.
     ///
     /// From a rate `v` with periods of constant acceleration the axis stops within `v^2 / 2a + a h^2 / 8`; the same holds a period later.
-    fn range(&self, state: &AxesState, axis: usize, period: f64) -> [f64; 2] {
+    fn brakes(&self, state: &AxesState, axis: usize, period: f64) -> [f64; 2] {
         let (a, h, rate) = (self.accelerations[axis], period, state.rates[axis]);
         let [lower, upper] = self.chain.limits(axis);
         let most = |distance: f64, rate: f64| {
             let left = distance - 0.5 * rate * h - a * h * h / 8.0;
             let limit = if left > 0.0 { a * ((0.25 * h * h + 2.0 * left / a).sqrt() - 0.5 * h) } else { 0.0 };
             // At any rate the axis can brake.
-            limit.max(rate - a * h).min(self.speed(axis)).min(rate + a * h)
+            limit.max(rate - a * h)
         };
-        let high = most(upper - state.positions[axis], rate);
-        let low = -most(state.positions[axis] - lower, -rate);
-        [low.min(high), high]
+        [-most(state.positions[axis] - lower, -rate), most(upper - state.positions[axis], rate)]
     }
 
     /// True if the arm stays in free space within the period and while it stops after it.

@@ -120,6 +120,9 @@ impl SavedState {
         if self.record.last_action.len() != spec.action {
             return Err(bad("it has another hand"));
         }
+        if !self.arm.fits(spec.arm.as_ref()) {
+            return Err(bad("its arm is another one, or stands elsewhere"));
+        }
         if self.cameras != cameras(spec) {
             let names: Vec<_> = self.cameras.iter().map(|(name, _)| name.as_str()).collect();
             return Err(bad(format!("its cameras are others, or carried by something else: {}", names.join(", "))));
