@@ -20,6 +20,8 @@ TABLES = spaces.tables(graspbox.load_hand())
 GRASP = "graspbox/Grasp-v0"
 CLEAR = "graspbox/Clear-v0"
 STEPS = 20
+#: A hand that the arms carry.
+CARRIED = {"hand": "panda_gripper"}
 
 #: The shipped hands besides the default.
 OTHER_HANDS = [name for name in graspbox.Hand.names() if name != "reflex"]
@@ -57,6 +59,10 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     *[(GRASP, {"obs": "state", "hand": name, "control": "top_down", "fingers": "each"}) for name in OTHER_HANDS[:2]],
     *[(env_id, {"obs": name, "image_size": 36}) for env_id in GOAL_IDS for name in ("state", "depth")],
     *[(env_id, {"obs": "proprio", "control": "twist", "fingers": "each"}) for env_id in GOAL_IDS],
+    (GRASP, {"obs": ("state", "proprio", "segmentation", "voxels"), "image_size": 36, "arm": "fr3", **CARRIED}),
+    (GRASP, {"obs": "state", "control": "joint_velocity", "arm": "xarm7", "randomization": "standard", **CARRIED}),
+    (GRASP, {"obs": ("proprio", "depth"), "layout": "bin", "image_size": 36, "arm": "ur5e", **CARRIED}),
+    (GOAL_IDS[0], {"obs": "proprio", "arm": "fr3", **CARRIED}),
 ]
 
 

@@ -314,7 +314,7 @@ fn another_hand_acts_as_well() {
     let objects = Arc::new(Objects::new(sources, Arc::new(hand), PhysicsConfig::default(), None).unwrap());
     for control in Control::CLOSED_LOOP {
         let pool = pool(&objects, control, 2);
-        assert_eq!(pool.spec().action, control.hand_size() + actuators);
+        assert_eq!(pool.spec().action, control.hand_size(pool.spec().hand()) + actuators);
         pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
         for step in 0..20 {
             let batch = pool.step(&actions(&pool, step)).unwrap().now;

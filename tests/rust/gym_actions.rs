@@ -70,7 +70,7 @@ fn one_number_closes_every_hand() {
         let entries = 1 + usize::from(hand.grasp.coordinate.is_some());
         for control in Control::CLOSED_LOOP {
             let action = ActionSpec { control, fingers: Fingers::Synergy };
-            assert_eq!(action.size(&hand), control.hand_size() + entries, "{}", hand.name);
+            assert_eq!(action.size(&hand), control.hand_size(&hand) + entries, "{}", hand.name);
             let columns = action.table(&hand);
             assert_eq!(columns.iter().map(|column| column.size).sum::<usize>(), action.size(&hand), "{}", hand.name);
             assert!(columns.iter().any(|column| column.name == "close"), "{}", hand.name);

@@ -402,7 +402,7 @@ fn infos_hold_what_their_names_say() {
     let record = Record { steps: 1, ..view.record.clone() };
     let untouched = FailureKind::ALL.iter().position(|kind| *kind == FailureKind::NoContact).unwrap() as i64 + 1;
     assert_eq!(read_info(&View { record: &record, ..view })[failure], InfoValue::Index(untouched));
-    let names = |control| info_table(control).iter().map(|row| row.name).collect::<Vec<_>>();
+    let names = |control| info_table(control, false).iter().map(|row| row.name).collect::<Vec<_>>();
     assert!(names(Control::GraspPose).contains(&"infeasible") && !names(Control::Twist).contains(&"infeasible"));
 }
 

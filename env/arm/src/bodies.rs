@@ -110,11 +110,11 @@ impl Body {
 /// The bodies of an arm: 0 is the base, `i + 1` is what axis `i` moves.
 #[derive(Clone, Debug)]
 pub struct ArmBodies {
-    bodies: Vec<Body>,
+    pub(crate) bodies: Vec<Body>,
     /// Name of the first link of each body.
     names: Vec<String>,
     /// Pairs that may touch.
-    pairs: Vec<[usize; 2]>,
+    pub(crate) pairs: Vec<[usize; 2]>,
     /// Pairs, other than bodies next to each other, that touch by design.
     by_design: Vec<[usize; 2]>,
 }
@@ -129,9 +129,9 @@ pub(crate) struct Placed {
 /// An open hand on a flange.
 #[derive(Clone, Debug)]
 pub struct Carried {
-    body: Body,
+    pub(crate) body: Body,
     /// Bodies of the arm that it may touch.
-    meets: Vec<usize>,
+    pub(crate) meets: Vec<usize>,
 }
 
 /// The frame of a body in the base's frame.
@@ -183,6 +183,12 @@ impl ArmBodies {
     #[must_use]
     pub fn name(&self, body: usize) -> &str {
         &self.names[body]
+    }
+
+    /// Shapes of a body in its frame: that of its axis, or of the base.
+    #[must_use]
+    pub fn shapes(&self, body: usize) -> Vec<(Shape, Isometry3<f64>)> {
+        self.bodies[body].solids.iter().map(|solid| (solid.shape, solid.body_from_shape)).collect()
     }
 
     /// Names of bodies that touch by design although they are not next to each other.

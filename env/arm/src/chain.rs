@@ -129,13 +129,18 @@ impl Chain {
         self.axes[axis].home
     }
 
-    pub(crate) fn speed(&self, axis: usize) -> f64 {
-        self.axes[axis].speed
-    }
-
     /// True where a turn of an axis comes back to the same posture of the arm.
     pub(crate) fn is_revolute(&self, axis: usize) -> bool {
         self.axes[axis].revolute
+    }
+
+    /// Frame of an axis at position 0 in the frame of the axis before it, or in the base's.
+    pub(crate) fn before(&self, axis: usize) -> &Motion {
+        &self.axes[axis].before
+    }
+
+    pub(crate) fn speed(&self, axis: usize) -> f64 {
+        self.axes[axis].speed
     }
 
     /// Pose of the first link of the body that an axis moves, in the frame of the axis.
@@ -144,7 +149,8 @@ impl Chain {
     }
 
     /// The flange in the frame of the last axis.
-    pub(crate) fn axis_from_flange(&self) -> Isometry3<f64> {
+    #[must_use]
+    pub fn axis_from_flange(&self) -> Isometry3<f64> {
         self.last.isometry()
     }
 
@@ -182,10 +188,15 @@ impl Chain {
     /// Column of the Jacobian of the flange for an axis: its velocity (m) and angular velocity (rad) per rad or m, base frame.
     #[must_use]
     pub fn column(&self, frames: &Frames, axis: usize) -> Vector6<f64> {
+        self.column_at(frames, axis, &frames.flange.shift)
+    }
+
+    /// The same for a point that the axis moves, base frame.
+    pub(crate) fn column_at(&self, frames: &Frames, axis: usize, point: &Vector3<f64>) -> Vector6<f64> {
         let at = &frames.axes[axis];
         let along: Vector3<f64> = at.turn.column(2).into();
         let (linear, angular) = if self.axes[axis].revolute {
-            (along.cross(&(frames.flange.shift - at.shift)), along)
+            (along.cross(&(point - at.shift)), along)
         } else {
             (along, Vector3::zeros())
         };

@@ -10,10 +10,10 @@
 //! | [`scene`] | what the arm must not touch: the table, measured points, objects |
 //! | [`mask`] | measured points that show the arm itself or its hand |
 //! | [`mod@reach`] | poses of a hand: which are reached, by which postures, and why others are not |
-//! | `motion` | a straight motion between two postures, checked by the distance that bodies move |
-//! | [`line`] | straight lines of the hand, from posture to posture |
-//! | `roadmap` | ways between postures: RRT-Connect, shortcuts |
 //! | [`mod@path`] | from a posture to a grasp, and on to a place |
+//! | [`follow`] | an arm in motion: rates for a wanted motion within all limits |
+//! | [`room`] | how much room a posture leaves |
+//! | [`mod@carrier`] | arm and hand as bodies in the frame of the hand |
 //! | [`error`] | errors, one sentence each |
 //!
 //! ```
@@ -37,25 +37,27 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod bodies;
+pub mod carrier;
 pub mod chain;
 mod descent;
 pub mod error;
+pub mod follow;
 pub mod inverse;
-pub mod line;
-mod motion;
-pub mod path;
 pub mod mask;
+pub mod path;
 mod postures;
 pub mod reach;
-mod roadmap;
+pub mod room;
 pub mod scene;
 
 pub use bodies::{ArmBodies, Carried};
+pub use carrier::carrier;
 pub use chain::Chain;
 pub use error::ArmError;
+pub use follow::{AxesState, Follower};
 pub use inverse::{Inverse, Solution};
-pub use motion::{Contact, Mover, With};
-pub use path::{Path, PathParams, Robot, Task, Thing, path};
 pub use mask::{Mounted, on_arm};
+pub use path::{Contact, Mover, Path, PathParams, Robot, Task, Thing, With, path};
 pub use reach::{Reach, ReachParams, Reason, reach};
+pub use room::Room;
 pub use scene::{Scene, Touched};

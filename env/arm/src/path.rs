@@ -7,24 +7,36 @@
 //! | hand in other motions | everything; while it carries, as if it were open, half closed and closed at once |
 //! | thing in the hand | the arm, the table, points, objects |
 //!
+//! | module | purpose |
+//! |---|---|
+//! | `motion` | a straight motion between two postures, checked by the distance that bodies move |
+//! | [`line`] | straight lines of the hand, from posture to posture |
+//! | `roadmap` | ways between postures: RRT-Connect, shortcuts |
+//!
 //! What hand and thing are nearer to than the clearance where the grasp is, they may touch on the lift, and what they are nearer to at the place
 //! while they are lowered to it. At the end of the lift, and where the lowering begins, nothing is excepted.
+
+pub mod line;
+mod motion;
+mod roadmap;
+
+pub use motion::{Contact, Mover, With};
 
 use crate::bodies::{ArmBodies, Carried, library};
 use crate::chain::Positions;
 use crate::error::ArmError;
 use crate::inverse::Inverse;
-use crate::line::{Broken, DEVIATION, Line};
-use crate::motion::{Contact, Motions, Mover, With};
 use crate::reach::{ReachParams, Reason};
-use crate::roadmap::Roadmap;
 use crate::scene::{Scene, Touched};
 use graspbox_hand::{Arm, Hand};
 use graspbox_plan::{Obstacle, OpenHand};
+use line::{Broken, DEVIATION, Line};
+use motion::Motions;
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d_f64::shape::SharedShape;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use roadmap::Roadmap;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::Arc;

@@ -80,6 +80,30 @@ pub enum Reason {
     NotFound,
 }
 
+impl Reason {
+    /// The reason in words.
+    ///
+    /// * `names`: of the objects of the scene.
+    #[must_use]
+    pub fn sentence(&self, arm: &Arm, bodies: &ArmBodies, names: &[String]) -> String {
+        let joint = |axis: usize| arm.joints[arm.axes[axis].joint].name.as_str();
+        match *self {
+            Self::Reached => String::new(),
+            Self::TooFar => "too far".to_owned(),
+            Self::AtLimit(axis) => format!("{} is at its limit", joint(axis)),
+            Self::ArmTouchesArm([a, b]) => format!("{} touches {}", bodies.name(b), bodies.name(a)),
+            Self::ArmTouchesHand(body) => format!("the hand touches {}", bodies.name(body)),
+            Self::ArmTouches(body, Touched::Table) => format!("{} touches the table", bodies.name(body)),
+            Self::ArmTouches(body, Touched::Points) => format!("{} touches what is seen", bodies.name(body)),
+            Self::ArmTouches(body, Touched::Obstacle(index)) => {
+                format!("{} touches {}", bodies.name(body), names.get(index).map_or("an object", String::as_str))
+            }
+            Self::Turned(angle) => format!("its rotation is {:.0} degrees out of reach", angle.to_degrees()),
+            Self::NotFound => "no solution was found".to_owned(),
+        }
+    }
+}
+
 impl From<Unsolved> for Reason {
     fn from(unsolved: Unsolved) -> Self {
         match unsolved {

@@ -80,6 +80,16 @@ impl Episode {
         Ok(())
     }
 
+    /// As [`World::place_arm`].
+    pub fn place_arm(&mut self, hand_error: &Isometry3<f64>, positions: &[f64]) {
+        self.world.place_arm(hand_error, positions);
+    }
+
+    /// As [`World::drive_arm`].
+    pub fn drive_arm(&mut self, positions: &[f64]) {
+        self.world.drive_arm(positions);
+    }
+
     /// Makes the object on which the hand presses most the target; if it presses on none, the target stays the same.
     pub fn target_most_pressed(&mut self) {
         if let Some(object) = self.world.most_pressed() {

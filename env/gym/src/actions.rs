@@ -6,6 +6,7 @@
 //! | [`action`] | the meaning of an action's entries |
 //! | [`workspace`] | boxes and distances of the workspace |
 //! | [`arm_controller`] | motion of the hand within limits |
+//! | [`joint_drive`] | the same by the joints of an arm |
 //! | [`guard`] | distance from the table, and the protective stop |
 //! | [`decision`] | one decision per episode: the trial at a pose |
 
@@ -14,4 +15,5 @@ pub mod arm_controller;
 pub mod control;
 pub mod decision;
 pub mod guard;
+pub mod joint_drive;
 pub mod workspace;

@@ -31,6 +31,24 @@ pub enum EnvError {
     Twice { name: String },
     #[error("goals need closed-loop control of a single object; choose another control mode and layout")]
     NoGoals,
+    #[error("the control mode `{control}` moves the joints of an arm, but there is none; name one as `arm`")]
+    NoArm { control: &'static str },
+    #[error(
+        "an arm carries the hand in closed-loop control only, not in the control mode `{control}`; leave `arm` out"
+    )]
+    ArmDecides { control: &'static str },
+    /// At home, the arm touches something.
+    #[error(
+        "arm `{arm}` with its base at {base:?} m touches itself, the table or a wall at home; give another `base`, or another home in its arm.toml"
+    )]
+    ArmInTheWay { arm: String, base: [f64; 3] },
+    /// No episode can begin.
+    #[error(
+        "arm `{arm}` with its base at {base:?} m reaches no place over object `{object}` where an episode could begin ({why}); give another `base`"
+    )]
+    NoStart { arm: String, object: String, base: [f64; 3], why: String },
+    #[error(transparent)]
+    Arm(#[from] graspbox_arm::ArmError),
     /// An observation of sensors that the hand does not have.
     #[error("the hand `{hand}` has no sensors for the observation `{name}`; leave it out")]
     NothingToObserve { name: &'static str, hand: String },

@@ -3,6 +3,7 @@
 //! | module | purpose |
 //! |---|---|
 //! | [`config`], [`json`] | settings: control, endings, observations, randomization; from JSON, with errors that name the field |
+//! | [`robot_arm`] | the arm that carries the hand, at its place |
 //! | [`scenery`] | render models of walls, table and ground |
 //! | [`source`] | the source of an object: memory, file, family |
 //! | [`objects`], [`ahead`] | objects, prepared at first use or by a background thread, and shared by all environments |
@@ -26,6 +27,7 @@ pub mod objects;
 pub mod observations;
 pub mod pool;
 pub mod rewards;
+pub mod robot_arm;
 pub mod scenery;
 pub mod source;
 pub mod starts;
@@ -44,6 +46,7 @@ pub use pool::env::Env;
 pub use pool::env_pool::{EnvPool, caught};
 pub use pool::env_spec::EnvSpec;
 pub use pool::step_result::StepResult;
+pub use robot_arm::RobotArm;
 pub use source::{ObjectDescription, Source};
 pub use starts::reset_options::ResetOptions;
 pub use state::{GoalConfig, GoalTask};

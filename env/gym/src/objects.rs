@@ -12,11 +12,13 @@ pub use prepared::Prepared;
 
 use crate::EnvError;
 use crate::ahead::{Ahead, Claim, Work};
+use crate::robot_arm::RobotArm;
 use crate::source::Source;
 use graspbox_episode::{EpisodeError, Scene};
-use graspbox_hand::Hand;
+use graspbox_hand::{Arm, Hand};
 use graspbox_render::HandModel;
 use graspbox_sim::PhysicsConfig;
+use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -48,6 +50,8 @@ pub struct Need {
 pub struct Objects {
     sources: Vec<Source>,
     hand: Arc<Hand>,
+    /// What carries the hand.
+    arm: Option<Arc<RobotArm>>,
     physics: PhysicsConfig,
     cache: Option<PathBuf>,
     hand_model: Arc<OnceLock<HandModel>>,
@@ -81,6 +85,7 @@ impl Objects {
         Ok(Self {
             sources,
             hand,
+            arm: None,
             physics,
             cache,
             hand_model: Arc::default(),
@@ -88,6 +93,22 @@ impl Objects {
             prepared: Mutex::default(),
             ahead: Ahead::default(),
         })
+    }
+
+    /// The same with the hand on an arm.
+    ///
+    /// * `world_from_base`: pose of the arm's base; by default behind the table's middle.
+    ///
+    /// # Errors
+    /// As [`RobotArm::new`], and for a base farther than 10 m.
+    pub fn on_arm(self, arm: Arc<Arm>, world_from_base: Option<Isometry3<f64>>) -> Result<Self, EnvError> {
+        let (robot, hand) = RobotArm::new(arm, &self.hand, world_from_base)?;
+        Ok(Self { hand, arm: Some(Arc::new(robot)), ..self })
+    }
+
+    /// What carries the hand of every scene.
+    pub fn arm(&self) -> Option<&Arc<RobotArm>> {
+        self.arm.as_ref()
     }
 
     /// Number of objects.

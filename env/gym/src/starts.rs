@@ -8,7 +8,9 @@
 //! | [`clutter`], [`scene_ahead`] | a scene of several objects, made when it is needed or before |
 //! | [`goal_samples`] | the goal, in environments that have one |
 //! | [`initial_samples`], [`hand_placement`] | its random samples, and the place of the hand |
+//! | [`arm_start`] | the posture of the arm that holds it there |
 
+pub mod arm_start;
 pub mod clutter;
 pub mod goal_samples;
 pub mod hand_placement;

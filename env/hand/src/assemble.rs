@@ -57,6 +57,7 @@ pub(crate) fn assemble(tree: Tree, table: &HandTable, reader: &mut Reader<'_, '_
         assumptions: Vec::new(),
         no_contact: NoContact::default(),
         mount: table.mount.as_ref().map(|mount| pose(&mount.xyz, &mount.rpy, reader)),
+        carrier: None,
     };
     set_pads(&mut hand, &table.pads, reader);
     read_sensors(&mut hand, table, reader);

@@ -3,9 +3,11 @@
 //! The independent joints (those that move and follow no other) are the coordinates of the hand. Springs and losses act on them, tendons
 //! pull them, actuators wind tendons or drive joints. How the hand is used to grasp is in [`crate::grasp`].
 
+use crate::carrier::Carrier;
 use crate::grasp::Grasp;
 use crate::urdf::assumption::Assumption;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use std::sync::Arc;
 
 /// Material of a surface of the hand; it determines the friction factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -351,13 +353,17 @@ pub struct Hand {
     pub no_contact: NoContact,
     /// The frame that lies on the flange of an arm, in the base's frame; `None` for the base's own.
     pub mount: Option<Isometry3<f64>>,
+    /// The arm that carries it; `None` for a hand alone.
+    pub carrier: Option<Arc<Carrier>>,
 }
 
 impl Hand {
     /// Every name and number of the hand that a simulation depends on, as text, the same wherever its files are.
     pub fn content(&self) -> String {
-        // Without the mount, as before hands had one: what was stored stays valid.
-        format!("{:?}", Self { assumptions: Vec::new(), mount: None, ..self.clone() }).replacen(", mount: None", "", 1)
+        // Without the mount, and the arm of a hand alone, as before hands had them: what was stored stays valid.
+        format!("{:?}", Self { assumptions: Vec::new(), mount: None, ..self.clone() })
+            .replacen(", mount: None", "", 1)
+            .replacen(", carrier: None", "", 1)
     }
 
     /// The frame that lies on the flange of an arm, z out of the flange, in the base's frame.

@@ -72,6 +72,10 @@ pub(crate) fn prepared<'a>(cell: &'a OnceLock<Prepared>, arm: &Core) -> &'a Prep
 }
 
 impl Arm {
+    pub(crate) fn core(&self) -> &Arc<Core> {
+        &self.core
+    }
+
     fn read(texts: [String; 2], names: [String; 2], assumptions: Vec<String>) -> PyResult<Self> {
         let core = Core::from_strs(&texts[0], &texts[1], names.each_ref().map(String::as_str)).map_err(arm_error)?;
         let source = Arc::new(Source { texts, names, assumptions });
@@ -408,31 +412,10 @@ impl Arm {
         dict.set_item("singular", first(&|s| chain.least_singular_value(&s.positions))?)?;
         dict.set_item("angle", first(&|s| s.angle)?)?;
         let bodies = &prepared(&self.prepared, &self.core).bodies;
-        let why = answers.iter().map(|answer| sentence(&answer.reason, &self.core, bodies, names));
+        let why = answers.iter().map(|answer| answer.reason.sentence(&self.core, bodies, names));
         let why: Vec<String> = why.collect();
         dict.set_item("why", why)?;
         Ok(dict)
-    }
-}
-
-/// A reason in words.
-///
-/// * `names`: of the obstacles.
-pub(crate) fn sentence(reason: &Reason, arm: &Core, bodies: &ArmBodies, names: &[String]) -> String {
-    let joint = |axis: usize| arm.joints[arm.axes[axis].joint].name.as_str();
-    match *reason {
-        Reason::Reached => String::new(),
-        Reason::TooFar => "too far".to_owned(),
-        Reason::AtLimit(axis) => format!("{} is at its limit", joint(axis)),
-        Reason::ArmTouchesArm([a, b]) => format!("{} touches {}", bodies.name(b), bodies.name(a)),
-        Reason::ArmTouchesHand(body) => format!("the hand touches {}", bodies.name(body)),
-        Reason::ArmTouches(body, Touched::Table) => format!("{} touches the table", bodies.name(body)),
-        Reason::ArmTouches(body, Touched::Points) => format!("{} touches what is seen", bodies.name(body)),
-        Reason::ArmTouches(body, Touched::Obstacle(index)) => {
-            format!("{} touches {}", bodies.name(body), names.get(index).map_or("an object", String::as_str))
-        }
-        Reason::Turned(angle) => format!("its rotation is {:.0} degrees out of reach", angle.to_degrees()),
-        Reason::NotFound => "no solution was found".to_owned(),
     }
 }
 

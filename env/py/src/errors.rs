@@ -216,6 +216,7 @@ impl From<EnvError> for CoreError {
             EnvError::BadHand { source } => source.into(),
             EnvError::Unusable { source } => source.into(),
             EnvError::NotRenderable { object, source } => Self::from(source).about(&format!("object `{object}`")),
+            EnvError::Arm(source) => source.into(),
             EnvError::NoRoom { .. } => Self::Simulation(error.to_string()),
             _ => Self::Config(error.to_string()),
         };

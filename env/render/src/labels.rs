@@ -38,6 +38,12 @@ pub fn object_label(index: usize, links: usize) -> u8 {
     }
 }
 
+/// Label of the arm that carries a hand of `links` links, in scenes of at most `objects` objects: it follows all others.
+#[must_use]
+pub fn arm_label(links: usize, objects: usize) -> u8 {
+    object_label(objects.max(1), links)
+}
+
 /// Index of the object with a label: the inverse of [`object_label`].
 #[must_use]
 pub fn object_index(label: u8, links: usize) -> usize {

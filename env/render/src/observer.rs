@@ -78,7 +78,8 @@ impl Observer {
                 return Err(RenderError::Twice { name: spec.name.clone() });
             }
         }
-        let labels = hand.links.len() + objects.max(1) - 1;
+        // Hand, the objects but the first, and the arm.
+        let labels = hand.links.len() + objects.max(1) - 1 + usize::from(hand.carrier.is_some());
         in_range("number of links and objects", labels as f64, 1.0..=f64::from(u8::MAX - FIRST_LINK), "")?;
         let mut channels = vec![None; mounted.len()];
         for spec in specs.iter().filter(|spec| spec.kind != ImageKind::Amodal) {

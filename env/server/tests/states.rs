@@ -17,8 +17,8 @@ use std::time::{Duration, Instant};
 
 /// Bytes before the body: the magic number and the checksum.
 const HEAD: usize = 8 + 32;
-const STATE: &[u8; 8] = b"gbstate3";
-const WORLD: &[u8; 8] = b"gbworld7";
+const STATE: &[u8; 8] = b"gbstate4";
+const WORLD: &[u8; 8] = b"gbworld8";
 
 fn below(rng: &mut TestRng, end: usize) -> usize {
     use proptest::prelude::Rng;

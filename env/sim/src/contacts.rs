@@ -66,7 +66,7 @@ impl World {
                         }
                     }
                     Part::Object(other) if other != target && touches(contact) => found.objects.push(other),
-                    Part::Object(_) => {}
+                    Part::Object(_) | Part::Arm(_) => {}
                 }
             }
         });

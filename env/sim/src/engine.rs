@@ -20,6 +20,8 @@ pub(crate) enum Part {
     Table,
     Ground,
     Wall,
+    /// Index of a body of the arm that carries the hand.
+    Arm(usize),
     /// Index of a link of the hand, and of the collider within it.
     Link {
         link: usize,
@@ -63,6 +65,8 @@ pub(crate) struct StepInput<'a> {
     pub forces: &'a [Vector3<f64>],
     /// State of every actuator at the end of the step, in the order of the hand's actuators.
     pub actuators: &'a [ActuatorState],
+    /// Coordinates of the arm that carries the hand at the end of the step, see [`crate::world::carrier`]; empty without one.
+    pub arm: &'a [f64],
 }
 
 /// One of the two sides of a contact point.
@@ -109,6 +113,9 @@ pub(crate) trait Engine: Send + Sync {
     ///
     /// * `base_from_objects`: one per object.
     fn pose(&mut self, base_from_world: &Isometry3<f64>, base_from_objects: &[Isometry3<f64>], joints: &[f64]);
+
+    /// Poses the arm that carries the hand, at rest in the hand's frame.
+    fn place_arm(&mut self, arm: &[f64]);
 
     /// Advances by one time step.
     fn step(&mut self, input: &StepInput);

@@ -1,5 +1,6 @@
 //! The engine `implicit` ([`graspbox_solver`]) behind the interface of [`crate::engine`].
 
+mod arm;
 mod translate;
 
 use crate::SimError;
@@ -53,10 +54,13 @@ impl Implicit {
     fn part(&self, side: &solver::Side, surface: Option<solver::Surface>) -> Part {
         match self.solver.model().kind(side.body) {
             solver::BodyKind::Object(object) => Part::Object(object),
-            solver::BodyKind::Hand(body) => {
-                let (link, shape) = self.shared.translation.owner(body, side.shape.into());
-                Part::Link { link, shape }
-            }
+            solver::BodyKind::Hand(body) => match self.shared.translation.arm.body(body) {
+                Some(body) => Part::Arm(body),
+                None => {
+                    let (link, shape) = self.shared.translation.owner(body, side.shape.into());
+                    Part::Link { link, shape }
+                }
+            },
             solver::BodyKind::Scenery => match surface {
                 Some(solver::Surface::Ground) => Part::Ground,
                 Some(solver::Surface::Wall) => Part::Wall,
@@ -95,9 +99,18 @@ impl Engine for Implicit {
         state.positions.copy_from_slice(&positions);
     }
 
+    fn place_arm(&mut self, arm: &[f64]) {
+        let state = self.solver.state_mut();
+        let first = state.positions.len() - arm.len();
+        state.positions[first..].copy_from_slice(arm);
+        state.rates[first..].fill(0.0);
+    }
+
     fn step(&mut self, input: &StepInput) {
         let hand = &self.shared.hand;
         self.shared.translation.drive(hand, input.actuators, &mut self.driven, &mut self.commands);
+        let first = self.driven.len() - input.arm.len();
+        self.driven[first..].copy_from_slice(input.arm);
         self.solver.step(&solver::StepInput {
             dt: self.shared.dt,
             base_from_world: input.base_from_world,
@@ -153,7 +166,10 @@ impl Engine for Implicit {
         let kind = |body| match self.solver.model().kind(body) {
             solver::BodyKind::Object(object) => Part::Object(object),
             solver::BodyKind::Scenery => Part::Table,
-            solver::BodyKind::Hand(_) => Part::Link { link: 0, shape: 0 },
+            solver::BodyKind::Hand(body) => match self.shared.translation.arm.body(body) {
+                Some(body) => Part::Arm(body),
+                None => Part::Link { link: 0, shape: 0 },
+            },
         };
         self.solver.contacts(
             |a, b| wanted([kind(a), kind(b)]),

@@ -57,6 +57,10 @@ impl Rapier {
         if spec.objects.len() > graspbox_solver::MAX_OBJECTS {
             return Err(SimError::TooManyObjects { count: spec.objects.len() });
         }
+        if spec.hand.carrier.is_some() {
+            let why = "it does not simulate the arm that carries it".to_owned();
+            return Err(SimError::BadHand { hand: spec.hand.name.clone(), engine: "rapier", why });
+        }
         let (physics, handles) = build::build(spec)?;
         let tensions = vec![0.0; spec.hand.tendons.len()];
         let shared = Shared { hand: Arc::clone(spec.hand), handles, config: *spec.config };
@@ -120,6 +124,9 @@ impl Engine for Rapier {
         joints::set_positions(&mut self.physics, handles, joints);
         build::place_links(&mut self.physics, hand, handles);
     }
+
+    // No template with an arm is made.
+    fn place_arm(&mut self, _arm: &[f64]) {}
 
     fn step(&mut self, input: &StepInput) {
         self.drive_joints(input);

@@ -6,7 +6,7 @@ use crate::world::{State, Template, World};
 use graspbox_mesh::checksum;
 
 /// First bytes of every snapshot; the number changes with the layout (identity and state by postcard, then the engine's bytes).
-const MAGIC: &[u8; 8] = b"gbworld7";
+const MAGIC: &[u8; 8] = b"gbworld8";
 
 impl World {
     /// The complete state as bytes, for [`Template::restore`] of an equal template.

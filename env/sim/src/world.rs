@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
+pub mod carrier;
 mod observe;
 
 pub use crate::engine::JointState;
@@ -35,6 +36,8 @@ pub(crate) struct State {
     /// Index of the target object.
     target: usize,
     actuators: Vec<ActuatorState>,
+    /// Coordinates of the arm that carries the hand, see [`carrier`]; empty without one.
+    arm: Vec<f64>,
     steps: u64,
 }
 
@@ -57,6 +60,7 @@ impl State {
         self.mass_factors.iter().try_for_each(|factor| in_range("mass_factors", *factor, 1e-6..=1e6, ""))?;
         in_range("target", self.target as f64, 0.0..=(self.forces.len().max(1) - 1) as f64, "")?;
         in_range("steps", self.steps as f64, 0.0..=1e15, "")?;
+        all_within("arm", self.arm.iter().copied(), 1e3, "rad or m")?;
         for (state, actuator) in self.actuators.iter().zip(&hand.actuators) {
             let [low, high] = actuator.travel;
             in_range("actuators.position", state.position, low..=high, "rad or m")?;
@@ -183,6 +187,7 @@ impl Template {
             mass_factors: vec![1.0; self.object_count()],
             target: 0,
             actuators,
+            arm: hand.carrier.as_ref().map(|carrier| carrier::parked(carrier.axes.len())).unwrap_or_default(),
             steps: 0,
         };
         World { engine, shared: Arc::clone(&self.shared), state, forces: Vec::new() }
@@ -190,8 +195,10 @@ impl Template {
 
     /// A world from a saved state of an equal template.
     pub(crate) fn resume(&self, identity: &Identity, state: State, engine_state: &[u8]) -> Result<World, SimError> {
-        let counts = [state.forces.len(), state.mass_factors.len(), state.actuators.len()];
-        let expected = [self.object_count(), self.object_count(), self.shared.hand.actuators.len()];
+        let hand = &self.shared.hand;
+        let arm = hand.carrier.as_ref().map_or(0, |carrier| carrier::parked(carrier.axes.len()).len());
+        let counts = [state.forces.len(), state.mass_factors.len(), state.actuators.len(), state.arm.len()];
+        let expected = [self.object_count(), self.object_count(), hand.actuators.len(), arm];
         if *identity != self.shared.identity || counts != expected {
             let why = "it belongs to another hand, object or physics setting".to_owned();
             return Err(SimError::BadSnapshot { why });
@@ -259,6 +266,7 @@ impl World {
             frame,
             forces: &self.forces,
             actuators: &self.state.actuators,
+            arm: &self.state.arm,
         });
         self.state.steps += 1;
         Ok(())

@@ -1,6 +1,5 @@
 """Arms: loaded from files, what they reach, by which paths, and which points show them.
 
-
 >>> import numpy as np
 >>> from graspbox import arms
 >>> arm = arms.load_arm("fr3")

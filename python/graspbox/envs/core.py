@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from graspbox import _core, object_sets
 from graspbox._common.arguments import about, config_dict, natural, plain, shown
 from graspbox._common.window import Window
+from graspbox._core import Arm
 from graspbox.configs import CamerasConfig, ClutterConfig, EnvConfig, GoalConfig, Randomization, TrialConfig
 from graspbox.envs import spaces
 from graspbox.envs._pools.local import LocalPool, LocalSource, PoolInterface, Source
@@ -111,7 +112,7 @@ class GraspCore:
         self, num_envs: int, settings: EnvironmentConfig, cameras: CamerasConfig, max_steps: int | None
     ) -> None:
         """Make spaces, weights and the pool."""
-        self.hand, self.tables = self.source.hand, self.source.tables
+        self.hand, self.arm, self.tables = self.source.hand, self.source.arm, self.source.tables
         # An environment whose steps are decisions has a trial instead of a control mode.
         self._decides = isinstance(settings, DecisionConfig)
         clutter, layout = _clutter(settings), settings.layout
@@ -166,7 +167,8 @@ class GraspCore:
             chosen = getattr(settings, name, next(iter(choices)))
             if chosen not in choices:
                 with about(name):
-                    raise ConfigError(f"{name} is {chosen!r}; choose from {', '.join(choices)}")
+                    more = ", or name an arm" if chosen == "joint_velocity" and self.arm is None else ""
+                    raise ConfigError(f"{name} is {chosen!r}; choose from {', '.join(choices)}{more}")
         self.action_columns, vectors = spaces.columns_of(self.control, acting.fingers, self.tables)
         self.action_space = spaces.action_space(self.action_columns)
         self.action_size = spaces.size(self.action_columns)
@@ -206,7 +208,7 @@ class GraspCore:
         if remote is not None:
             return RemoteSource(remote, num_envs, objects, settings)
         found = object_sets.load(objects, scale=settings.scale, mass=settings.mass, split=settings.split)
-        return LocalSource(found, settings.hand, settings.physics, settings.num_threads)
+        return LocalSource(found, settings)
 
     def __getstate__(self) -> dict[str, Any]:
         states = [self.pool.get_state(env) if begun else None for env, begun in enumerate(self.begun)]
@@ -237,6 +239,13 @@ class GraspCore:
         if not isinstance(pool, LocalPool):
             raise ConfigError("these environments are on a server; make them without the keyword remote")
         return pool.core
+
+    @property
+    def world_from_arm(self) -> NDArray[np.float64] | None:
+        """Pose of the arm's base, (4, 4), in this process."""
+        if not isinstance(self.source, LocalSource):
+            raise ConfigError("these environments are on a server, which does not tell the place of the arm; give base")
+        return self.source.handle.world_from_arm
 
     @property
     def fps(self) -> int:
@@ -424,6 +433,16 @@ class CoreEnvironment:
     def objects(self) -> object_sets.ObjectSet:
         """The objects that episodes sample from; those of servers are loaded in this process on first use."""
         return self._core.source.objects()
+
+    @property
+    def arm(self) -> Arm | None:
+        """The arm that carries the hand; None for a hand that moves freely."""
+        return self._core.arm
+
+    @property
+    def world_from_arm(self) -> NDArray[np.float64] | None:
+        """Pose of the arm's base, (4, 4); None without an arm. Of environments in this process."""
+        return self._core.world_from_arm
 
     def prepare(self, progress: bool = False) -> None:
         """Prepare all objects now: convex parts, resting poses and, if images are rendered, levels of detail.

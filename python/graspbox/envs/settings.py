@@ -19,11 +19,14 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, SupportsFloat, SupportsIndex, TypeVar, get_args, get_origin, get_type_hints
 
+import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox._common.arguments import about, config_in, config_of, shown
-from graspbox._core import Hand
+from graspbox._common.arguments import about, config_in, config_of, floats, shown
+from graspbox._core import Arm, Hand
+from graspbox.arms.loading import load_arm
 from graspbox.configs import CamerasConfig, PhysicsConfig, PictureConfig, Randomization, SuccessCriterion, TrialConfig
 from graspbox.envs.remote_config import RemoteConfig
 from graspbox.errors import ConfigError, UnknownKeywordError
@@ -45,6 +48,7 @@ __all__ = [
     "ReachConfig",
     "ReachVectorConfig",
     "VectorConfig",
+    "arm_of",
     "complete",
     "documented_type",
     "kind_of",
@@ -52,7 +56,8 @@ __all__ = [
 
 ObjectsArgument = str | Path | object_sets.ObjectSet | Sequence[str | Path]
 HandArgument = str | Hand | tuple[str, str]
-Control = Literal["twist", "delta_pose", "target_pose", "top_down"]
+ArmArgument = str | Arm | tuple[str, str]
+Control = Literal["twist", "delta_pose", "target_pose", "top_down", "joint_velocity"]
 DecisionControl = Literal["grasp_pose", "grasp_point"]
 Fingers = Literal["synergy", "each"]
 Reward = Literal["sparse", "dense", "firm"]
@@ -107,6 +112,12 @@ class EnvironmentConfig:
         Settings of the engine; the time step must divide the control period.
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
+    arm : str, Arm or pair of paths, optional
+        Arm that carries the hand, in closed-loop control: see `graspbox.arms.load_arm`, and the module of ``Grasp-v0``.
+        By default the hand moves freely.
+    base : (4, 4) array_like, optional
+        Pose of the arm's base in the world; by default on the table, opposite the camera ``front``, at 0.55 of the
+        arm's length from the middle and facing it. A list of rows for ``EnvSpec.to_json``.
     cameras : CamerasConfig
         Cameras, shadows, voxels; `obs` names the images.
     picture : PictureConfig
@@ -139,6 +150,8 @@ class EnvironmentConfig:
     remote: RemoteConfig | str | Sequence[str] | None = None
     physics: PhysicsConfig = PhysicsConfig()  # noqa: RUF009 (frozen)
     hand: HandArgument = "reflex"
+    arm: ArmArgument | None = None
+    base: Sequence[Sequence[float]] | None = None
     cameras: CamerasConfig = CamerasConfig()  # noqa: RUF009 (frozen)
     picture: PictureConfig = PictureConfig()  # noqa: RUF009 (frozen)
     layout: SceneLayout = "single"
@@ -154,8 +167,8 @@ class GraspConfig(EnvironmentConfig):
 
     Attributes
     ----------
-    control : {"twist", "delta_pose", "target_pose", "top_down"}
-        Control mode: how an action moves the hand.
+    control : {"twist", "delta_pose", "target_pose", "top_down", "joint_velocity"}
+        Control mode: how an action moves the hand; the last one needs an `arm`.
     fingers : {"synergy", "each"}
         How an action moves the fingers: one number along the hand's closing motion, and the preshape if the hand has
         one; or one number for each actuator, with which agents learn more slowly.
@@ -225,8 +238,8 @@ class GoalTaskConfig(GraspConfig):
 
     Attributes
     ----------
-    control : {"top_down", "twist", "delta_pose", "target_pose"}
-        Control mode: how an action moves the hand.
+    control : {"top_down", "twist", "delta_pose", "target_pose", "joint_velocity"}
+        Control mode: how an action moves the hand; the last one needs an `arm`.
     obs : str
         The vector or image under the key ``observation``.
     reward : {"sparse", "dense"}
@@ -322,7 +335,7 @@ KINDS: dict[type[EnvironmentConfig], tuple[str, bool]] = {
 #: What to pass instead of former keywords.
 _REPLACED = {"frame_skip": "pass control_freq=20 / frame_skip"}
 #: Keywords whose types are checked where they are used.
-_CHECKED_LATER = ("remote", "hand", "num_threads")
+_CHECKED_LATER = ("remote", "hand", "arm", "base", "num_threads")
 
 
 Config = TypeVar("Config", bound=EnvironmentConfig)
@@ -335,6 +348,22 @@ def kind_of(environment: str, vector: bool) -> type[EnvironmentConfig]:
             return kind
     known = ", ".join(sorted({name for name, _ in KINDS.values()}))
     raise ConfigError(f"there is no environment {shown(environment)}; choose from {known}")
+
+
+def arm_of(settings: EnvironmentConfig) -> tuple[Arm | None, NDArray[np.float64] | None]:
+    """Load the arm of an environment, and the pose (4, 4) of its base if it is given; ConfigError or ArmError for others."""
+    if settings.arm is None:
+        if settings.base is not None:
+            with about("base"):
+                raise ConfigError("base is the place of an arm, but there is none; name one as arm, or leave base out")
+        return None, None
+    with about("arm"):
+        arm = load_arm(settings.arm)
+    with about("base"):
+        base = None if settings.base is None else floats(settings.base, "base")
+        if base is not None and base.shape != (4, 4):
+            raise ConfigError(f"base has the shape {base.shape}; give a homogeneous matrix (4, 4)")
+    return arm, base
 
 
 def complete(kind: type[Config], arguments: Mapping[str, Any], hidden: Collection[str] = ()) -> Config:

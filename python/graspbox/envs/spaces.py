@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox._common.arguments import config_dict
-from graspbox._core import Hand
+from graspbox._core import Arm, Hand
 from graspbox.configs import CamerasConfig
 from graspbox.errors import ConfigError
 
@@ -138,9 +138,9 @@ class Tables(TypedDict):
 
 
 @cache
-def tables(hand: Hand) -> Tables:
-    """Return the tables of a hand's environments; do not modify them."""
-    found: Tables = _core.env_tables(hand)
+def tables(hand: Hand, arm: Arm | None = None) -> Tables:
+    """Return the tables of a hand's environments, those on an arm if there is one; do not modify them."""
+    found: Tables = _core.env_tables(hand, arm)
     return found
 
 
@@ -150,9 +150,9 @@ def image_names(obs: str | Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in names if name.split("_")[0] in IMAGES)
 
 
-def images(hand: Hand, cameras: CamerasConfig, objects: int = 1) -> list[Image]:
+def images(hand: Hand, cameras: CamerasConfig, objects: int = 1, arm: Arm | None = None) -> list[Image]:
     """Return a row for each image in a config; `objects` is the greatest number of objects in a scene."""
-    rows: list[Image] = _core.image_tables(hand, config_dict(cameras), objects)
+    rows: list[Image] = _core.image_tables(hand, config_dict(cameras), objects, arm)
     return rows
 
 

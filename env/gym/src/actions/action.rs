@@ -6,7 +6,8 @@ use crate::actions::workspace::{
     DECISION_HIGH, DECISION_LOW, POINT_HIGH, POINT_LOW, POINT_TILT, WORKSPACE_HIGH, WORKSPACE_LOW,
 };
 use crate::observations::column::Column;
-use graspbox_hand::{Actuator, ActuatorCommand, Hand, JointKind};
+use graspbox_arm::chain::MAX_AXES;
+use graspbox_hand::{Actuator, ActuatorCommand, CarrierAxis, Hand, JointKind};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 
@@ -19,8 +20,9 @@ const DEGENERATE: f64 = 1e-3;
 
 impl Control {
     /// Number of entries that move the hand; those of the actuators follow.
-    pub fn hand_size(self) -> usize {
+    pub fn hand_size(self, hand: &Hand) -> usize {
         match self {
+            Self::JointVelocity => hand.carrier.as_ref().map_or(0, |arm| arm.axes.len()),
             Self::Twist | Self::DeltaPose | Self::GraspPoint => 6,
             Self::TopDown => 4,
             Self::TargetPose | Self::GraspPose | Self::Clear => 9,
@@ -28,8 +30,9 @@ impl Control {
     }
 
     /// The columns of these entries.
-    fn hand_table(self) -> Vec<Column> {
+    fn hand_table(self, hand: &Hand) -> Vec<Column> {
         match self {
+            Self::JointVelocity => hand.carrier.iter().flat_map(|arm| arm.axes.iter().map(joint_column)).collect(),
             Self::Twist => motion_table("linear", "angular", "in the hand's axes"),
             Self::DeltaPose => motion_table("step", "turn", "at which the goal moves, in the hand's axes"),
             Self::TopDown => top_down_table(),
@@ -56,12 +59,12 @@ impl ActionSpec {
             Fingers::Synergy => 1 + usize::from(hand.grasp.coordinate.is_some()),
             Fingers::Each => hand.actuators.len(),
         };
-        self.control.hand_size() + fingers
+        self.control.hand_size(hand) + fingers
     }
 
     /// The columns of an action; `low` and `high` are the values of -1 and 1.
     pub fn table(self, hand: &Hand) -> Vec<Column> {
-        let mut columns = self.control.hand_table();
+        let mut columns = self.control.hand_table(hand);
         match self.fingers {
             _ if self.control.decides() => columns.extend(preshape_choice(hand)),
             Fingers::Synergy => {
@@ -91,6 +94,11 @@ fn motion_table(linear: &'static str, angular: &'static str, which: &str) -> Vec
         Column::new(linear, 3, [-LINEAR_SPEED, LINEAR_SPEED], "m/s", format!("velocity {cut}")),
         Column::new(angular, 3, [-ANGULAR_SPEED, ANGULAR_SPEED], "rad/s", format!("angular velocity {cut}")),
     ]
+}
+
+fn joint_column(axis: &CarrierAxis) -> Column {
+    let unit = if axis.kind == JointKind::Prismatic { "m/s" } else { "rad/s" };
+    Column::new("joint", 1, [-axis.speed, axis.speed], unit, format!("speed of `{}`", axis.name))
 }
 
 fn top_down_table() -> Vec<Column> {
@@ -178,6 +186,12 @@ impl ClosedLoop {
                 let yaw = Vector3::z() * (entry(values, 3) * ANGULAR_SPEED);
                 Goal::WorldTwist(three(values, 0) * LINEAR_SPEED, yaw)
             }
+            Self::JointVelocity => {
+                let mut shares = [0.0; MAX_AXES];
+                let entries = values.len().min(MAX_AXES);
+                (0..entries).for_each(|axis| shares[axis] = entry(values, axis));
+                Goal::Joints(shares)
+            }
             Self::TargetPose => {
                 let position = between(&three(values, 0), WORKSPACE_LOW, WORKSPACE_HIGH);
                 let rotation = rotation(&three(values, 3), &three(values, 6)).unwrap_or(last.rotation);
@@ -205,7 +219,7 @@ pub fn pose_and_preshape(control: Control, values: &[f32], hand: &Hand) -> Optio
         }
     };
     let preshape = match hand.has_preshapes() {
-        true => preshape_at(entry(values, control.hand_size()), hand),
+        true => preshape_at(entry(values, control.hand_size(hand)), hand),
         false => hand.preshape_limits()[0],
     };
     Some((pose, preshape))

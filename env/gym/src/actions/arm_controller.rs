@@ -4,8 +4,12 @@
 //! the speed of that line as feedforward, so a smoothly moving goal is followed without lag.
 
 use crate::actions::guard::{Brake, Guard, ProtectiveStop, TABLE_CLEARANCE};
+use crate::actions::joint_drive::JointDrive;
+use crate::robot_arm::ArmSpec;
+use graspbox_arm::AxesState;
+use graspbox_arm::chain::{MAX_AXES, Positions};
 use graspbox_mesh::range::{OutOfRange, all_within, is_pose};
-use graspbox_sim::HandLoad;
+use graspbox_sim::{HandLoad, World};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +23,18 @@ pub const ANGULAR_SPEED: f64 = 2.0;
 pub const ANGULAR_ACCELERATION: f64 = 20.0;
 /// Speed towards a goal per distance, 1/s, unless braking requires less.
 const GAIN: f64 = 20.0;
+/// Greatest accelerations of the grasp frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// m/s2.
+    pub linear: f64,
+    /// rad/s2.
+    pub angular: f64,
+}
+
+/// Those of a hand without an arm.
+pub const FREE: Limits = Limits { linear: LINEAR_ACCELERATION, angular: ANGULAR_ACCELERATION };
+
 /// Greatest distance of the reference of `delta_pose` from the hand, metres and radians: two steps at full speed.
 const LEASH: [f64; 2] = [0.05, 0.2];
 
@@ -33,6 +49,8 @@ pub enum Goal {
     Delta(Isometry3<f64>),
     /// A pose of the hand in the world.
     Pose(Isometry3<f64>),
+    /// Speeds of the arm's joints, as shares of the greatest.
+    Joints(Positions),
 }
 
 /// The motion of the hand in one control period.
@@ -49,6 +67,8 @@ pub enum Motion {
         /// Seconds that the way takes.
         period: f64,
     },
+    /// Speeds of the arm's joints, as shares of the greatest.
+    Joints(Positions),
 }
 
 /// The controller of the arm, with its estimate of the hand's pose.
@@ -65,6 +85,8 @@ pub struct ArmController {
     /// The true hand in the estimated one: a calibration error.
     error: Isometry3<f64>,
     pub stop: ProtectiveStop,
+    /// The joints of the arm that carries the hand; `None` for a hand that moves freely.
+    drive: Option<JointDrive>,
 }
 
 impl ArmController {
@@ -78,7 +100,37 @@ impl ArmController {
             reference: pose,
             error: *error,
             stop: ProtectiveStop::default(),
+            drive: None,
         }
+    }
+
+    /// The same on an arm whose joints are at `positions`.
+    #[must_use]
+    pub fn on_arm(self, positions: &Positions) -> Self {
+        Self { drive: Some(JointDrive::new(positions)), ..self }
+    }
+
+    /// Positions and speeds of the joints of the arm; empty without one.
+    pub fn joints(&self) -> (&[f64], &[f64]) {
+        self.drive.as_ref().map_or((&[], &[]), |drive| (&drive.axes().positions, &drive.axes().rates))
+    }
+
+    /// True if something in the way, or a force on its links, stopped the arm since [`ArmController::unblock`].
+    pub fn blocked(&self) -> bool {
+        self.drive.as_ref().is_some_and(|drive| drive.blocked)
+    }
+
+    pub fn unblock(&mut self) {
+        self.drive.iter_mut().for_each(|drive| drive.blocked = false);
+    }
+
+    /// True if the hand is where the arm's joints put it; without an arm, if there are no joints.
+    pub(crate) fn fits(&self, arm: Option<&ArmSpec>) -> bool {
+        /// Rounding, metres and radians.
+        const NEAR: f64 = 1e-6;
+        let (Some(drive), Some(arm)) = (&self.drive, arm) else { return self.drive.is_none() && arm.is_none() };
+        let apart = arm.robot.world_from_hand(&drive.axes().positions).inv_mul(&self.pose);
+        apart.translation.vector.norm() < NEAR && apart.rotation.angle() < NEAR
     }
 
     /// Refuses states that no arm can have.
@@ -96,6 +148,7 @@ impl ArmController {
         }
         all_within("arm.linear", self.linear.iter().copied(), FASTEST, "m/s")?;
         all_within("arm.angular", self.angular.iter().copied(), FASTEST, "rad/s")?;
+        self.drive.as_ref().map_or(Ok(()), JointDrive::check)?;
         self.stop.check()
     }
 
@@ -130,6 +183,10 @@ impl ArmController {
     /// Sets the goal of the next control period of `period` seconds.
     pub fn begin(&mut self, goal: &Goal, period: f64) -> Motion {
         match goal {
+            Goal::Joints(shares) => {
+                self.reference = self.pose;
+                Motion::Joints(*shares)
+            }
             Goal::Twist(linear, angular) => {
                 self.reference = self.pose;
                 Motion::Twist(*linear, *angular)
@@ -171,7 +228,7 @@ impl ArmController {
     /// * `load`: contact load on the hand in the last step.
     pub fn advance(&mut self, motion: &Motion, time: f64, dt: f64, guard: &Guard, load: &HandLoad) -> Isometry3<f64> {
         let truth = self.world_from_hand();
-        let (linear, angular) = self.wanted(motion, time, dt);
+        let (linear, angular) = self.wanted(motion, time, dt, &FREE);
         self.stop.feel(load, &truth, (&linear, &angular), dt);
         self.linear += capped(&(linear - self.linear), LINEAR_ACCELERATION * dt);
         self.angular += capped(&(angular - self.angular), ANGULAR_ACCELERATION * dt);
@@ -194,10 +251,82 @@ impl ArmController {
         self.world_from_hand()
     }
 
-    fn wanted(&self, motion: &Motion, time: f64, dt: f64) -> (Vector3<f64>, Vector3<f64>) {
+    /// As [`ArmController::advance`] for a hand on an arm: the posture changes, and the pose of the hand follows from it.
+    ///
+    /// * `world`: before the step.
+    pub fn follow(
+        &mut self,
+        arm: &ArmSpec,
+        motion: &Motion,
+        time: f64,
+        (guard, load, world): (&Guard, &HandLoad, &World),
+    ) -> Isometry3<f64> {
+        let (dt, truth) = (world.dt(), self.world_from_hand());
+        let Some(mut drive) = self.drive.take() else { return truth };
+        drive.feel(world, arm, dt);
+        let begins = drive.begins_period(dt);
+        if begins {
+            let rates = self.rates(&mut drive, arm, motion, time, dt, guard);
+            let error = self.error;
+            drive.decide(arm, rates, dt, |hand| guard.lowest(&(hand * error)) - 0.5 * TABLE_CLEARANCE);
+        }
+        self.stop.feel(load, &truth, (&drive.wanted.0, &drive.wanted.1), dt);
+        let pose = drive.advance(arm, dt);
+        self.linear = (pose.translation.vector - self.pose.translation.vector) / dt;
+        self.angular = (pose.rotation * self.pose.rotation.inverse()).scaled_axis() / dt;
+        self.pose = pose;
+        self.drive = Some(drive);
+        self.world_from_hand()
+    }
+
+    /// Rates of the joints for a motion, before their own limits.
+    fn rates(
+        &self,
+        drive: &mut JointDrive,
+        arm: &ArmSpec,
+        motion: &Motion,
+        time: f64,
+        dt: f64,
+        guard: &Guard,
+    ) -> Positions {
+        let (follower, to_base) = (&arm.follower, arm.robot.world_from_base.rotation.inverse());
+        let frames = follower.chain().frames(&drive.axes().positions);
+        let point = (frames.flange.isometry() * arm.robot.flange_from_hand).translation.vector;
+        let period = JointDrive::period(dt);
+        if let Motion::Joints(shares) = motion {
+            let mut rates = [0.0; MAX_AXES];
+            (0..follower.chain().len()).for_each(|axis| rates[axis] = shares[axis] * follower.speed(axis));
+            let (linear, angular) = follower.twist(&frames, &point, &rates);
+            let wanted = (to_base.inverse() * linear, to_base.inverse() * angular);
+            drive.wanted = wanted;
+            let (mut linear, mut angular) = wanted;
+            self.stop.limit(&mut linear, &mut angular, period);
+            let (less, turn) = (to_base * (linear - wanted.0), to_base * (angular - wanted.1));
+            if self.stop.active {
+                let still = AxesState { rates: [0.0; MAX_AXES], ..*drive.axes() };
+                let change = follower.rates(&still, &frames, &point, (&less, &turn), period);
+                rates.iter_mut().zip(change).for_each(|(rate, change)| *rate += change);
+            }
+            return rates;
+        }
+        let wanted = self.wanted(motion, time, period, &arm.limits);
+        drive.wanted = wanted;
+        let mut linear = self.linear + capped(&(wanted.0 - self.linear), arm.limits.linear * period);
+        let mut angular = self.angular + capped(&(wanted.1 - self.angular), arm.limits.angular * period);
+        self.stop.limit(&mut linear, &mut angular, period);
+        let lever = angular.cross(&(self.pose.rotation * self.error.translation.vector));
+        linear += lever;
+        let brake = Brake { deceleration: arm.limits.linear, dt: period };
+        guard.limit(&self.world_from_hand(), &mut linear, &angular, &brake);
+        linear -= lever;
+        follower.rates(drive.axes(), &frames, &point, (&(to_base * linear), &(to_base * angular)), period)
+    }
+
+    fn wanted(&self, motion: &Motion, time: f64, dt: f64, limits: &Limits) -> (Vector3<f64>, Vector3<f64>) {
         let (linear, angular) = match motion {
             Motion::Twist(linear, angular) => (self.pose.rotation * linear, self.pose.rotation * angular),
             Motion::WorldTwist(linear, angular) => (*linear, *angular),
+            Motion::Joints(_) => (Vector3::zeros(), Vector3::zeros()),
             Motion::Track { from, to, period } => {
                 let share = ((time + dt) / period).min(1.0);
                 let path = to.translation.vector - from.translation.vector;
@@ -205,8 +334,8 @@ impl ArmController {
                 let ahead = from.translation.vector + path * share - self.pose.translation.vector;
                 let facing = UnitQuaternion::from_scaled_axis(turn * share) * from.rotation;
                 let astray = (facing * self.pose.rotation.inverse()).scaled_axis();
-                let linear_brake = Brake { deceleration: LINEAR_ACCELERATION, dt };
-                let angular_brake = Brake { deceleration: ANGULAR_ACCELERATION, dt };
+                let linear_brake = Brake { deceleration: limits.linear, dt };
+                let angular_brake = Brake { deceleration: limits.angular, dt };
                 (
                     capped(&(path / *period), LINEAR_SPEED) + approach(&ahead, &linear_brake),
                     capped(&(turn / *period), ANGULAR_SPEED) + approach(&astray, &angular_brake),

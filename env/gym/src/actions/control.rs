@@ -1,6 +1,7 @@
 //! Control modes, what an action says about the fingers, and the timing of control.
 
 use crate::EnvError;
+use graspbox_hand::Hand;
 use graspbox_mesh::in_range;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +23,8 @@ pub enum Control {
     TargetPose,
     /// A velocity in the world's axes, and one about the vertical: the palm keeps facing down.
     TopDown,
+    /// A speed of every joint of the arm that carries the hand.
+    JointVelocity,
     /// One decision per episode: a pose in the world and a preshape, followed by a trial.
     GraspPose,
     /// One decision per episode too: where the grasp centre goes, how the hand tilts and turns, and a preshape.
@@ -73,6 +76,8 @@ pub enum ClosedLoop {
     TargetPose,
     /// [`Control::TopDown`].
     TopDown,
+    /// [`Control::JointVelocity`].
+    JointVelocity,
 }
 
 impl From<ClosedLoop> for Control {
@@ -82,13 +87,19 @@ impl From<ClosedLoop> for Control {
             ClosedLoop::DeltaPose => Self::DeltaPose,
             ClosedLoop::TargetPose => Self::TargetPose,
             ClosedLoop::TopDown => Self::TopDown,
+            ClosedLoop::JointVelocity => Self::JointVelocity,
         }
     }
 }
 
 impl Control {
-    /// Every mode of closed-loop control.
+    /// Every mode of closed-loop control that moves any hand.
     pub const CLOSED_LOOP: [Self; 4] = [Self::Twist, Self::DeltaPose, Self::TargetPose, Self::TopDown];
+
+    /// Every mode of closed-loop control of a hand: with an arm also that of its joints.
+    pub fn closed_loops(hand: &Hand) -> impl Iterator<Item = Self> {
+        Self::CLOSED_LOOP.into_iter().chain(hand.carrier.as_ref().map(|_| Self::JointVelocity))
+    }
 
     /// The closed-loop mode; `None` if a step is a decision.
     pub fn closed_loop(self) -> Option<ClosedLoop> {
@@ -97,6 +108,7 @@ impl Control {
             Self::DeltaPose => Some(ClosedLoop::DeltaPose),
             Self::TargetPose => Some(ClosedLoop::TargetPose),
             Self::TopDown => Some(ClosedLoop::TopDown),
+            Self::JointVelocity => Some(ClosedLoop::JointVelocity),
             Self::GraspPose | Self::GraspPoint | Self::Clear => None,
         }
     }
@@ -113,6 +125,7 @@ impl Control {
             Self::DeltaPose => "delta_pose",
             Self::TargetPose => "target_pose",
             Self::TopDown => "top_down",
+            Self::JointVelocity => "joint_velocity",
             Self::GraspPose => "grasp_pose",
             Self::GraspPoint => "grasp_point",
             Self::Clear => "clear",

@@ -2,6 +2,10 @@
 
 use std::f64::consts::PI;
 
+/// Distance of an arm's base from the table's middle, unless it is given, as a share of the arm's length: on the table along x, opposite the camera
+/// `front`, its own x axis towards the middle. The whole workspace is then within reach of arms of common proportions.
+pub const BASE_DISTANCE: f64 = 0.55;
+
 /// Least corner of the box in which the grasp frame stays: large enough to reach an object near the middle from every side and to lift it.
 pub const WORKSPACE_LOW: [f64; 3] = [-0.35, -0.35, 0.0];
 /// Greatest corner of that box.

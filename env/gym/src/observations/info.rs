@@ -1,8 +1,8 @@
 //! The info of a step: one row per entry, with its type, meaning and reader. A new entry is a new row of [`INFO`].
 
 use crate::actions::control::Control;
-use crate::config::EnvConfig;
 use crate::observations::view::View;
+use crate::pool::env_spec::EnvSpec;
 use crate::state::mode::DISTURBED;
 use crate::state::{ClearState, TargetScene};
 use graspbox_episode::FailureKind;
@@ -39,6 +39,8 @@ pub enum Modes {
     Clear,
     /// The others, if the episodes are about one target among several objects.
     Target,
+    /// Every mode, if an arm carries the hand.
+    Arm,
 }
 
 /// An entry of the info.
@@ -54,21 +56,24 @@ pub struct InfoRow {
 
 impl InfoRow {
     /// True if the entry belongs to the infos of environments.
-    pub fn is_in(&self, config: &EnvConfig) -> bool {
+    pub fn is_in(&self, spec: &EnvSpec) -> bool {
+        let config = &spec.config;
         match self.modes {
             Modes::Grasps => config.goal.is_none(),
             Modes::Target => config.has_target(),
-            _ => self.is_of(config.control),
+            Modes::Arm => spec.arm.is_some(),
+            _ => self.is_of(config.control, false),
         }
     }
 
     /// True if the entry belongs to the infos of a control mode, whatever the layout.
-    fn is_of(&self, control: Control) -> bool {
+    fn is_of(&self, control: Control, with_arm: bool) -> bool {
         match self.modes {
             Modes::All | Modes::Grasps => true,
             Modes::Decisions => control.decides(),
             Modes::Clear => control == Control::Clear,
             Modes::Target => false,
+            Modes::Arm => with_arm,
         }
     }
 }
@@ -142,6 +147,13 @@ pub const INFO: &[InfoRow] = &[
         meaning: "the protective stop held the hand at some time in the last step",
         modes: Modes::All,
         read: Reader::Flag(|view| view.mode.stopped()),
+    },
+    InfoRow {
+        name: "arm_blocked",
+        unit: "",
+        meaning: "the arm stopped before itself, its hand, the table or a wall, or an object pressed on its links, at some time in the last step",
+        modes: Modes::Arm,
+        read: Reader::Flag(|view| view.arm.blocked()),
     },
     InfoRow {
         name: "infeasible",
@@ -328,8 +340,10 @@ pub struct InfoTableRow {
 }
 
 /// The entries of a kind of control, in order.
-pub fn info_table(control: Control) -> Vec<InfoTableRow> {
-    table(INFO.iter().filter(|row| row.is_of(control)))
+///
+/// * `with_arm`: an arm carries the hand.
+pub fn info_table(control: Control, with_arm: bool) -> Vec<InfoTableRow> {
+    table(INFO.iter().filter(|row| row.is_of(control, with_arm)))
 }
 
 /// The further entries of episodes about one target among several objects, in order.
@@ -338,8 +352,9 @@ pub fn target_info_table() -> Vec<InfoTableRow> {
 }
 
 /// The entries of environments with goals, in order.
-pub fn goal_info_table() -> Vec<InfoTableRow> {
-    let mut rows = table(INFO.iter().filter(|row| row.modes == Modes::All));
+pub fn goal_info_table(with_arm: bool) -> Vec<InfoTableRow> {
+    let of = |row: &&InfoRow| row.modes == Modes::All || (with_arm && row.modes == Modes::Arm);
+    let mut rows = table(INFO.iter().filter(of));
     let success = rows.iter_mut().filter(|row| row.name == "is_success");
     success.for_each(|row| row.meaning = "the achieved goal is within the threshold of the desired one");
     rows

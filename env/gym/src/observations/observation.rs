@@ -4,7 +4,7 @@ use crate::EnvError;
 use crate::actions::control::ActionSpec;
 use crate::observations::column::{Column, total_size};
 use crate::observations::observation_row::{Reading, Row, Size};
-use crate::observations::sensed::{ACTUATORS, ARM, TACTILE};
+use crate::observations::sensed::{ACTUATORS, ARM, AXES, TACTILE};
 use crate::observations::simulated::{ACHIEVED_GOAL, DESIRED_GOAL, LAST_ACTION, RESTING, SIMULATED};
 use crate::observations::view::View;
 use graspbox_hand::Hand;
@@ -49,15 +49,15 @@ impl Observation {
     /// * `action`: in closed-loop control, the state includes the last action; before a decision it describes the object only.
     fn readings(self, hand: &Hand, action: ActionSpec) -> Vec<Reading> {
         let table = |rows: &'static [Row]| {
-            // A hand without a preshape coordinate has no such row.
-            let there = |row: &&Row| !matches!(row.size, Size::Preshape) || row.size.of(hand, action) > 0;
+            // A hand without a preshape coordinate, or without an arm, has no such row.
+            let there = |row: &&Row| !matches!(row.size, Size::Preshape | Size::Axes) || row.size.of(hand, action) > 0;
             rows.iter().filter(there).map(Reading::Row).collect::<Vec<_>>()
         };
         let joints = |encoder: bool| {
             let groups = hand.groups.iter().enumerate().filter(move |(_, group)| group.encoder == encoder);
             groups.map(|(index, _)| Reading::Joints(index)).collect::<Vec<_>>()
         };
-        let proprio = || [table(ARM), joints(true), table(ACTUATORS)].into_iter().flatten();
+        let proprio = || [table(ARM), table(AXES), joints(true), table(ACTUATORS)].into_iter().flatten();
         match self {
             Self::Proprio => proprio().collect(),
             Self::Tactile => table(TACTILE),

@@ -30,6 +30,8 @@ pub enum Size {
     Actuators,
     /// One for a hand with a preshape coordinate, else none.
     Preshape,
+    /// One per axis of the arm that carries the hand; none without one.
+    Axes,
     /// One per moving link with collision shapes, then the palm.
     Links,
     /// One per tactile sensor.
@@ -45,6 +47,7 @@ impl Size {
             Self::Fixed(size) => *size,
             Self::Actuators => hand.grasp_actuators().count(),
             Self::Preshape => usize::from(hand.grasp.coordinate.is_some()),
+            Self::Axes => hand.carrier.as_ref().map_or(0, |arm| arm.axes.len()),
             Self::Links => hand.touch_links().len() + 1,
             Self::Sensors => hand.sensors.len(),
             Self::Action => action.size(hand),

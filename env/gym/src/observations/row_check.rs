@@ -42,6 +42,8 @@ fn cube(spec: &EnvSpec) -> Result<InitialState, EnvError> {
     let (hand, physics, base) = (Arc::clone(spec.hand()), *spec.objects.physics(), Point3::new(0.0, 0.0, -HALF));
     let scene = Scene::placed(name, hand, prepared.body().model(), physics, &world_from_object, base)?;
     let cameras = spec.observer.mounted_cameras().iter().map(|camera| *camera.world_from_camera());
+    let joints = spec.arm.as_ref().map(|arm| arm.robot.home());
+    let away = Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY);
     Ok(InitialState {
         object: 0,
         prepared: vec![prepared],
@@ -49,7 +51,8 @@ fn cube(spec: &EnvSpec) -> Result<InitialState, EnvError> {
         dropped: None,
         scene: Arc::new(scene),
         world_from_object,
-        world_from_hand: Isometry3::translation(0.0, 0.0, OUT_OF_THE_WAY),
+        world_from_hand: spec.arm.as_ref().map_or(away, |arm| arm.robot.world_from_hand(&arm.robot.home())),
+        joints,
         preshape: spec.hand().preshape_limits()[0],
         friction: 1.0,
         mass: 1.0,

@@ -2,7 +2,7 @@
 
 use crate::observations::observation_row::{Row, Size};
 use crate::observations::view::{position, rotation_columns};
-use graspbox_hand::{Actuator, Hand, JointKind};
+use graspbox_hand::{Actuator, CarrierAxis, Hand, JointKind};
 
 /// Greatest force in a tactile observation, N: a fingertip at full tension presses with 5 to 14 N.
 pub const TACTILE_LIMIT: f64 = 20.0;
@@ -46,6 +46,36 @@ pub const ARM: &[Row] = &[
         read: |view, out| out.put(view.arm.velocity().1.iter().copied()),
     },
 ];
+
+/// Encoders of the arm.
+pub const AXES: &[Row] = &[
+    Row {
+        name: "arm_q",
+        size: Size::Axes,
+        bounds: |hand| axes(hand, |axis| axis.limits),
+        unit: |hand| axis_unit(hand, ["rad", "m", "rad or m"]),
+        meaning: "position of each joint of the arm, from the base on",
+        privileged: false,
+        read: |view, out| out.put(view.arm.joints().0.iter().take(view.world().arm_axes()).copied()),
+    },
+    Row {
+        name: "arm_dq",
+        size: Size::Axes,
+        bounds: |hand| axes(hand, |axis| [-axis.speed, axis.speed]),
+        unit: |hand| axis_unit(hand, ["rad/s", "m/s", "rad/s or m/s"]),
+        meaning: "its speed",
+        privileged: false,
+        read: |view, out| out.put(view.arm.joints().1.iter().take(view.world().arm_axes()).copied()),
+    },
+];
+
+fn axes(hand: &Hand, of: impl Fn(&CarrierAxis) -> [f64; 2]) -> [f64; 2] {
+    hand.carrier.as_ref().map_or([0.0, 0.0], |arm| arm.range(of))
+}
+
+fn axis_unit(hand: &Hand, words: [&'static str; 3]) -> &'static str {
+    hand.carrier.as_ref().map_or(words[0], |arm| arm.unit(words))
+}
 
 /// Encoders and load sensors of the actuators.
 pub const ACTUATORS: &[Row] = &[

@@ -40,7 +40,7 @@ impl DecisionTables {
             actions: action.table(hand),
             observations: observations(hand, action),
             terms: term_table(control),
-            info: info_table(control),
+            info: info_table(control, hand.carrier.is_some()),
         }
     }
 }
@@ -110,15 +110,15 @@ impl Tables {
     /// ```
     pub fn new(hand: &Hand) -> Self {
         Self {
-            actions: by_action(|action| action.table(hand)),
-            observations: by_action(|action| observations(hand, action)),
+            actions: by_action(hand, |action| action.table(hand)),
+            observations: by_action(hand, |action| observations(hand, action)),
             decision: DecisionTables::new(hand, Control::GraspPose),
             point: DecisionTables::new(hand, Control::GraspPoint),
             clear: DecisionTables::new(hand, Control::Clear),
             goal: GoalTables {
                 observations: Observation::GOAL.map(|o| (o.name(), o.table(hand, ActionSpec::default()))).into(),
                 terms: goal_term_table(),
-                info: goal_info_table(),
+                info: goal_info_table(hand.carrier.is_some()),
             },
             privileged: Observation::ALL.iter().filter(|o| o.privileged()).map(|o| o.name()).collect(),
             absent: Observation::ALL
@@ -127,7 +127,7 @@ impl Tables {
                 .map(|o| o.name())
                 .collect(),
             terms: term_table(Control::default()),
-            info: info_table(Control::default()),
+            info: info_table(Control::default(), hand.carrier.is_some()),
             target_info: target_info_table(),
             failures: failure_names(),
             workspace: [WORKSPACE_LOW, WORKSPACE_HIGH],
@@ -137,11 +137,11 @@ impl Tables {
     }
 }
 
-fn by_action<T>(of: impl Fn(ActionSpec) -> T) -> ByAction<T> {
+fn by_action<T>(hand: &Hand, of: impl Fn(ActionSpec) -> T) -> ByAction<T> {
     let by_fingers = |control: Control| {
         Fingers::ALL.iter().map(|&fingers| (fingers.name(), of(ActionSpec { control, fingers }))).collect()
     };
-    Control::CLOSED_LOOP.iter().map(|control| (control.name(), by_fingers(*control))).collect()
+    Control::closed_loops(hand).map(|control| (control.name(), by_fingers(control))).collect()
 }
 
 fn observations(hand: &Hand, action: ActionSpec) -> ObservationTables {

@@ -67,7 +67,11 @@ impl EnvEpisode {
             potentials: Potentials::of(&episode, target, &first_center),
             viewpoint: initial.viewpoint.clone(),
         };
-        let arm = ArmController::new(hand, &initial.hand_error);
+        let mut arm = ArmController::new(hand, &initial.hand_error);
+        if let (Some(positions), Some(spec)) = (&initial.joints, &spec.arm) {
+            arm = arm.on_arm(positions);
+            episode.place_arm(&initial.hand_error, &positions[..spec.follower.chain().len()]);
+        }
         let mut body = EpisodeBody { episode, prepared: initial.prepared.clone(), arm, record };
         body.record.success = spec.config.goal.is_some_and(|goal| body.reached(&goal));
         Self::resume(body, initial.mode.clone())
@@ -91,6 +95,7 @@ impl EnvEpisode {
         if let Mode::Grasp(state) = &mut self.mode {
             state.stopped = false;
         }
+        self.body.arm.unblock();
     }
 
     /// Advances by one control period, or makes the decision. Returns the reward terms, and whether the episode ended by success or loss.
@@ -190,7 +195,8 @@ impl EnvEpisode {
             })
         };
         let objects = self.objects().zip(world.world_from_objects()).map(object);
-        let objects = objects.collect::<Result<_, EnvError>>()?;
+        let mut objects = objects.collect::<Result<Vec<_>, EnvError>>()?;
+        objects.extend(spec.arm.iter().flat_map(|arm| arm.posed(self.body.arm.joints().0, spec)));
         let world_from_hand = world.world_from_hand();
         // Without finite kinematics, in a simulation that diverged, the hand is left out.
         let links = world.hand().hand_from_links(&world.configuration()).unwrap_or_default();

@@ -1,11 +1,12 @@
 //! Immutable data shared by all environments of a pool.
 
 use crate::EnvError;
-use crate::actions::control::Timing;
+use crate::actions::control::{Control, Timing};
 use crate::actions::guard::Guard;
 use crate::config::EnvConfig;
 use crate::objects::Objects;
 use crate::observations::observation::ObservationSpec;
+use crate::robot_arm::ArmSpec;
 use crate::scenery::{fixed_boxes, goal_marker};
 use crate::state::bounds::StateBounds;
 use graspbox_hand::{Hand, JointKind, Shape};
@@ -38,6 +39,8 @@ pub struct EnvSpec {
     pub action: usize,
     /// The open hand at its least preshape, with which episodes begin by default.
     pub open: OpenHand,
+    /// The arm that carries the hand.
+    pub arm: Option<ArmSpec>,
     /// Greatest distance of any part of the hand from the grasp frame, metres.
     pub reach: f64,
     /// For each link, the index of its contact flag: the links of [`Hand::touch_links`], then the palm.
@@ -60,6 +63,12 @@ impl EnvSpec {
             return Err(EnvError::NothingToObserve { name: observation.name(), hand: hand.name.clone() });
         }
         let action = config.action().size(&hand);
+        let control = config.control.name();
+        match objects.arm() {
+            Some(_) if config.control.decides() => return Err(EnvError::ArmDecides { control }),
+            None if config.control == Control::JointVelocity => return Err(EnvError::NoArm { control }),
+            _ => {}
+        }
         let walls = config.clutter.walls()?;
         let observations =
             config.observations.iter().map(|o| ObservationSpec::new(*o, &hand, config.action())).collect();
@@ -72,6 +81,7 @@ impl EnvSpec {
                 false => Timing::new(config.control_freq, objects.physics().dt)?,
             },
             flags: flags(&hand),
+            arm: objects.arm().map(|robot| ArmSpec::new(robot, &hand, &walls)).transpose()?,
             observer: Observer::new(
                 Arc::clone(&hand),
                 config.cameras.clone(),

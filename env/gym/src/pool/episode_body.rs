@@ -2,12 +2,14 @@
 
 use crate::EnvError;
 use crate::actions::action::pose_and_preshape;
-use crate::actions::arm_controller::ArmController;
+use crate::actions::arm_controller::{ArmController, Motion};
 use crate::actions::decision::{Decision, Outcome};
 use crate::objects::Prepared;
 use crate::pool::env_spec::EnvSpec;
 use crate::state::{DecisionResult, GoalConfig, Record};
 use graspbox_episode::{Episode, FailureKind};
+use graspbox_sim::HandLoad;
+use nalgebra::Isometry3;
 use std::sync::Arc;
 
 /// The parts of an episode that every mode has.
@@ -33,6 +35,15 @@ impl EpisodeBody {
     /// True if the hand touches the object.
     pub fn touches(&self) -> bool {
         !self.episode.world().contacts().links.is_empty()
+    }
+
+    /// Moves the arm for a step that begins `time` seconds after the control period. Returns the true pose of the hand at its end.
+    pub fn move_arm(&mut self, motion: &Motion, time: f64, spec: &EnvSpec, load: &HandLoad) -> Isometry3<f64> {
+        let world = self.episode.world();
+        let Some(arm) = &spec.arm else { return self.arm.advance(motion, time, world.dt(), &spec.guard, load) };
+        let hand = self.arm.follow(arm, motion, time, (&spec.guard, load, world));
+        self.episode.drive_arm(&self.arm.joints().0[..arm.follower.chain().len()]);
+        hand
     }
 
     /// Moves the hand to the pose of `action` and tries the grasp; `None` if the hand cannot take the pose. The episode stays as it was.

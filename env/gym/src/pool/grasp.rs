@@ -23,7 +23,7 @@ impl GraspState {
     ) -> Result<Transition, EnvError> {
         let Timing { period, substeps, .. } = spec.timing;
         let motion = body.arm.begin(&self.control.goal(action, body.arm.estimated_pose(), period), period);
-        let (entries, open) = (&action[spec.config.control.hand_size()..], hand_is_open(body));
+        let (entries, open) = (&action[spec.config.control.hand_size(spec.hand())..], hand_is_open(body));
         let commands = actuator_commands(spec.hand(), spec.config.fingers, entries, open, &mut body.record.preshape);
         let time = period / CONTROL_PERIOD;
         let mut transition = Transition { before: body.record.potentials, time, ..Transition::default() };
@@ -34,7 +34,7 @@ impl GraspState {
             // Among others it may be another object that presses.
             body.record.touched |= load.object && (body.prepared.len() == 1 || body.touches());
             let time = f64::from(i) * dt;
-            let hand = body.arm.advance(&motion, time, dt, &spec.guard, &load);
+            let hand = body.move_arm(&motion, time, spec, &load);
             transition.stop |= body.arm.stop.active;
             match body.episode.advance(&hand, &commands) {
                 Ok(()) => self.watch_lift(body),

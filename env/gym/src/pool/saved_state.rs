@@ -18,7 +18,7 @@ use graspbox_render::Mount;
 use serde::{Deserialize, Serialize};
 
 /// First bytes of every saved state; the last one changes with the layout.
-const MAGIC: &[u8; 8] = b"gbstate3";
+const MAGIC: &[u8; 8] = b"gbstate4";
 
 /// The content of a saved state.
 #[derive(Serialize, Deserialize)]
@@ -119,6 +119,9 @@ impl SavedState {
         }
         if self.record.last_action.len() != spec.action {
             return Err(bad("it has another hand"));
+        }
+        if !self.arm.fits(spec.arm.as_ref()) {
+            return Err(bad("its arm is another one, or stands elsewhere"));
         }
         if self.cameras != cameras(spec) {
             let names: Vec<_> = self.cameras.iter().map(|(name, _)| name.as_str()).collect();

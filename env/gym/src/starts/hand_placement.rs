@@ -64,6 +64,11 @@ impl HandPlacement<'_> {
         Err(EnvError::NoRoom { object: self.object.to_owned() })
     }
 
+    /// True if the open hand touches nothing at a pose.
+    pub fn is_free(&self, world_from_hand: &Isometry3<f64>, preshape: f64) -> bool {
+        open_hand(self.spec.hand(), preshape).is_ok_and(|open| !self.collides(&open, world_from_hand))
+    }
+
     fn collides(&self, open: &OpenHand, world_from_hand: &Isometry3<f64>) -> bool {
         let object_from_hand = self.world_from_object.inverse() * world_from_hand;
         self.obstacles.as_ref().is_some_and(|o| o.collides(open, &object_from_hand))

@@ -15,6 +15,7 @@ pub const HAND_HEIGHT: [f64; 2] = [0.15, 0.30];
 pub const HAND_TILT: f64 = 0.2;
 
 /// All random numbers of an initial state.
+#[derive(Clone)]
 pub struct InitialSamples {
     pub object: usize,
     /// Uniform in [0, 1): the resting pose.
@@ -53,13 +54,9 @@ impl InitialSamples {
             object: stream.sample_index(count),
             resting: stream.sample_unit(),
             place: [stream.sample_within(OBJECT_SPREAD), stream.sample_within(OBJECT_SPREAD), stream.sample_within(PI)],
-            hand: [
-                stream.sample_within(HAND_SPREAD),
-                stream.sample_within(HAND_SPREAD),
-                stream.sample_range(HAND_HEIGHT[0], HAND_HEIGHT[1]),
-            ],
+            hand: hand(stream),
             yaw: stream.sample_within(PI),
-            tilt: [stream.sample_within(PI), stream.sample_range(0.0, HAND_TILT)],
+            tilt: tilt(stream),
             friction: stream.sample_unit(),
             mass: stream.sample_unit(),
             moved: [stream.sample_within(1.0), stream.sample_within(1.0)],
@@ -68,4 +65,23 @@ impl InitialSamples {
             viewpoint: stream.sample_seed(),
         }
     }
+
+    /// Samples another pose of the hand.
+    pub fn place_hand(&mut self, stream: &mut RandomStream) {
+        self.hand = hand(stream);
+        self.yaw = stream.sample_within(PI);
+        self.tilt = tilt(stream);
+    }
+}
+
+fn hand(stream: &mut RandomStream) -> [f64; 3] {
+    [
+        stream.sample_within(HAND_SPREAD),
+        stream.sample_within(HAND_SPREAD),
+        stream.sample_range(HAND_HEIGHT[0], HAND_HEIGHT[1]),
+    ]
+}
+
+fn tilt(stream: &mut RandomStream) -> [f64; 2] {
+    [stream.sample_within(PI), stream.sample_range(0.0, HAND_TILT)]
 }

@@ -12,6 +12,7 @@ use crate::actions::workspace::{LOST_DISTANCE, LOST_HEIGHT};
 use crate::config::Randomization;
 use crate::objects::{Need, Prepared, RestingChoice};
 use crate::pool::env_spec::EnvSpec;
+use crate::starts::arm_start::{HandStart, OnArm, start_obstacles};
 use crate::starts::clutter::{ClutterSamples, check_options, scene_of};
 use crate::starts::goal_samples::{Resting, goal};
 use crate::starts::hand_placement::HandPlacement;
@@ -20,6 +21,7 @@ use crate::starts::random_stream::RandomStream;
 use crate::starts::reset_options::{ObjectChoice, ResetOptions, bad_option, factor, finite, rigid};
 use crate::starts::scene_ahead::SceneAhead;
 use crate::state::{ClearState, Goal, Mode, Placed, SceneKind, TargetScene};
+use graspbox_arm::chain::Positions;
 use graspbox_episode::scene::OUT_OF_THE_WAY;
 use graspbox_episode::{Episode, Layout, Scene, SuccessCriterion};
 use graspbox_mesh::TriMesh;
@@ -48,6 +50,8 @@ pub struct InitialState {
     pub world_from_object: Isometry3<f64>,
     /// Pose of the hand.
     pub world_from_hand: Isometry3<f64>,
+    /// Positions of the joints of the arm that carries it.
+    pub joints: Option<Positions>,
     /// Preshape, as one number.
     pub preshape: f64,
     /// Factor on the object's friction.
@@ -130,7 +134,15 @@ impl InitialState {
             obstacles: scene.obstacles_at(&world_from_object),
             world_from_object: &world_from_object,
         };
-        let world_from_hand = placement.place(&samples, options, preshape)?;
+        let hand_error = hand_error(vary, &samples);
+        let HandStart { world_from_hand, joints } = match &spec.arm {
+            None => HandStart { world_from_hand: placement.place(&samples, options, preshape)?, joints: None },
+            Some(arm) => {
+                let objects = start_obstacles(&prepared, &scene, &world_from_object);
+                let on_arm = OnArm { placement: &placement, arm, hand_error: &hand_error, objects };
+                on_arm.start(&samples, options, preshape)?
+            }
+        };
         let scene_kind = |kind| Mode::of_one(spec.config.control, kind);
         let mode = match objects {
             StartObjects::Single { resting } => scene_kind(SceneKind::Single { resting, dropped: dropped.is_some() }),
@@ -146,10 +158,11 @@ impl InitialState {
             scene,
             world_from_object,
             world_from_hand,
+            joints,
             preshape,
             friction,
             mass,
-            hand_error: hand_error(vary, &samples),
+            hand_error,
             viewpoint,
             goal,
         })

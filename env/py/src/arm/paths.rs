@@ -176,7 +176,7 @@ fn sentence(failure: &Failure, arm: &Core, bodies: &ArmBodies, names: &[String])
         Cause::Touches((one, With::World(Touched::Obstacle(index)))) => {
             format!("{} touches {}", mover(one), names.get(index).map_or("an object", String::as_str))
         }
-        Cause::Unreached(reason) => crate::arm::sentence(&reason, arm, bodies, names),
+        Cause::Unreached(reason) => reason.sentence(arm, bodies, names),
         Cause::AtLimit(axis) => format!("{} is at its limit", joint(axis)),
         Cause::Jumps => "the arm passes a singularity".to_owned(),
         Cause::NoWay(count) => format!("no way was found with {count} samples"),

@@ -43,7 +43,7 @@ pub fn arrays<'py>(
 /// The entries of the info as arrays by name.
 fn infos<'py>(py: Python<'py>, spec: &EnvSpec, info: Vec<InfoArray>, rows: usize) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
-    for (row, values) in INFO.iter().zip(info).filter(|(row, _)| row.is_in(&spec.config)) {
+    for (row, values) in INFO.iter().zip(info).filter(|(row, _)| row.is_in(spec)) {
         match values {
             InfoArray::Flags(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,
             InfoArray::Numbers(values) => dict.set_item(row.name, array(py, values, &[rows])?)?,

@@ -1,6 +1,7 @@
 //! `graspbox._core.EnvPool`: many environments in one call; `Objects`: the objects that they sample.
 
-use crate::convert::{Array, array, entries, read_config, to_python};
+use crate::arm::Arm;
+use crate::convert::{Array, Floats, array, entries, isometry, matrix, read_config, to_python};
 use crate::environments::env_arrays::arrays;
 use crate::errors::CoreError;
 use crate::gil::{awaited, detached, interruptible};
@@ -11,7 +12,9 @@ use graspbox_gym::pool::env_pool::StepBatches;
 use graspbox_gym::rewards::goal_terms::{GOAL_TERMS, goal_terms};
 use graspbox_gym::starts::initial_samples::InitialSamples;
 use graspbox_gym::starts::random_stream::RandomStream;
-use graspbox_gym::{self as gym, Batch, EnvConfig, EnvError, ObjectDescription, ResetOptions, Source, Tables};
+use graspbox_gym::{
+    self as gym, Batch, EnvConfig, EnvError, ObjectDescription, ResetOptions, RobotArm, Source, Tables,
+};
 use graspbox_sim::PhysicsConfig;
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -37,23 +40,40 @@ pub struct Objects(Arc<gym::Objects>);
 
 #[pymethods]
 impl Objects {
-    /// Takes meshes, or descriptions (`name`, and `path` or `family` and `seed`; `scale`, `mass`).
+    /// Takes meshes, or descriptions (`name`, and `path` or `family` and `seed`; `scale`, `mass`). `base` is the pose (4, 4) of the arm's base.
     #[new]
-    #[pyo3(signature = (sources, hand, physics, cache))]
-    fn new(sources: Vec<Given<'_>>, hand: &Hand, physics: &Bound<'_, PyAny>, cache: Option<PathBuf>) -> PyResult<Self> {
+    #[pyo3(signature = (sources, hand, physics, cache, arm=None, base=None))]
+    fn new(
+        sources: Vec<Given<'_>>,
+        hand: &Hand,
+        physics: &Bound<'_, PyAny>,
+        cache: Option<PathBuf>,
+        arm: Option<&Arm>,
+        base: Option<Floats<'_>>,
+    ) -> PyResult<Self> {
         let physics: PhysicsConfig = read_config(physics, "PhysicsConfig")?;
         let source = |given: Given<'_>| match given {
             Given::Mesh(mesh) => Ok(Source::Given(Arc::new(mesh.0.spec.clone()))),
             Given::Description(values) => Ok(read_config::<ObjectDescription>(&values, "an object")?.try_into()?),
         };
         let sources = sources.into_iter().map(source).collect::<Result<Vec<_>, CoreError>>()?;
-        let objects = gym::Objects::new(sources, Arc::clone(&hand.0), physics, cache).map_err(CoreError::from)?;
+        let base = base.map(|pose| isometry(&pose, "base")).transpose()?;
+        let mut objects = gym::Objects::new(sources, Arc::clone(&hand.0), physics, cache).map_err(CoreError::from)?;
+        if let Some(arm) = arm {
+            objects = objects.on_arm(Arc::clone(arm.core()), base).map_err(CoreError::from)?;
+        }
         Ok(Self(Arc::new(objects)))
     }
 
     #[getter]
     fn names(&self) -> Vec<&str> {
         self.0.names().collect()
+    }
+
+    /// Pose of the arm's base, (4, 4); None without an arm.
+    #[getter]
+    fn world_from_arm<'py>(&self, py: Python<'py>) -> PyResult<Option<Array<'py, f64>>> {
+        self.0.arm().map(|arm| matrix(py, &arm.world_from_base)).transpose()
     }
 
     fn __len__(&self) -> usize {
@@ -324,8 +344,18 @@ impl EnvPool {
 
 /// The tables of all inputs and outputs of the environments of a hand.
 #[pyfunction]
-pub fn env_tables<'py>(py: Python<'py>, hand: &Hand) -> PyResult<Bound<'py, PyAny>> {
-    to_python(py, &Tables::new(&hand.0))
+#[pyo3(signature = (hand, arm=None))]
+pub fn env_tables<'py>(py: Python<'py>, hand: &Hand, arm: Option<&Arm>) -> PyResult<Bound<'py, PyAny>> {
+    let hand = carried(hand, arm)?;
+    to_python(py, &Tables::new(&hand))
+}
+
+/// A hand as environments have it, on an arm if there is one.
+pub(crate) fn carried(hand: &Hand, arm: Option<&Arm>) -> Result<Arc<graspbox_hand::Hand>, CoreError> {
+    match arm {
+        Some(arm) => Ok(RobotArm::new(Arc::clone(arm.core()), &hand.0, None)?.1),
+        None => Ok(Arc::clone(&hand.0)),
+    }
 }
 
 /// Reward terms (n, 2) of goals: 0 or -1, and minus the distance.

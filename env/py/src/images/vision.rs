@@ -1,7 +1,8 @@
 //! Images of environments and objects, pictures, cameras.
 
+use crate::arm::Arm;
 use crate::convert::{Array, Floats, array, isometries, isometry, matrices, point, read_config, to_python};
-use crate::environments::env_pool::EnvPool;
+use crate::environments::env_pool::{EnvPool, carried};
 use crate::errors::CoreError;
 use crate::gil::detached;
 use crate::hand::Hand;
@@ -28,10 +29,15 @@ pub fn image_kinds() -> Vec<&'static str> {
 
 /// Names, shapes, dtypes, bounds, frames, cameras, units and missing values of the images of a config.
 #[pyfunction]
-#[pyo3(signature = (hand, cameras, objects=1))]
-pub fn image_tables<'py>(hand: &Hand, cameras: &Bound<'py, PyAny>, objects: usize) -> PyResult<Bound<'py, PyAny>> {
+#[pyo3(signature = (hand, cameras, objects=1, arm=None))]
+pub fn image_tables<'py>(
+    hand: &Hand,
+    cameras: &Bound<'py, PyAny>,
+    objects: usize,
+    arm: Option<&Arm>,
+) -> PyResult<Bound<'py, PyAny>> {
     let config: CamerasConfig = read_config(cameras, "CamerasConfig")?;
-    to_python(cameras.py(), &image_tables_of(&hand.0, config, objects).map_err(CoreError::from)?)
+    to_python(cameras.py(), &image_tables_of(&carried(hand, arm)?, config, objects).map_err(CoreError::from)?)
 }
 
 /// Pictures (n, H, W, 3) uint8 of the present state of environments `envs`.

@@ -131,7 +131,7 @@ fn batch(frame: &mut Encoder, layout: &Layout<'_>, batch: &Batch) {
         frame.array(values, &[rows]);
     }
     frame.text("info");
-    let infos = || INFO.iter().zip(&batch.info).filter(|(row, _)| row.is_in(&layout.spec.config));
+    let infos = || INFO.iter().zip(&batch.info).filter(|(row, _)| row.is_in(layout.spec));
     frame.map(infos().count());
     for (row, values) in infos() {
         frame.text(row.name);

@@ -1,7 +1,9 @@
 //! Translation of hand, object and scenery into the solver's model.
 
+use super::arm::ArmBodies;
 use crate::object::{Geometry, ObjectModel};
 use crate::scenery::{TABLE_HEIGHT, TABLE_SIDE, TABLE_THICKNESS, Wall};
+use crate::world::carrier::parked;
 use graspbox_hand::{ActuatorState, Drive, Hand, JointKind, Link, Shape, Transmission};
 use graspbox_solver as solver;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
@@ -16,8 +18,10 @@ pub(crate) struct Translation {
     shapes: Vec<Vec<(usize, usize)>>,
     /// Coordinate, ratio and offset of each joint; `None` for a fixed one.
     pub joints: Vec<Option<(usize, f64, f64)>>,
-    /// The joint of each driven coordinate.
+    /// The joint of each driven coordinate of the hand.
     rigid: Vec<usize>,
+    /// The bodies of the arm that carries it, whose driven coordinates are the last.
+    pub arm: ArmBodies,
 }
 
 impl Translation {
@@ -60,7 +64,8 @@ impl Translation {
     pub fn positions(&self, hand: &Hand, joints: &[f64]) -> Vec<f64> {
         let rigid = |joint: &usize| self.rigid.contains(joint);
         let free = hand.coordinates().filter(|joint| !rigid(joint)).map(|joint| joints[joint]);
-        free.chain(self.rigid.iter().map(|joint| joints[*joint])).collect()
+        let arm = hand.carrier.as_ref().map(|carrier| parked(carrier.axes.len())).unwrap_or_default();
+        free.chain(self.rigid.iter().map(|joint| joints[*joint])).chain(arm).collect()
     }
 }
 
@@ -81,7 +86,10 @@ pub(crate) fn hand(hand: &Hand) -> (solver::Tree, Translation) {
         }
     }
     tree.cables = cables(hand, &coordinate_of);
-    let translation = bodies(hand, &mut tree, coordinate_of, rigid);
+    let mut translation = bodies(hand, &mut tree, coordinate_of, rigid);
+    if let Some(carrier) = &hand.carrier {
+        translation.arm = ArmBodies::add(carrier, &mut tree);
+    }
     tree.pairs = pairs(hand, &translation);
     tree.apart = apart(hand, &translation);
     (tree, translation)
@@ -158,10 +166,10 @@ fn bodies(
         let (own, place) = (body[joint.child], body_from_link[joint.child]);
         add_link(hand, &mut tree.bodies[own], &mut shapes[own], joint.child, &place);
     }
-    Translation { body, body_from_link, shapes, joints, rigid }
+    Translation { body, body_from_link, shapes, joints, rigid, arm: ArmBodies::default() }
 }
 
-fn bare_body(parent: usize, joint: Option<solver::Joint>) -> solver::Body {
+pub(super) fn bare_body(parent: usize, joint: Option<solver::Joint>) -> solver::Body {
     solver::Body { parent, joint, mass: 0.0, center: Point3::origin(), inertia: Matrix3::zeros(), shapes: Vec::new() }
 }
 
@@ -204,7 +212,7 @@ fn add_mass(body: &mut solver::Body, link: &Link, body_from_link: &Isometry3<f64
 }
 
 /// The solver depends on no other crate of the project and has its own enum; only this function uses both.
-fn primitive(shape: &Shape) -> solver::Primitive {
+pub(super) fn primitive(shape: &Shape) -> solver::Primitive {
     match *shape {
         Shape::Cuboid(half) => solver::Primitive::Cuboid(half),
         Shape::Sphere { radius } => solver::Primitive::Sphere { radius },

@@ -29,7 +29,8 @@ fn tag(part: Part) -> u128 {
     match part {
         Part::Table => 0,
         Part::Ground => 1,
-        Part::Wall => 2,
+        // There is no arm: `Rapier::new` refuses it.
+        Part::Wall | Part::Arm(_) => 2,
         Part::Object(object) => FIRST_OBJECT + object as u128,
         Part::Link { link, shape } => FIRST_LINK + ((link as u128) << 32 | shape as u128),
     }

@@ -69,7 +69,7 @@ impl<'a> Pair<'a> {
         let frame = |i: usize| match parts[i] {
             Part::Object(_) => Isometry3::identity(),
             Part::Link { link, shape } => handles.link_from_shape[link][shape],
-            Part::Table | Part::Ground | Part::Wall => {
+            Part::Table | Part::Ground | Part::Wall | Part::Arm(_) => {
                 colliders[i].position_wrt_parent().map_or_else(Isometry3::identity, frames::isometry)
             }
         };

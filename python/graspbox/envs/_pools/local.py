@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from graspbox import _core
 from graspbox._common.arguments import config_dict
 from graspbox._common.progress import ProgressBar
-from graspbox._core import Hand
-from graspbox.configs import CamerasConfig, EnvConfig, PhysicsConfig
+from graspbox._core import Arm, Hand
+from graspbox.configs import CamerasConfig, EnvConfig
 from graspbox.envs import spaces
 from graspbox.envs._pools.preparation import load_objects, prepare_objects
-from graspbox.envs.settings import HandArgument
+from graspbox.envs.settings import EnvironmentConfig, arm_of
 from graspbox.object_sets import ObjectSet
 
 __all__ = ["LocalPool", "LocalSource", "PoolInterface", "Source"]
@@ -51,6 +51,8 @@ class Source(Protocol):
     """Makes pools of environments, and has their hand, tables and objects."""
 
     hand: Hand
+    #: The arm that carries it, if one does.
+    arm: Arm | None
     tables: spaces.Tables
     #: Whether some objects are mesh files; the number of objects.
     has_files: bool
@@ -99,17 +101,18 @@ class LocalSource:
 
     is_remote = False
 
-    def __init__(self, objects: ObjectSet, hand: HandArgument, physics: PhysicsConfig, num_threads: int | None) -> None:
-        self._objects, self._threads = objects, num_threads
+    def __init__(self, objects: ObjectSet, settings: EnvironmentConfig) -> None:
+        self._objects, self._threads = objects, settings.num_threads
+        self.arm, base = arm_of(settings)
         # Kept alive so that environments made later share it.
-        self.handle, self.hand = load_objects(objects, hand, physics)
-        self.tables = spaces.tables(self.hand)
+        self.handle, self.hand = load_objects(objects, settings.hand, settings.physics, self.arm, base)
+        self.tables = spaces.tables(self.hand, self.arm)
         self.has_files = any(spec.path is not None for spec in objects)
         self.count = len(objects)
 
     def images(self, cameras: CamerasConfig, objects: int = 1) -> list[spaces.Image]:
         """Return a row for each image in a config, of scenes of at most this number of objects."""
-        return spaces.images(self.hand, cameras, objects)
+        return spaces.images(self.hand, cameras, objects, self.arm)
 
     def names(self) -> list[str]:
         """Return the names of the objects, in order."""

@@ -6,10 +6,13 @@ from dataclasses import asdict
 from typing import Any
 from weakref import WeakValueDictionary
 
+import numpy as np
+from numpy.typing import NDArray
+
 from graspbox import _core, object_sets
 from graspbox._common.arguments import config_dict
 from graspbox._common.refusals import is_refusal
-from graspbox._core import Hand, Objects
+from graspbox._core import Arm, Hand, Objects
 from graspbox.configs import PhysicsConfig
 from graspbox.envs.settings import HandArgument
 from graspbox.errors import GraspboxError
@@ -28,15 +31,22 @@ def _describe(spec: object_sets.ObjectSpec) -> dict[str, Any]:
     return {**found, "path": None if spec.path is None else str(spec.path)}
 
 
-def load_objects(objects: object_sets.ObjectSet, hand: HandArgument, physics: PhysicsConfig) -> tuple[Objects, Hand]:
+def load_objects(
+    objects: object_sets.ObjectSet,
+    hand: HandArgument,
+    physics: PhysicsConfig,
+    arm: Arm | None = None,
+    base: NDArray[np.float64] | None = None,
+) -> tuple[Objects, Hand]:
     """Make a handle on objects, or reuse the one of another environment."""
     cache = cache_folder()
     # A forked process inherits neither the thread nor the locks of its parent's handles.
-    key = (objects.objects, hand, physics, cache, os.getpid())
+    place = None if base is None else base.tobytes()
+    key = (objects.objects, hand, arm, place, physics, cache, os.getpid())
     found = _handles.get(key) if isinstance(hand, str) else None
     loaded = load_hand(hand)
     if found is None:
-        found = Objects([_describe(spec) for spec in objects], loaded, config_dict(physics), cache)
+        found = Objects([_describe(spec) for spec in objects], loaded, config_dict(physics), cache, arm, base)
         if isinstance(hand, str):
             _handles[key] = found
     return found, loaded

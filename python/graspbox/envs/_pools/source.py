@@ -1,7 +1,7 @@
 """Remote environments: requests to servers and their answers."""
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, Literal
 
 from gymnasium.vector import AutoresetMode
@@ -14,7 +14,7 @@ from graspbox.envs._pools.local import Fields
 from graspbox.envs._pools.remote import RemotePool
 from graspbox.envs._pools.spread import SpreadPool
 from graspbox.envs.remote_config import RemoteConfig
-from graspbox.envs.settings import KINDS, EnvironmentConfig, ObjectsArgument
+from graspbox.envs.settings import KINDS, EnvironmentConfig, ObjectsArgument, arm_of
 from graspbox.errors import ConfigError
 from graspbox.object_sets import ObjectSet
 from graspbox.simulation import load_hand
@@ -38,6 +38,11 @@ class RemoteSource:
         hand = settings.hand
         if not isinstance(hand, str):
             raise ConfigError(f"hand is {shown(hand)}; environments on a server take a hand by its name")
+        if not isinstance(settings.arm, str | None):
+            raise ConfigError(f"arm is {shown(settings.arm)}; environments on a server take an arm by its name")
+        self.arm, base = arm_of(settings)
+        if base is not None:
+            settings = replace(settings, base=base.tolist())
         _core.num_threads(settings.num_threads)  # only validated: nothing runs here
         self._objects = objects
         self._choice: dict[str, Any] = {name: getattr(settings, name) for name in _CHOICE}

@@ -11,6 +11,7 @@ from typing import Any
 
 from graspbox import object_sets
 from graspbox._common.arguments import shown
+from graspbox._core import Arm
 from graspbox.errors import ConfigError, ObjectSetError
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MESH_SUFFIXES
@@ -80,6 +81,12 @@ class Catalog:
             known = ", ".join(self.hands)
             raise ConfigError(f"this server does not offer the hand {shown(name)}; choose from {known}")
         return str(name)
+
+    def arm(self, name: Any) -> None:
+        """Refuse an arm other than those of the package, by a `ConfigError`."""
+        if name is not None and name not in Arm.names():
+            known = ", ".join(Arm.names())
+            raise ConfigError(f"a server does not offer the arm {shown(name)}; choose from {known}")
 
     def find(self, objects: Any, scale: float = 1.0, mass: float | None = None) -> ObjectSet:
         """Load the objects that a client names; an `ObjectSetError` refuses sets that are not offered, and too many."""

@@ -115,6 +115,8 @@ class EnvironmentServer(RunningServer):
             kind = kind_of(environment, request.get("vector", True))
         with _about("hand"):
             self.catalog.hand(settings.get("hand", "reflex"))
+        with _about("arm"):
+            self.catalog.arm(settings.get("arm"))
         with _about("keywords"):
             complete(kind, settings, hidden=_LOCAL)
         refused = {"remote": settings.get("remote") is not None, "render_mode": settings.get("render_mode") == "human"}

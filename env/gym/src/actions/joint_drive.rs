@@ -1,0 +1,161 @@
+//! Motion of the hand by the joints of an arm: rates of the axes in short periods, and the postures between.
+
+use crate::robot_arm::{ArmSpec, LINK_CLEARANCE};
+use graspbox_arm::AxesState;
+use graspbox_arm::chain::{Frames, Positions};
+use graspbox_episode::approach::{FORCE_TIME, STOP_FORCE};
+use graspbox_mesh::range::{OutOfRange, all_within, in_range};
+use graspbox_sim::World;
+use nalgebra::{Isometry3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Time between two decisions about the rates, seconds: that of a common arm's controller for commands from outside.
+const PERIOD: f64 = 0.01;
+/// Share of [`STOP_FORCE`] below which links that were stopped by a force move on.
+const RELAXED: f64 = 0.8;
+/// Rate at which links yield to a force of twice [`STOP_FORCE`], rad/s.
+const YIELD: f64 = 0.2;
+
+/// The axes of the arm, their next rates, and the force on its links.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointDrive {
+    axes: AxesState,
+    /// Rates at the end of the period.
+    next: Positions,
+    /// Time steps until then, and of a whole period.
+    left: u32,
+    steps: u32,
+    /// The velocity (m/s) and angular velocity (rad/s) of the hand that is wanted, world axes.
+    pub wanted: (Vector3<f64>, Vector3<f64>),
+    /// Filtered sum of the normal forces on the links, N, and rates that yield to them, up to a factor.
+    force: f64,
+    yielding: Positions,
+    /// The force stops the links.
+    pressed: bool,
+    /// Something in the way has stopped the arm since the flag was cleared.
+    pub blocked: bool,
+}
+
+impl JointDrive {
+    /// At rest at positions of the axes.
+    pub fn new(positions: &Positions) -> Self {
+        let zero = [0.0; graspbox_arm::chain::MAX_AXES];
+        Self {
+            axes: AxesState { positions: *positions, rates: zero },
+            next: zero,
+            left: 0,
+            steps: 1,
+            wanted: (Vector3::zeros(), Vector3::zeros()),
+            force: 0.0,
+            yielding: zero,
+            pressed: false,
+            blocked: false,
+        }
+    }
+
+    /// Positions (rad or m) and rates of the axes.
+    pub fn axes(&self) -> &AxesState {
+        &self.axes
+    }
+
+    /// Refuses states that no arm can have.
+    ///
+    /// # Errors
+    /// [`OutOfRange`], naming the first number.
+    pub(crate) fn check(&self) -> Result<(), OutOfRange> {
+        all_within("arm.positions", self.axes.positions, 1e3, "rad or m")?;
+        all_within("arm.rates", self.axes.rates.into_iter().chain(self.next), 1e3, "rad/s or m/s")?;
+        all_within("arm.wanted", self.wanted.0.iter().chain(&self.wanted.1).copied(), 1e3, "m/s or rad/s")?;
+        all_within("arm.force", self.yielding.into_iter().chain([self.force]), 1e9, "N or N m")?;
+        in_range("arm.steps", f64::from(self.steps), 1.0..=1e6, "")?;
+        in_range("arm.left", f64::from(self.left), 0.0..=f64::from(self.steps), "")
+    }
+
+    /// True if the rates of the next period are to be decided; `dt` is the time step, seconds.
+    pub fn begins_period(&mut self, dt: f64) -> bool {
+        if self.left == 0 {
+            self.steps = (PERIOD / dt).round().max(1.0) as u32;
+            self.left = self.steps;
+            return true;
+        }
+        false
+    }
+
+    /// Length of a period, seconds.
+    pub fn period(dt: f64) -> f64 {
+        (PERIOD / dt).round().max(1.0) * dt
+    }
+
+    /// Updates the force on the links with the contacts of the last step of `dt` seconds.
+    pub fn feel(&mut self, world: &World, arm: &ArmSpec, dt: f64) {
+        let (mut force, mut yielding) = (0.0, [0.0; graspbox_arm::chain::MAX_AXES]);
+        let mut frames: Option<Frames> = None;
+        let (chain, base_from_world) = (arm.follower.chain(), arm.robot.world_from_base.inverse());
+        world.each_arm_contact(|contact| {
+            // The base does not move.
+            let Some(axis) = (chain.len() - 1).checked_sub(contact.body) else { return };
+            let frames = frames.get_or_insert_with(|| chain.frames(&self.axes.positions));
+            let (point, push) = (base_from_world * contact.point, base_from_world.rotation * contact.force);
+            force += push.norm();
+            let own = arm.follower.yielding(frames, axis, &point.coords, &push);
+            yielding.iter_mut().zip(own).for_each(|(sum, more)| *sum += more);
+        });
+        if !force.is_finite() {
+            return;
+        }
+        let share = dt / (FORCE_TIME + dt);
+        self.force += (force - self.force) * share;
+        self.yielding.iter_mut().zip(yielding).for_each(|(own, now)| *own += (now - *own) * share);
+        self.pressed = self.force > STOP_FORCE || (self.pressed && self.force > RELAXED * STOP_FORCE);
+        self.blocked |= self.pressed;
+    }
+
+    /// Removes motion against the force on the links, and yields to it.
+    fn yielded(&self, rates: &mut Positions) {
+        let size = self.yielding.iter().map(|rate| rate * rate).sum::<f64>().sqrt();
+        if !self.pressed || size <= 1e-9 {
+            return;
+        }
+        let along: f64 = rates.iter().zip(&self.yielding).map(|(rate, own)| rate * own / size).sum();
+        let floor = YIELD * (self.force / STOP_FORCE - RELAXED).clamp(0.0, 1.0);
+        if along < floor {
+            let more = (floor - along) / size;
+            rates.iter_mut().zip(&self.yielding).for_each(|(rate, own)| *rate += more * own);
+        }
+    }
+
+    /// Decides the rates of the period that begins.
+    ///
+    /// * `lowest`: height of the palm above the table at a pose of the hand by forward kinematics, metres; it must stay positive.
+    pub fn decide(&mut self, arm: &ArmSpec, mut rates: Positions, dt: f64, lowest: impl Fn(&Isometry3<f64>) -> f64) {
+        self.yielded(&mut rates);
+        let chain = arm.follower.chain();
+        let (mut links, mut palm) = (None, None::<(Positions, f64)>);
+        let is_free = |positions: &Positions| {
+            // The height is true for a neighbourhood, as that of the links.
+            let known = palm.is_some_and(|(at, height)| height > arm.room.motion(&at, positions));
+            if !known {
+                let height = lowest(&arm.robot.world_from_hand(positions));
+                palm = Some((*positions, height));
+                if height < 0.0 {
+                    return false;
+                }
+            }
+            arm.room.leaves(chain, positions, LINK_CLEARANCE, &mut links)
+        };
+        let motion = |from: &Positions, to: &Positions| arm.room.motion(from, to);
+        let next = arm.follower.next(&self.axes, &rates, Self::period(dt), motion, is_free);
+        self.next = next.rates;
+        self.blocked |= next.blocked;
+    }
+
+    /// Advances by a time step of `dt` seconds. Returns the hand's pose in the world by forward kinematics.
+    pub fn advance(&mut self, arm: &ArmSpec, dt: f64) -> Isometry3<f64> {
+        let share = 1.0 / f64::from(self.left.max(1));
+        let mut rates = self.axes.rates;
+        rates.iter_mut().zip(self.next).for_each(|(rate, next)| *rate += (next - *rate) * share);
+        self.axes = arm.follower.after(&self.axes, &rates, dt);
+        self.left = self.left.saturating_sub(1);
+        arm.robot.world_from_hand(&self.axes.positions)
+    }
+}

@@ -1,0 +1,98 @@
+//! The posture of an arm in which an episode begins: the first sampled pose of the hand that the arm reaches, else home.
+
+use crate::EnvError;
+use crate::actions::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
+use crate::objects::Prepared;
+use crate::robot_arm::ArmSpec;
+use crate::starts::hand_placement::HandPlacement;
+use crate::starts::initial_samples::InitialSamples;
+use crate::starts::random_stream::RandomStream;
+use crate::starts::reset_options::{ResetOptions, bad_option};
+use graspbox_arm::chain::Positions;
+use graspbox_episode::Scene;
+use graspbox_plan::Obstacle;
+use nalgebra::Isometry3;
+use std::sync::Arc;
+
+/// Most poses of the hand that are tried.
+const MOST_POSES: usize = 16;
+/// Mixed into the seed of the further poses, so that cameras and light do not follow them.
+const FURTHER: u64 = 0x61_72_6d;
+
+/// Where the hand begins, and the posture of the arm that holds it there.
+pub struct HandStart {
+    pub world_from_hand: Isometry3<f64>,
+    pub joints: Option<Positions>,
+}
+
+/// An object's shape and its pose in the world.
+type Placed = (Arc<Obstacle>, Isometry3<f64>);
+
+/// The first pose of a hand on an arm.
+pub struct OnArm<'a> {
+    pub placement: &'a HandPlacement<'a>,
+    pub arm: &'a ArmSpec,
+    /// The true hand in the one of forward kinematics.
+    pub hand_error: &'a Isometry3<f64>,
+    /// The objects of the scene.
+    pub objects: Vec<Placed>,
+}
+
+/// The objects of a scene with their poses.
+pub fn start_obstacles(prepared: &[Arc<Prepared>], scene: &Scene, world_from_object: &Isometry3<f64>) -> Vec<Placed> {
+    let pose = |index: usize| if index == scene.target() { *world_from_object } else { scene.world_from(index) };
+    prepared.iter().enumerate().map(|(index, one)| (Arc::clone(one.body().obstacle()), pose(index))).collect()
+}
+
+impl OnArm<'_> {
+    /// The first posture: at the requested pose, or at the first sampled one that is reached.
+    ///
+    /// # Errors
+    /// [`EnvError::BadOption`] for a requested pose that the arm does not reach; [`EnvError::NoStart`] if it reaches no sampled one and home is no start;
+    /// else as [`HandPlacement::place`].
+    pub fn start(
+        &self,
+        samples: &InitialSamples,
+        options: &ResetOptions,
+        preshape: f64,
+    ) -> Result<HandStart, EnvError> {
+        let mut samples = samples.clone();
+        let mut further = RandomStream::new(samples.viewpoint ^ FURTHER);
+        let mut why = String::new();
+        for _ in 0..MOST_POSES {
+            let wanted = self.placement.place(&samples, options, preshape)?;
+            match self.posture(&wanted, preshape)? {
+                Ok(joints) => return Ok(self.at(joints)),
+                Err(reason) if options.world_from_hand.is_some() => {
+                    let arm = &self.arm.robot.arm.name;
+                    return Err(bad_option("world_from_hand", format!("arm `{arm}` does not reach it: {reason}")));
+                }
+                Err(reason) => why = reason,
+            }
+            samples.place_hand(&mut further);
+        }
+        self.home(preshape).ok_or_else(|| {
+            let (arm, object) = (self.arm.robot.arm.name.clone(), self.placement.object.to_owned());
+            let base = self.arm.robot.world_from_base.translation.vector.into();
+            EnvError::NoStart { arm, object, base, why }
+        })
+    }
+
+    fn posture(&self, world_from_hand: &Isometry3<f64>, preshape: f64) -> Result<Result<Positions, String>, EnvError> {
+        let estimated = world_from_hand * self.hand_error.inverse();
+        self.arm.posture(self.placement.spec.hand(), &estimated, preshape, self.objects.clone())
+    }
+
+    fn at(&self, joints: Positions) -> HandStart {
+        let world_from_hand = self.arm.robot.world_from_hand(&joints) * self.hand_error;
+        HandStart { world_from_hand, joints: Some(joints) }
+    }
+
+    /// Home, if the hand is in the workspace there and touches nothing.
+    fn home(&self, preshape: f64) -> Option<HandStart> {
+        let start = self.at(self.arm.robot.home());
+        let at = start.world_from_hand.translation.vector;
+        let inside = (0..3).all(|axis| (WORKSPACE_LOW[axis]..=WORKSPACE_HIGH[axis]).contains(&at[axis]));
+        (inside && self.placement.is_free(&start.world_from_hand, preshape)).then_some(start)
+    }
+}
