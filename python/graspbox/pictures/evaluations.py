@@ -135,7 +135,7 @@ def save_reach_map(
     extent = (reach_map.y[-1] + half, reach_map.y[0] - half, reach_map.x[0] - half, reach_map.x[-1] + half)
     for axes, (name, rows) in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown.items(), strict=True):
         seen = 100.0 * rows.T[::-1, ::-1]
-        image = axes.imshow(seen, extent=extent, cmap="viridis", vmin=0.0, vmax=100.0, interpolation="nearest")
+        axes.imshow(seen, extent=extent, cmap="viridis", vmin=0.0, vmax=100.0, interpolation="nearest")
         axes.plot([0.0], [0.0], marker="^", color="white", markeredgecolor="black", markersize=9)
         if place is not None and workspace is not None:
             x, y = _in_frame_of(place, workspace)

@@ -150,7 +150,8 @@ class SearchOptions:
         str | None,
         typer.Option(
             metavar="'Q1 Q2 ...'",
-            help="Positions of the arm's joints when the image was taken, rad: what shows the arm is left out.",
+            help="Positions of the arm's joints when the image, or all images, were taken, rad: pixels of the arm are "
+            "left out.",
         ),
     ] = None
     seed: Seed = 0
