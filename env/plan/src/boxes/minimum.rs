@@ -10,6 +10,7 @@
 
 use super::calipers::{Calipers, Rectangle};
 use super::cone::{self, Cone};
+use super::contacts::Contacts;
 use super::core_set::{CoreSet, half_sphere};
 use super::moments::CloudFrame;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -29,7 +30,7 @@ const ROUGH_STEP: f64 = 0.003;
 const LAST_STEP: f64 = 1e-6;
 /// Added to every length, as a share of the cloud's size, so boxes of flat clouds have an order. It is far above rounding: 1e-16 / 1e-6 is less than
 /// the margin of `BETTER`.
-const PAD: f64 = 1e-6;
+pub(super) const PAD: f64 = 1e-6;
 /// A box must be smaller by this factor to be better, so rounding does not choose: of equal boxes (round objects have many) the first of the lattice
 /// wins.
 const BETTER: f64 = 1.0 - 1e-9;
@@ -60,10 +61,10 @@ pub(crate) fn least_volume_axes(samples: &[Point3<f64>], more: &[Point3<f64>]) -
     if size == 0.0 {
         return frame.axes;
     }
-    let local = all.map(|p| frame.axes.tr_mul(&(p - frame.origin)) / size);
+    let local: Vec<Vector3<f64>> = all.map(|p| frame.axes.tr_mul(&(p - frame.origin)) / size).collect();
     let (calipers, flat) = (Calipers::default(), Vec::new());
-    let (cones, buffers, contacts) = (Vec::new(), cone::Buffers::default(), Vec::new());
-    let mut search = Search { cloud: CoreSet::new(local), calipers, flat, cones, buffers, contacts };
+    let (cones, buffers, contacts) = (Vec::new(), cone::Buffers::default(), Contacts::default());
+    let mut search = Search { cloud: CoreSet::new(&local), calipers, flat, cones, buffers, contacts };
     frame.axes * search.run()
 }
 
@@ -74,8 +75,6 @@ enum Points {
     Core,
     /// Those of the core set that matter near the axis, with the same result.
     Near,
-    /// The contacts, for a lower bound.
-    Contacts,
 }
 
 struct Search {
@@ -85,8 +84,7 @@ struct Search {
     /// Cones of the present core set, the last one first.
     cones: Vec<Cone>,
     buffers: cone::Buffers,
-    /// Points on the faces of recent boxes. A box around them alone is no larger than that around the core set, and takes a few of its points.
-    contacts: Vec<Vector3<f64>>,
+    contacts: Contacts,
 }
 
 impl Search {
@@ -130,8 +128,7 @@ impl Search {
         let axis = &axis.normalize();
         let (u, v) = plane_basis(axis);
         let (height, rectangle) = match points {
-            Points::Core => self.measure([axis, &u, &v], false),
-            Points::Contacts => self.measure([axis, &u, &v], true),
+            Points::Core => self.measure([axis, &u, &v]),
             Points::Near => {
                 self.find_cone(axis);
                 self.cones[0].measure([axis, &u, &v], PAD, &mut self.calipers, &mut self.buffers)
@@ -144,17 +141,11 @@ impl Search {
         }
     }
 
-    /// Length of the core set, or of the contacts, along `axis`, and the least rectangle around its projection on `u` and `v`.
-    fn measure(&mut self, [axis, u, v]: [&Vector3<f64>; 3], contacts: bool) -> (f64, Rectangle) {
+    /// Length of the core set along the first axis, and the least rectangle around its projection on the two others.
+    fn measure(&mut self, axes: [&Vector3<f64>; 3]) -> (f64, Rectangle) {
         self.flat.clear();
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for p in if contacts { &self.contacts } else { self.cloud.core() } {
-            let along = p.dot(axis);
-            low = low.min(along);
-            high = high.max(along);
-            self.flat.push([p.dot(u), p.dot(v)]);
-        }
-        (high - low, self.calipers.least_rectangle(&mut self.flat, PAD))
+        let length = self.cloud.project(axes, &mut self.flat);
+        (length, self.calipers.least_rectangle(&mut self.flat, PAD))
     }
 
     /// Brings a cone that holds `axis` to the front.
@@ -174,38 +165,13 @@ impl Search {
     ///
     /// * `step`: about the angle to the next axis, radians.
     fn better_about(&mut self, axis: &Vector3<f64>, volume: f64, step: f64) -> Option<Candidate> {
-        /// Share by which the calipers may miss the least rectangle, ten times.
-        const MISSED: f64 = 1e-9;
         let limit = volume * BETTER;
-        if self.contacts.len() > 3 && self.best_about(axis, Points::Contacts).volume >= limit * (1.0 + MISSED) {
+        if self.contacts.rule_out(&axis.normalize(), limit, &mut self.calipers) {
             return None;
         }
         let found = self.best_about(axis, if step < FINE { Points::Near } else { Points::Core });
-        self.add_contacts(&found.axes);
+        self.contacts.add(&found.axes, self.cloud.core());
         (found.volume < limit).then_some(found)
-    }
-
-    /// Adds the points of the core set on the faces of a box.
-    fn add_contacts(&mut self, axes: &Matrix3<f64>) {
-        /// Most points; more cost more than they save.
-        const MOST: usize = 24;
-        if self.contacts.len() > MOST {
-            self.contacts.drain(..MOST / 2);
-        }
-        for axis in axes.column_iter() {
-            let core = self.cloud.core();
-            let (mut low, mut high) = ((f64::INFINITY, core[0]), (f64::NEG_INFINITY, core[0]));
-            for p in core {
-                let along = p.dot(&axis);
-                low = if along < low.0 { (along, *p) } else { low };
-                high = if along > high.0 { (along, *p) } else { high };
-            }
-            for p in [low.1, high.1] {
-                if !self.contacts.contains(&p) {
-                    self.contacts.push(p);
-                }
-            }
-        }
     }
 
     /// Applies the calipers to each axis of the box in turn, until none improves it.

@@ -1,7 +1,7 @@
 //! The object's points around a closing chain: which links they block.
 
 use super::plane::{Frame, LinkShape, PlanePoint};
-use super::steps::Lanes;
+use crate::Lanes;
 
 /// Most points of a block, and blocks that are compared at once.
 pub(crate) const POINTS: usize = 8;

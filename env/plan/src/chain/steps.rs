@@ -2,11 +2,11 @@
 
 use super::obstacles::{COARSE, View};
 use super::plane::{Frame, LinkShape, PlaneTable, Rect};
+use crate::Lanes;
 use super::{HALVINGS, Motion, STEP, Segment};
 
 /// A number for each halving of a step.
 pub(super) const STEPS: usize = HALVINGS + 1;
-pub(super) type Lanes = parry3d_f64::glamx::glam::Vec4;
 /// A bit for each halving.
 pub(super) const ALL: u32 = (1 << STEPS) - 1;
 
