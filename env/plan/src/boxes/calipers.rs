@@ -126,27 +126,30 @@ impl Calipers {
         true
     }
 
-    /// True if every rectangle flush with an edge of the last hull surely has `(length + pad) (width + pad)` of at least `least`.
+    /// True if `(length + pad) (width + pad)` of the least rectangle around the last hull is surely at least `least`.
     pub fn none_below(&self, least: f64, pad: f64) -> bool {
+        self.corners >= 3 && self.areas(pad).all(|area| area * (1.0 - DOUBT) >= least)
+    }
+
+    /// `(length + pad) (width + pad)` of the least rectangle around the last hull, which has an area, within rounding.
+    pub fn least_area(&self, pad: f64) -> f64 {
+        self.areas(pad).fold(f64::INFINITY, f64::min)
+    }
+
+    /// `(length + pad) (width + pad)` of the rectangles flush with the edges of the last hull.
+    fn areas(&self, pad: f64) -> impl Iterator<Item = f64> {
         let hull = &self.hull[..];
-        if self.corners < 3 {
-            return false;
-        }
         let (mut right, mut top, mut left) = (1, 1, 1);
-        for i in 0..self.corners {
+        (0..self.corners).map(move |i| {
             let (a, b) = (hull[i], hull[i + 1]);
             let e = [b[0] - a[0], b[1] - a[1]];
             right = climb(hull, e, right.max(i + 1));
             top = climb(hull, [-e[1], e[0]], top.max(right));
             left = climb(hull, [-e[0], -e[1]], left.max(top));
-            let length = (e[0] * e[0] + e[1] * e[1]).sqrt();
-            let extent = dot(e, hull[left], hull[right]) + pad * length;
-            let height = dot([-e[1], e[0]], a, hull[top]) + pad * length;
-            if extent * height * (1.0 - DOUBT) < least * length * length {
-                return false;
-            }
-        }
-        true
+            let square = e[0] * e[0] + e[1] * e[1];
+            let pad = pad * square.sqrt();
+            (dot(e, hull[left], hull[right]) + pad) * (dot([-e[1], e[0]], a, hull[top]) + pad) / square
+        })
     }
 
     /// The least rectangle around sorted points.

@@ -2,6 +2,7 @@
 
 use crate::Lanes;
 use nalgebra::Vector3;
+use std::f32::consts::{FRAC_1_SQRT_2, FRAC_PI_8};
 
 /// Margin for the rounding of points of unit size in f32; far above it.
 const ROUNDING: f32 = 2e-6;
@@ -9,8 +10,6 @@ const ROUNDING: f32 = 2e-6;
 const INSIDE: f32 = 1e-5;
 /// Points compared at once.
 const LANES: usize = 4;
-/// Directions along which the polygon's corners are the farthest points, counter-clockwise, in turn with their opposites.
-const DIRECTIONS: [[f32; 2]; 4] = [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [-1.0, 1.0]];
 
 /// A list of points in f32.
 #[derive(Default)]
@@ -46,18 +45,21 @@ impl Coarse {
         self.along.extend(self.points.iter().map(|p| dot(p, &axis)));
     }
 
-    /// The points that may be at either end of the axis; some twice.
-    pub fn ends(&self) -> impl Iterator<Item = usize> {
+    /// Visits the points that may be at either end of the axis.
+    pub fn visit_ends(&self, visit: impl FnMut(usize)) {
         let far = |(low, high): (Lanes, Lanes), x: &Lanes| (low.min(*x), high.max(*x));
-        let (low, high) = self.along.iter().fold((Lanes::splat(f32::INFINITY), Lanes::splat(f32::NEG_INFINITY)), far);
+        let (low, high) = self.along.iter().fold((Lanes::INFINITY, Lanes::NEG_INFINITY), far);
         let low = Lanes::splat(low.min_element() + ROUNDING);
         let high = Lanes::splat(high.max_element() - ROUNDING);
-        numbers(self.along.iter().map(move |x| (x.cmple(low) | x.cmpge(high)).bitmask()), self.count)
+        self.visit(self.along.iter().map(|x| (x.cmple(low) | x.cmpge(high)).bitmask()), visit);
     }
 
-    /// The points that are not surely inside the outline.
-    pub fn outer(&self) -> impl Iterator<Item = usize> {
-        let corners = self.corners();
+    /// Visits the points that are not surely inside the outline.
+    pub fn visit_outer(&self, visit: impl FnMut(usize)) {
+        const R: f32 = FRAC_1_SQRT_2;
+        let mut corners = [0; 8];
+        self.corners([[1.0, 0.0], [R, R], [0.0, 1.0], [-R, R]], &mut corners);
+        let corners = corners.map(|number| self.flat[number / LANES].map(|lanes| lanes[number % LANES]));
         let mut edges = [[Lanes::ZERO; 3]; 8];
         let mut count = 0;
         for (k, a) in corners.iter().enumerate() {
@@ -72,37 +74,59 @@ impl Coarse {
                 count += 1;
             }
         }
-        let outside = move |[x, y]: &[Lanes; 2]| {
-            let least = edges[..count].iter().map(|[nx, ny, at]| *nx * *x + *ny * *y - *at);
-            let least = least.fold(Lanes::splat(if count < 3 { -1.0 } else { 1.0 }), Lanes::min);
+        let none = Lanes::splat(if count < 3 { -1.0 } else { 1.0 });
+        let outside = |[x, y]: &[Lanes; 2]| {
+            let mut least = none;
+            for [nx, ny, at] in &edges[..count] {
+                least = least.min(*nx * *x + *ny * *y - *at);
+            }
             least.cmple(Lanes::ZERO).bitmask()
         };
-        numbers(self.flat.iter().map(outside), self.count)
+        self.visit(self.flat.iter().map(outside), visit);
     }
 
-    /// The farthest points along [`DIRECTIONS`], then along their opposites: a polygon inside the outline, counter-clockwise.
-    fn corners(&self) -> [[f32; 2]; 8] {
-        let mut corners = [[0.0; 2]; 8];
-        for (k, [dx, dy]) in DIRECTIONS.into_iter().enumerate() {
-            let value = |[x, y]: &[Lanes; 2]| *x * dx + *y * dy;
-            let far = |(low, high): (Lanes, Lanes), p: &[Lanes; 2]| (low.min(value(p)), high.max(value(p)));
-            let none = (Lanes::splat(f32::INFINITY), Lanes::splat(f32::NEG_INFINITY));
-            let (low, high) = self.flat.iter().fold(none, far);
-            for (corner, end) in [(k, high.max_element()), (k + 4, low.min_element())] {
+    /// Sixteen points of the outline, counter-clockwise; some may be the same.
+    pub fn outline(&self) -> [usize; 16] {
+        let mut corners = [0; 16];
+        let direction = |k: usize| {
+            let (sin, cos) = (k as f32 * FRAC_PI_8).sin_cos();
+            [cos, sin]
+        };
+        self.corners::<8>(std::array::from_fn(direction), &mut corners);
+        corners
+    }
+
+    /// The farthest points along directions, counter-clockwise, then along their opposites.
+    fn corners<const N: usize>(&self, directions: [[f32; 2]; N], corners: &mut [usize]) {
+        let value = |[x, y]: &[Lanes; 2], [dx, dy]: [f32; 2]| *x * dx + *y * dy;
+        let mut ends = [[Lanes::INFINITY, Lanes::NEG_INFINITY]; N];
+        for p in &self.flat {
+            for ([low, high], direction) in ends.iter_mut().zip(directions) {
+                let value = value(p, direction);
+                *low = low.min(value);
+                *high = high.max(value);
+            }
+        }
+        for (k, ([low, high], direction)) in ends.into_iter().zip(directions).enumerate() {
+            for (corner, end) in [(k, high.max_element()), (k + N, low.min_element())] {
                 let end = Lanes::splat(end);
-                let found = self.flat.iter().map(|p| (p, value(p).cmpeq(end).bitmask())).find(|(_, bits)| *bits != 0);
-                if let Some(([x, y], bits)) = found {
-                    let lane = bits.trailing_zeros() as usize;
-                    corners[corner] = [x[lane], y[lane]];
+                let found = self.flat.iter().map(|p| value(p, direction).cmpeq(end).bitmask()).enumerate();
+                let found = found.into_iter().find(|(_, bits)| *bits != 0).unwrap_or((0, 1));
+                corners[corner] = (found.0 * LANES + found.1.trailing_zeros() as usize).min(self.count - 1);
+            }
+        }
+    }
+
+    /// Visits the points of the set bits, four in each item; those that repeat the last point are left out.
+    fn visit(&self, bits: impl Iterator<Item = u32>, mut visit: impl FnMut(usize)) {
+        for (four, mut bits) in bits.enumerate() {
+            while bits != 0 {
+                let number = four * LANES + bits.trailing_zeros() as usize;
+                bits &= bits - 1;
+                if number < self.count {
+                    visit(number);
                 }
             }
         }
-        corners
     }
-}
-
-/// The numbers of the set bits, four in each item; those from `count` on repeat the last point.
-fn numbers(bits: impl Iterator<Item = u32>, count: usize) -> impl Iterator<Item = usize> {
-    let lanes = |(four, bits): (usize, u32)| (0..LANES).filter(move |k| bits >> k & 1 == 1).map(move |k| four * LANES + k);
-    bits.enumerate().flat_map(lanes).take_while(move |number| *number < count)
 }

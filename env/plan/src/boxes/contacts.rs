@@ -4,12 +4,9 @@
 //! most of these few are inside the outline, which changes little from step to step.
 
 use super::calipers::Calipers;
-use super::minimum::{PAD, plane_basis};
+use super::minimum::{PAD, ROUNDING, plane_basis};
 use nalgebra::{Matrix3, Vector3};
 
-/// Share above a limit at which rounding does not decide: a flat cloud's lengths are rounded by 1e-10 of their pad. Less than the share by which a box
-/// must be smaller to be better, so that a box is ruled out by its own contacts.
-const MARGIN: f64 = 5e-10;
 /// Cosine of the angle between axes that may share an outline.
 const NEAR: f64 = 0.98;
 /// Most outlines: one for each axis of a box, and for each of a better one.
@@ -45,7 +42,7 @@ impl Contacts {
             low = if along < low { along } else { low };
             high = if along > high { along } else { high };
         }
-        let least = limit * (1.0 + MARGIN) / (high - low + PAD);
+        let least = limit * (1.0 + ROUNDING) / (high - low + PAD);
         let known = self.outlines.iter().position(|outline| outline.axis.dot(axis) > NEAR);
         if let Some(known) = known {
             self.flat.clear();

@@ -77,12 +77,33 @@ impl CoreSet {
     /// Appends the projections on `u` and `v` of all points of the core set that may be on their outline; returns the length along `axis`.
     pub fn project(&mut self, [axis, u, v]: [&Vector3<f64>; 3], flat: &mut Vec<[f64; 2]>) -> f64 {
         self.coarse.project([axis, u, v]);
+        let core = &self.core;
+        self.coarse.visit_outer(|number| flat.push([core[number].dot(u), core[number].dot(v)]));
+        self.length(axis)
+    }
+
+    /// As [`CoreSet::project`], of a few points on the outline, counter-clockwise.
+    pub fn project_outline(&mut self, [axis, u, v]: [&Vector3<f64>; 3], flat: &mut Vec<[f64; 2]>) -> f64 {
+        self.coarse.project([axis, u, v]);
+        let outline = self.coarse.outline();
+        let mut last = outline[outline.len() - 1];
+        for number in outline {
+            // Several directions may have one farthest point.
+            if number != last {
+                flat.push([self.core[number].dot(u), self.core[number].dot(v)]);
+            }
+            last = number;
+        }
+        self.length(axis)
+    }
+
+    /// Length along the axis of the last projection.
+    fn length(&self, axis: &Vector3<f64>) -> f64 {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for number in self.coarse.ends() {
+        self.coarse.visit_ends(|number| {
             let along = self.core[number].dot(axis);
             (low, high) = (low.min(along), high.max(along));
-        }
-        flat.extend(self.coarse.outer().map(|number| self.core[number]).map(|p| [p.dot(u), p.dot(v)]));
+        });
         high - low
     }
 

@@ -14,6 +14,8 @@ use super::contacts::Contacts;
 use super::core_set::{CoreSet, half_sphere};
 use super::moments::CloudFrame;
 use nalgebra::{Matrix3, Point3, Vector3};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 /// Number of lattice directions. Any of a box's three axes can match one, so the nearest is about 3 degrees off.
 const DIRECTIONS: usize = 300;
@@ -34,6 +36,9 @@ pub(super) const PAD: f64 = 1e-6;
 /// A box must be smaller by this factor to be better, so rounding does not choose: of equal boxes (round objects have many) the first of the lattice
 /// wins.
 const BETTER: f64 = 1.0 - 1e-9;
+/// Share of a volume by which a bound may be wrong: a flat cloud's lengths are rounded by 1e-10 of their pad. Less than the margin of [`BETTER`], so that
+/// a box is ruled out by its own contacts.
+pub(super) const ROUNDING: f64 = 5e-10;
 /// Steps below this search the points near an axis, radians.
 const FINE: f64 = 0.4 * cone::ANGLE;
 /// Most rounds of growing the core set for one box; 2 to 4 are typical.
@@ -46,11 +51,9 @@ struct Candidate {
     volume: f64,
 }
 
-impl Candidate {
-    /// Volume in steps of about 1e-7: equal boxes keep the lattice's order despite rounding.
-    fn rank(&self) -> i64 {
-        (self.volume.ln() * 1e7).round() as i64
-    }
+/// Volume in steps of about 1e-7: equal boxes keep the lattice's order despite rounding.
+fn rank(volume: f64) -> i64 {
+    (volume.ln() * 1e7).round() as i64
 }
 
 /// Axes (orthonormal columns) of the box of least volume around `samples` and `more`; only `samples` (at least one) define the frame of the search.
@@ -93,7 +96,7 @@ impl Search {
         for candidate in &mut found {
             *candidate = self.refine_on_cloud(*candidate, FIRST_STEP, ROUGH_STEP, 2);
         }
-        found.sort_by_key(Candidate::rank);
+        found.sort_by_key(|candidate| rank(candidate.volume));
         let mut best = Candidate { axes: Matrix3::identity(), volume: f64::INFINITY };
         for candidate in found.into_iter().take(FINALISTS) {
             let refined = self.refine_on_cloud(candidate, ROUGH_STEP, LAST_STEP, MAX_ROUNDS);
@@ -107,19 +110,38 @@ impl Search {
     /// The boxes of the lattice with the least lower bounds, all different.
     fn starts(&mut self) -> Vec<Candidate> {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
-        let mut all: Vec<Candidate> =
-            axes.into_iter().chain(half_sphere(DIRECTIONS)).map(|axis| self.best_about(&axis, Points::Core)).collect();
-        all.sort_by_key(Candidate::rank);
+        let axes: Vec<Vector3<f64>> = axes.into_iter().chain(half_sphere(DIRECTIONS)).collect();
+        // Bounds come before boxes of their rank, and these in the order of the lattice.
+        let bounds = axes.iter().map(|axis| rank(self.bound_about(axis)));
+        let mut open: BinaryHeap<_> = bounds.zip(0..).map(|(rank, number)| Reverse((rank, false, number))).collect();
+        let mut found: Vec<Option<Candidate>> = vec![None; axes.len()];
         let mut picked: Vec<Candidate> = Vec::with_capacity(STARTS);
-        for candidate in all {
-            if picked.len() == STARTS {
-                break;
-            }
-            if !picked.iter().any(|other| alike(&candidate.axes, &other.axes)) {
-                picked.push(candidate);
+        while let Some(Reverse((_, _, number))) = open.pop()
+            && picked.len() < STARTS
+        {
+            match found[number] {
+                None => {
+                    let candidate = self.best_about(&axes[number], Points::Core);
+                    open.push(Reverse((rank(candidate.volume), true, number)));
+                    found[number] = Some(candidate);
+                }
+                Some(candidate) if picked.iter().any(|other| alike(&candidate.axes, &other.axes)) => {}
+                Some(candidate) => picked.push(candidate),
             }
         }
         picked
+    }
+
+    /// A lower bound of the volume of boxes with one side along `axis`, from a few points.
+    fn bound_about(&mut self, axis: &Vector3<f64>) -> f64 {
+        let axis = &axis.normalize();
+        let (u, v) = plane_basis(axis);
+        self.flat.clear();
+        let length = self.cloud.project_outline([axis, &u, &v], &mut self.flat);
+        if !self.calipers.take_outline(&self.flat) {
+            return 0.0;
+        }
+        (length + PAD) * self.calipers.least_area(PAD) * (1.0 - ROUNDING)
     }
 
     /// The least box with one side along `axis`.
