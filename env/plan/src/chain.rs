@@ -306,9 +306,8 @@ impl ChainModel {
     }
 
     fn touched(&self, work: &mut Workspace, fill: Fill<'_>) -> Vec<Vec<(u32, bool)>> {
-        let Workspace { frames, moved, obstacles, .. } = work;
-        let links = self.segments.iter().zip(frames.iter()).zip(moved.iter()).enumerate();
-        let of = |(which, ((segment, frame), before)): (usize, ((&Segment, &Frame), &f64))| {
+        let Workspace { frames, obstacles, .. } = work;
+        let of = |(segment, frame): (&Segment, &Frame)| {
             let LinkShape { rects, bounds, .. } = &segment.shape;
             let touch = |p: &PlanePoint| {
                 let (x, z) = frame.inward(p.x, p.z);
@@ -324,12 +323,11 @@ impl ChainModel {
             };
             let view = View::new(&segment.shape, frame.at.map(|x| x as f32), frame.sin as f32, frame.cos as f32);
             let mut touched: Vec<(u32, bool)> = Vec::new();
-            let link = Moving { which, view, before: *before, step: 0.0 };
-            obstacles.visit_near(&link, TOUCH, fill, |point| touched.extend(touch(point)));
+            obstacles.visit_near(&view, TOUCH, fill, |point| touched.extend(touch(point)));
             touched.sort_unstable_by_key(|(index, _)| *index);
             touched
         };
-        links.map(of).collect()
+        self.segments.iter().zip(frames.iter()).map(of).collect()
     }
 
     /// Places every segment at the coordinates `at`; `turned` makes a frame from its position and angle.

@@ -2,6 +2,7 @@
 
 use super::plane::{Frame, LinkShape, PlanePoint};
 use crate::Lanes;
+use parry3d_f64::glamx::glam::BVec4A;
 
 /// Most points of a block, and blocks that are compared at once.
 pub(crate) const POINTS: usize = 8;
@@ -10,6 +11,13 @@ const BLOCKS: usize = 4;
 pub(super) const COARSE: f32 = 2e-6;
 /// A coordinate of a point that does not exist, metres.
 const FAR: f32 = 1e6;
+/// A mask of each lane.
+const LANE: [BVec4A; BLOCKS] = [
+    BVec4A::new(true, false, false, false),
+    BVec4A::new(false, true, false, false),
+    BVec4A::new(false, false, true, false),
+    BVec4A::new(false, false, false, true),
+];
 /// Place of a block whose points are not known.
 const UNKNOWN: u32 = u32::MAX;
 
@@ -55,24 +63,6 @@ impl<'a> View<'a> {
         let (sin, cos) = (Lanes::splat(self.sin), Lanes::splat(self.cos));
         [cos * x + sin * z - Lanes::splat(self.origin[0]), cos * z - sin * x - Lanes::splat(self.origin[1])]
     }
-
-    /// Whether one of a few points is inside the link: the first one and its rectangle. `None` where rounding decides.
-    fn holds(&self, points: [Lanes; 2]) -> Option<Option<([f32; 2], usize)>> {
-        let mut sure = true;
-        let [along, above] = self.inward(points);
-        for (number, rect) in self.link.rects.iter().enumerate() {
-            let [[left, right], [low, high]] = [rect.x, rect.z].map(|side| side.map(|x| Lanes::splat(x as f32)));
-            // Depth of each point in the rectangle, negative outside.
-            let depths = (along - left).min(right - along).min((above - low).min(high - above));
-            let inside = depths.cmpgt(Lanes::splat(COARSE)).bitmask();
-            if inside != 0 {
-                let k = inside.trailing_zeros() as usize;
-                return Some(Some((points.map(|lanes| lanes[k]), number)));
-            }
-            sure &= depths.cmplt(Lanes::splat(-COARSE)).all();
-        }
-        sure.then_some(None)
-    }
 }
 
 /// Result of a comparison of a link with all points.
@@ -97,17 +87,25 @@ pub(super) struct Moving<'a> {
     pub step: f32,
 }
 
+/// What changes in [`Obstacles`] once a step is made.
+enum Later {
+    /// At this place of `due`.
+    Due(usize, Lanes),
+    /// For this link in `next`.
+    Next(usize, f32),
+}
+
 /// The object's points around one closing chain, in blocks of neighbours.
 #[derive(Default)]
 pub(super) struct Obstacles {
     discs: Vec<Discs>,
-    /// For each link and block, the sum of distances that the link may have moved before a point of the block can be inside it: two rows for a
-    /// link, at present and after the step that is tried.
+    /// For each link and block, the sum of distances that the link may have moved before a point of the block can be inside it, the least of four of
+    /// these, and that of all.
     due: Vec<Lanes>,
-    /// Of each link, whether the second row is the present one, the least of that row, and that of the other if it is complete.
-    second: Vec<bool>,
+    least: Vec<f32>,
     next: Vec<f32>,
-    after: Vec<Option<f32>>,
+    /// What changes once the step that is tried is made.
+    later: Vec<Later>,
     /// Of each link, the block that blocked it last.
     last: Vec<Option<usize>>,
     /// For each block, its place in `blocks`; [`UNKNOWN`] for one that nothing came near.
@@ -135,13 +133,12 @@ impl Obstacles {
             self.places.push(UNKNOWN);
         }
         self.due.clear();
-        self.due.resize(2 * links * self.discs.len(), Lanes::NEG_ONE);
-        self.second.clear();
-        self.second.resize(links, false);
+        self.due.resize(links * self.discs.len(), Lanes::NEG_ONE);
+        self.least.clear();
+        self.least.resize(links * self.discs.len(), -1.0);
         self.next.clear();
         self.next.resize(links, if self.discs.is_empty() { FAR } else { -1.0 });
-        self.after.clear();
-        self.after.resize(links, None);
+        self.later.clear();
         self.last.clear();
         self.last.resize(links, None);
     }
@@ -191,43 +188,47 @@ impl Obstacles {
         {
             return found;
         }
-        let [now, then] = self.rows(link.which);
         let before = link.before as f32;
         let limit = before + link.step;
-        let mut next = Lanes::splat(FAR);
-        for group in 0..self.discs.len() {
-            let due = self.due[now + group];
-            let late = due.cmplt(Lanes::splat(limit));
-            if !late.any() {
-                self.due[then + group] = due;
-                next = next.min(due);
+        let count = self.discs.len();
+        let mut next = FAR;
+        for group in 0..count {
+            let at = link.which * count + group;
+            let least = self.least[at];
+            if least >= limit {
+                next = next.min(least);
                 continue;
             }
-            let discs = &self.discs[group];
+            let (due, discs) = (self.due[at], &self.discs[group]);
             let mut gaps = link.view.gaps(discs.at) - discs.radius;
-            let mut inside = (late & gaps.cmple(Lanes::ZERO)).bitmask();
+            let mut inside = (due.cmplt(Lanes::splat(limit)) & gaps.cmple(Lanes::ZERO)).bitmask();
             while inside != 0 {
                 let k = inside.trailing_zeros() as usize;
                 inside &= inside - 1;
                 match self.approach(group * BLOCKS + k, &link.view, fill, &exactly) {
-                    Ok(gap) => gaps[k] = gap,
+                    Ok(gap) => gaps = Lanes::select(LANE[k], Lanes::splat(gap), gaps),
                     Err(found) => {
                         self.last[link.which] = Some(group * BLOCKS + k);
                         return found;
                     }
                 }
             }
+            let then = due.max(gaps + Lanes::splat(limit));
+            self.later.push(Later::Due(at, then));
+            next = next.min(then.min_element());
             // If the step is not made, it was on the way to what comes near.
-            self.due[now + group] = Lanes::select(late, gaps + Lanes::splat(before - link.step), due);
-            let due = Lanes::select(late, gaps + Lanes::splat(limit), due);
-            self.due[then + group] = due;
-            next = next.min(due);
+            self.put(at, due.max(gaps + Lanes::splat(before - link.step)));
         }
-        self.after[link.which] = Some(next.min_element());
+        self.later.push(Later::Next(link.which, next));
         Found::Free
     }
 
-    /// Distance of the points of a block from a link, at most 0 within its bounds.
+    fn put(&mut self, at: usize, due: Lanes) {
+        self.due[at] = due;
+        self.least[at] = due.min_element();
+    }
+
+    /// Distance of the points of a block from a link, at most 0 where rounding decides.
     ///
     /// # Errors
     /// [`Found::Blocked`] if one of them is inside.
@@ -240,17 +241,22 @@ impl Obstacles {
     ) -> Result<f32, Found> {
         let place = self.place(number, fill);
         let Block { lanes, points: [first, end] } = &self.blocks[place];
-        let gaps = lanes.map(|half| view.gaps(half));
-        let gap = gaps[0].min(gaps[1]).min_element() - 3.0 * COARSE;
-        if gap <= 0.0 {
-            for half in lanes {
-                match view.holds(*half) {
-                    Some(None) => {}
-                    Some(found) => return Err(Found::Blocked(found)),
-                    None if exactly(&self.points[*first as usize..*end as usize]) => return Err(Found::Blocked(None)),
-                    None => {}
+        let mut least = Lanes::splat(FAR);
+        let inward = lanes.map(|half| view.inward(half));
+        for (rect, [middle, half]) in view.link.rects_in_lanes.iter().enumerate() {
+            for (which, [along, above]) in inward.iter().enumerate() {
+                let gaps = ((*along - middle[0]).abs() - half[0]).max((*above - middle[1]).abs() - half[1]);
+                let inside = gaps.cmplt(Lanes::splat(-COARSE)).bitmask();
+                if inside != 0 {
+                    let point = lanes[which].map(|lanes| lanes[inside.trailing_zeros() as usize]);
+                    return Err(Found::Blocked(Some((point, rect))));
                 }
+                least = least.min(gaps);
             }
+        }
+        let gap = least.min_element() - 3.0 * COARSE;
+        if gap <= 0.0 && exactly(&self.points[*first as usize..*end as usize]) {
+            return Err(Found::Blocked(None));
         }
         Ok(gap)
     }
@@ -264,23 +270,17 @@ impl Obstacles {
 
     /// Forgets the last step that was tried.
     pub fn forget(&mut self) {
-        self.after.fill(None);
+        self.later.clear();
     }
 
     /// Takes the last step that was tried.
     pub fn accept(&mut self) {
-        for (which, after) in self.after.iter().enumerate() {
-            if let Some(next) = after {
-                self.next[which] = *next;
-                self.second[which] = !self.second[which];
+        while let Some(later) = self.later.pop() {
+            match later {
+                Later::Due(at, due) => self.put(at, due),
+                Later::Next(which, next) => self.next[which] = next,
             }
         }
-    }
-
-    /// Where the rows of a link begin in `due`: at present, and after the step that is tried.
-    fn rows(&self, which: usize) -> [usize; 2] {
-        let second = usize::from(self.second[which]);
-        [second, 1 - second].map(|bank| (2 * which + bank) * self.discs.len())
     }
 
     /// True if a point is inside the link at this frame.
@@ -292,26 +292,10 @@ impl Obstacles {
     }
 
     /// Calls `visit` with every point that may be within `distance` metres of the bounds of a link, along each of their axes.
-    ///
-    /// * `link`: the link at present; its step is 0.
-    pub fn visit_near(
-        &mut self,
-        link: &Moving<'_>,
-        distance: f64,
-        fill: Fill<'_>,
-        mut visit: impl FnMut(&PlanePoint),
-    ) {
-        // From a corner of the bounds it is farther.
-        let limit = Lanes::splat((link.before + 1.5 * distance) as f32);
-        let [now, _] = self.rows(link.which);
+    pub fn visit_near(&mut self, view: &View<'_>, distance: f64, fill: Fill<'_>, mut visit: impl FnMut(&PlanePoint)) {
         for group in 0..self.discs.len() {
-            let late = self.due[now + group].cmplt(limit);
-            if !late.any() {
-                continue;
-            }
             let discs = &self.discs[group];
-            let gaps = link.view.gaps(discs.at) - discs.radius;
-            let mut near = (late & gaps.cmple(Lanes::splat(distance as f32))).bitmask();
+            let mut near = (view.gaps(discs.at) - discs.radius).cmple(Lanes::splat(distance as f32)).bitmask();
             while near != 0 {
                 let place = self.place(group * BLOCKS + near.trailing_zeros() as usize, fill);
                 near &= near - 1;
