@@ -215,11 +215,12 @@ impl ChainModel {
     /// Sets `work.next` to a step from `work.at`; false outside the limits.
     fn is_inside(&self, direction: &Direction, halving: usize, work: &mut Workspace) -> bool {
         let step = STEP / f64::from(1_u32 << halving);
+        let count = self.coordinates.len();
+        let (next, at, along) = (&mut work.next[..count], &work.at[..count], &direction.along[..count]);
         let mut inside = true;
-        let moves = work.at.iter().zip(&direction.along).zip(&self.coordinates);
-        for (to, ((from, along), Coordinate { limits, .. })) in work.next.iter_mut().zip(moves) {
-            *to = from + step * along;
-            inside &= (*to >= limits[0]) & (*to <= limits[1]);
+        for (k, Coordinate { limits, .. }) in self.coordinates.iter().enumerate() {
+            next[k] = at[k] + step * along[k];
+            inside &= (next[k] >= limits[0]) & (next[k] <= limits[1]);
         }
         inside
     }
@@ -228,10 +229,11 @@ impl ChainModel {
     fn place_steps(&self, direction: &Direction, table: Option<&PlaneTable>, work: &mut Workspace) -> u32 {
         let mut clear = ALL;
         let mut before = Frames::ORIGIN;
-        let links = self.segments.iter().zip(&direction.links).zip(&work.frames).zip(&mut work.steps);
-        for (((segment, motion), now), steps) in links {
-            before = Frames::place(&before, segment, motion, now, work.at[segment.coordinate]);
-            *steps = before;
+        let count = self.segments.len();
+        let (links, frames, steps) = (&direction.links[..count], &work.frames[..count], &mut work.steps[..count]);
+        for (which, segment) in self.segments.iter().enumerate() {
+            before = Frames::place(&before, segment, &links[which], &frames[which], work.at[segment.coordinate]);
+            steps[which] = before;
             if let Some(table) = table {
                 clear &= before.clear_table(&segment.shape.bounds, table);
             }
@@ -282,7 +284,7 @@ impl ChainModel {
             let link = Moving { which, view: steps[which].view(shape, halving), before, step };
             if let Found::Blocked(found) = obstacles.find(&link, around.fill, exactly) {
                 if let Some((point, rect)) = found {
-                    witnesses[number * self.segments.len() + which].keep(halving, point, &shape.rects[rect]);
+                    witnesses[number * self.segments.len() + which].keep(halving, point, &shape.rects_in_lanes[rect]);
                 }
                 return Block::Object;
             }

@@ -32,6 +32,8 @@ pub(crate) struct LinkShape {
     pub middle_and_half: [[f32; 2]; 2],
     /// Middle and half sides of each rectangle, each number four times.
     pub rects_in_lanes: Vec<[[Lanes; 2]; 2]>,
+    /// The upper corners of each rectangle, one of them twice.
+    pub corners_in_lanes: Vec<[Lanes; 2]>,
 }
 
 impl LinkShape {
@@ -48,8 +50,13 @@ impl LinkShape {
             ]
         };
         let rects_in_lanes = rects.iter().map(|rect| middle_and_half(rect).map(|pair| pair.map(Lanes::splat))).collect();
+        let corners = |rect: &Rect| {
+            let [a, b, c] = rect.upper_corners().map(|(x, z)| [x as f32, z as f32]);
+            [0, 1].map(|axis| Lanes::new(a[axis], b[axis], c[axis], c[axis]))
+        };
+        let corners_in_lanes = rects.iter().map(corners).collect();
         let middle_and_half = middle_and_half(&bounds);
-        Self { rects, bounds, middle_and_half, rects_in_lanes }
+        Self { rects, bounds, middle_and_half, rects_in_lanes, corners_in_lanes }
     }
 
     /// Distance of the corner that is farthest from the origin of its frame; 0 without a rectangle.

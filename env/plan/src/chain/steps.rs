@@ -3,10 +3,18 @@
 use super::obstacles::{COARSE, View};
 use super::plane::{Frame, LinkShape, PlaneTable, Rect};
 use crate::Lanes;
+use parry3d_f64::glamx::glam::BVec4A;
 use super::{HALVINGS, Motion, STEP, Segment};
 
 /// A number for each halving of a step.
 pub(super) const STEPS: usize = HALVINGS + 1;
+/// A mask of each halving and those after it.
+const FROM: [BVec4A; STEPS] = [
+    BVec4A::new(true, true, true, true),
+    BVec4A::new(false, true, true, true),
+    BVec4A::new(false, false, true, true),
+    BVec4A::new(false, false, false, true),
+];
 /// A bit for each halving.
 pub(super) const ALL: u32 = (1 << STEPS) - 1;
 
@@ -114,12 +122,10 @@ impl Frames {
         let (sin, cos) = (self.sin[halving], self.cos[halving]);
         let (along, above) = (normal[0] * cos + normal[1] * sin, normal[1] * cos - normal[0] * sin);
         let height = normal[0] * self.x[halving] + normal[1] * self.z[halving] - table.offset as f32;
-        let mut lowest = f32::INFINITY;
-        for rect in &link.rects {
-            for (x, z) in rect.upper_corners() {
-                lowest = lowest.min(height + along * x as f32 + above * z as f32);
-            }
-        }
+        let lowest = link.corners_in_lanes.iter().fold(Lanes::INFINITY, |lowest, [x, z]| {
+            lowest.min(Lanes::splat(height) + *x * along + *z * above)
+        });
+        let lowest = lowest.min_element();
         (lowest.abs() > COARSE).then_some(lowest > 0.0)
     }
 }
@@ -139,13 +145,15 @@ impl Witnesses {
         Self { x: Lanes::ZERO, z: Lanes::ZERO, middle: [Lanes::ZERO; 2], half: [Lanes::NEG_ONE; 2] };
 
     /// Keeps a point that blocked the step halved `halving` times, for it and for the smaller ones, which come next.
-    pub fn keep(&mut self, halving: usize, point: [f32; 2], rect: &Rect) {
-        for k in halving..STEPS {
-            (self.x[k], self.z[k]) = (point[0], point[1]);
-            for (axis, [low, high]) in [rect.x, rect.z].into_iter().enumerate() {
-                self.middle[axis][k] = (0.5 * (low + high)) as f32;
-                self.half[axis][k] = (0.5 * (high - low)) as f32 - COARSE;
-            }
+    ///
+    /// * `rect`: middle and half sides of its rectangle.
+    pub fn keep(&mut self, halving: usize, point: [f32; 2], [middle, half]: &[[Lanes; 2]; 2]) {
+        let put = |lanes: &mut Lanes, value: Lanes| *lanes = Lanes::select(FROM[halving], value, *lanes);
+        put(&mut self.x, Lanes::splat(point[0]));
+        put(&mut self.z, Lanes::splat(point[1]));
+        for axis in 0..2 {
+            put(&mut self.middle[axis], middle[axis]);
+            put(&mut self.half[axis], half[axis] - Lanes::splat(COARSE));
         }
     }
 }
