@@ -218,3 +218,31 @@ struct Extremes {
     least: (f64, usize),
     greatest: (f64, usize),
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bug here: a block that is passed over though it has the extreme, or another of several equally extreme points.
+    #[test]
+    fn extremes_are_those_of_all_points_and_the_first_of_equal_ones() {
+        // A grid on a brick: many points are equally extreme.
+        let place = |k: usize| [k % 13, k * 7 % 169 / 13, k * 5 % 1859 / 169].map(|x| x as f64);
+        let point = |k: usize| {
+            let [x, y, z] = place(k);
+            Vector3::new(x / 6.0 - 1.0, y / 12.0 - 0.5, z / 50.0) * 0.7
+        };
+        let points: Vec<Vector3<f64>> = (0..1859).map(point).collect();
+        let mut set = CoreSet::new(&points);
+        for axis in half_sphere(50).chain([Vector3::x(), Vector3::y(), Vector3::z()]) {
+            let found = set.extremes(&axis);
+            for (sign, (value, at)) in [(1.0, found.least), (-1.0, found.greatest)] {
+                let along = |p: &Vector3<f64>| sign * (axis.x * p.x + axis.y * p.y + axis.z * p.z);
+                let least = points.iter().map(along).fold(f64::INFINITY, f64::min);
+                let first = points.iter().position(|p| along(p) <= least + TIE);
+                assert_eq!(sign * value, least);
+                assert_eq!(first, Some(set.numbers[at] as usize), "{axis:?}");
+            }
+        }
+    }
+}

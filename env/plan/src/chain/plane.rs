@@ -44,12 +44,10 @@ impl LinkShape {
         let bounds = rects.iter().fold(empty, |all, r| Rect { x: join(all.x, r.x), z: join(all.z, r.z), pad: false });
         let middle_and_half = |rect: &Rect| {
             let sides = [rect.x, rect.z];
-            [
-                sides.map(|[low, high]| (0.5 * (low + high)) as f32),
-                sides.map(|[low, high]| (0.5 * (high - low)) as f32),
-            ]
+            [sides.map(|[low, high]| (0.5 * (low + high)) as f32), sides.map(|[low, high]| (0.5 * (high - low)) as f32)]
         };
-        let rects_in_lanes = rects.iter().map(|rect| middle_and_half(rect).map(|pair| pair.map(Lanes::splat))).collect();
+        let rects_in_lanes =
+            rects.iter().map(|rect| middle_and_half(rect).map(|pair| pair.map(Lanes::splat))).collect();
         let corners = |rect: &Rect| {
             let [a, b, c] = rect.upper_corners().map(|(x, z)| [x as f32, z as f32]);
             [0, 1].map(|axis| Lanes::new(a[axis], b[axis], c[axis], c[axis]))

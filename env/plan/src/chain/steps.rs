@@ -2,9 +2,9 @@
 
 use super::obstacles::{COARSE, View};
 use super::plane::{Frame, LinkShape, PlaneTable, Rect};
+use super::{HALVINGS, Motion, STEP, Segment};
 use crate::Lanes;
 use parry3d_f64::glamx::glam::BVec4A;
-use super::{HALVINGS, Motion, STEP, Segment};
 
 /// A number for each halving of a step.
 pub(super) const STEPS: usize = HALVINGS + 1;
@@ -122,9 +122,10 @@ impl Frames {
         let (sin, cos) = (self.sin[halving], self.cos[halving]);
         let (along, above) = (normal[0] * cos + normal[1] * sin, normal[1] * cos - normal[0] * sin);
         let height = normal[0] * self.x[halving] + normal[1] * self.z[halving] - table.offset as f32;
-        let lowest = link.corners_in_lanes.iter().fold(Lanes::INFINITY, |lowest, [x, z]| {
-            lowest.min(Lanes::splat(height) + *x * along + *z * above)
-        });
+        let lowest = link
+            .corners_in_lanes
+            .iter()
+            .fold(Lanes::INFINITY, |lowest, [x, z]| lowest.min(Lanes::splat(height) + *x * along + *z * above));
         let lowest = lowest.min_element();
         (lowest.abs() > COARSE).then_some(lowest > 0.0)
     }
@@ -141,8 +142,7 @@ pub(super) struct Witnesses {
 }
 
 impl Witnesses {
-    pub const NONE: Self =
-        Self { x: Lanes::ZERO, z: Lanes::ZERO, middle: [Lanes::ZERO; 2], half: [Lanes::NEG_ONE; 2] };
+    pub const NONE: Self = Self { x: Lanes::ZERO, z: Lanes::ZERO, middle: [Lanes::ZERO; 2], half: [Lanes::NEG_ONE; 2] };
 
     /// Keeps a point that blocked the step halved `halving` times, for it and for the smaller ones, which come next.
     ///
