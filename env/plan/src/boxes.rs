@@ -7,13 +7,15 @@
 //! |---|---|
 //! | `obb` | [`OrientedBox`] |
 //! | `fit` | [`fit_box`]: principal axes or least volume |
-//! | `minimum` | the search for the least volume, with `calipers` (plane), `core_set` (extreme points), `cone` (points near an axis), `moments` (frame, signs) |
+//! | `minimum` | the search for the least volume, with `calipers` (plane), `core_set` (extreme points) and `coarse` (in f32), `contacts` (bounds), `cone` (points near an axis), `moments` (frame, signs) |
 //! | `split` | [`best_split`]: the best cut, by sorting and sweeping |
 //! | `decompose` | [`decompose`], [`decompose_points`]: the tree, with `surface` (clipped triangles) |
 //! | `tree` | [`BoxTree`] and [`check_box_tree`] |
 
 mod calipers;
+mod coarse;
 mod cone;
+mod contacts;
 mod core_set;
 mod decompose;
 mod fit;

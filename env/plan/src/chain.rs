@@ -19,10 +19,11 @@ mod spatial;
 mod steps;
 
 use nalgebra::{Isometry3, Vector3};
-use obstacles::{Found, Obstacles};
+use obstacles::{Fill, Found, Moving, Obstacles, View};
 use plane::{Frame, LinkShape, Rect};
-use steps::{Frames, LinkMotion, STEPS, Witnesses};
+use steps::{ALL, Frames, LinkMotion, STEPS, Witnesses};
 
+pub(crate) use obstacles::POINTS;
 pub(crate) use plane::{PlanePoint, PlaneTable};
 pub(crate) use spatial::{SpatialChain, TableSide};
 
@@ -130,15 +131,23 @@ impl ChainModel {
     }
 
     /// Closes the chain on points (within its width and reach) over a table.
-    pub fn close(&self, points: &[PlanePoint], table: &PlaneTable, work: &mut Workspace) -> ClosedChain {
-        work.start(self, points);
+    ///
+    /// * `discs`: a disc around each block of points, centre and radius, metres; `fill` gives the points.
+    pub fn close(
+        &self,
+        discs: impl Iterator<Item = ([f64; 2], f64)>,
+        fill: Fill<'_>,
+        table: &PlaneTable,
+        work: &mut Workspace,
+    ) -> ClosedChain {
+        work.start(self, discs);
         let over_table = self.extent * table.normal[0].hypot(table.normal[1]) < -table.offset;
-        let table = if over_table { None } else { Some(table) };
+        let around = Around { table: if over_table { None } else { Some(table) }, fill };
         let mut met_table = false;
         for _ in 0..MOST_STEPS * self.coordinates.len() {
             let mut moved = false;
             for (number, direction) in self.moves.iter().enumerate() {
-                let (free, block) = self.advance((number, direction), table, work);
+                let (free, block) = self.advance((number, direction), &around, work);
                 met_table |= block == Block::Table;
                 if free {
                     moved = true;
@@ -150,70 +159,83 @@ impl ChainModel {
             }
         }
         self.place(&work.at, &mut work.frames, Frame::new);
-        let touched = self.touched(&work.frames, points);
+        let touched = self.touched(work, fill);
         let root = work.at.first().copied().unwrap_or(0.0);
         let turn = work.frames.get(self.tip).map_or(0.0, |frame| frame.angle);
         ClosedChain { root, turn, touched, met_table }
     }
 
-    /// Steps along a direction from `work.at` to `work.next`, halved until it is free of collisions; false if it never is.
-    ///
-    /// * `table`: `None` if the chain cannot reach it.
+    /// Steps along a direction from `work.at` to `work.next`, halved until it is free of collisions; false if it never is. Returns also what
+    /// blocked the last step before.
     fn advance(
         &self,
         (number, direction): (usize, &Direction),
-        table: Option<&PlaneTable>,
+        around: &Around<'_>,
         work: &mut Workspace,
     ) -> (bool, Block) {
-        let clear = self.place_steps(direction, table, work);
+        // Larger steps are outside the limits too.
+        if !self.is_inside(direction, STEPS - 1, work) {
+            return (false, Block::Free);
+        }
+        let clear = self.place_steps(direction, around.table, work);
         let mut blocked = self.blocked_again(number, work);
-        let (mut step, mut first) = (STEP, Block::Free);
+        let exact = self.extent > LONGEST;
+        let mut first = Block::Free;
         for halving in 0..STEPS {
-            let mut inside = true;
-            let moves = work.at.iter().zip(&direction.along).zip(&self.coordinates);
-            for (to, ((from, along), Coordinate { limits, .. })) in work.next.iter_mut().zip(moves) {
-                *to = from + step * along;
-                inside &= (*to >= limits[0]) & (*to <= limits[1]);
-            }
-            step *= 0.5;
-            if !inside {
+            let [is_clear, is_blocked] = [clear, blocked].map(|bits| bits >> halving & 1 == 1);
+            // If it is outside the limits, a smaller step decides.
+            if is_clear & is_blocked & !exact {
+                first = Block::Object;
                 continue;
             }
-            let above = if clear[halving] { Some(true) } else { self.clears_table(halving, table, work) };
+            if !self.is_inside(direction, halving, work) {
+                continue;
+            }
+            let above = if is_clear { Some(true) } else { self.clears_table(halving, around.table, work) };
             let block = match above {
-                _ if self.extent > LONGEST => None,
-                Some(true) if blocked[halving] => Some(Block::Object),
-                Some(true) => self.nearly_block((number, direction, halving), work),
-                Some(false) => Some(Block::Table),
-                None => None,
+                Some(true) if is_blocked & !exact => Block::Object,
+                Some(true) if !exact => self.nearly_block((number, direction, halving), around, work),
+                Some(false) if !exact => Block::Table,
+                _ => self.exactly_block(around, work),
             };
-            first = match block.unwrap_or_else(|| self.exactly_block(table, work)) {
+            match block {
                 Block::Free => {
-                    work.accept(self);
+                    work.accept(self, direction, halving);
                     return (true, first);
                 }
-                Block::Object if !blocked[halving] => {
-                    // A new point may block the smaller steps too.
-                    blocked = self.blocked_again(number, work);
-                    Block::Object
-                }
-                block => block,
-            };
+                // A new point may block the smaller steps too.
+                Block::Object if !is_blocked => blocked = self.blocked_again(number, work),
+                Block::Object | Block::Table => {}
+            }
+            first = block;
         }
         (false, first)
     }
 
-    /// Places the links after all halvings of a step; returns where they are surely above the table.
-    fn place_steps(&self, direction: &Direction, table: Option<&PlaneTable>, work: &mut Workspace) -> [bool; STEPS] {
-        let mut clear = [true; STEPS];
+    /// Sets `work.next` to a step from `work.at`; false outside the limits.
+    fn is_inside(&self, direction: &Direction, halving: usize, work: &mut Workspace) -> bool {
+        let step = STEP / f64::from(1_u32 << halving);
+        let count = self.coordinates.len();
+        let (next, at, along) = (&mut work.next[..count], &work.at[..count], &direction.along[..count]);
+        let mut inside = true;
+        for (k, Coordinate { limits, .. }) in self.coordinates.iter().enumerate() {
+            next[k] = at[k] + step * along[k];
+            inside &= (next[k] >= limits[0]) & (next[k] <= limits[1]);
+        }
+        inside
+    }
+
+    /// Places the links after all halvings of a step; returns those for which they are surely above the table, as bits.
+    fn place_steps(&self, direction: &Direction, table: Option<&PlaneTable>, work: &mut Workspace) -> u32 {
+        let mut clear = ALL;
         let mut before = Frames::ORIGIN;
-        let links = self.segments.iter().zip(&direction.links).zip(&work.frames).zip(&mut work.steps);
-        for (((segment, motion), now), steps) in links {
-            *steps = Frames::place(&before, segment, motion, now, work.at[segment.coordinate]);
-            before = *steps;
+        let count = self.segments.len();
+        let (links, frames, steps) = (&direction.links[..count], &work.frames[..count], &mut work.steps[..count]);
+        for (which, segment) in self.segments.iter().enumerate() {
+            before = Frames::place(&before, segment, &links[which], &frames[which], work.at[segment.coordinate]);
+            steps[which] = before;
             if let Some(table) = table {
-                let above = steps.clear_table(&segment.shape.bounds, table);
-                (0..STEPS).for_each(|k| clear[k] &= above[k]);
+                clear &= before.clear_table(&segment.shape.bounds, table);
             }
         }
         clear
@@ -232,58 +254,61 @@ impl ChainModel {
         sure.then_some(true)
     }
 
-    /// The halvings of a step that are blocked by points that blocked them, or larger ones, before.
-    fn blocked_again(&self, number: usize, work: &Workspace) -> [bool; STEPS] {
-        let mut blocked = [false; STEPS];
-        for (steps, witnesses) in work.steps.iter().zip(&work.witnesses[number * self.segments.len()..]) {
-            let again = steps.blocked(witnesses);
-            (0..STEPS).for_each(|k| blocked[k] |= again[k]);
-        }
-        blocked
+    /// The halvings of a step that are blocked by points that blocked them, or larger ones, before, as bits.
+    fn blocked_again(&self, number: usize, work: &Workspace) -> u32 {
+        let witnesses = &work.witnesses[number * self.segments.len()..];
+        work.steps.iter().zip(witnesses).fold(0, |blocked, (steps, witnesses)| blocked | steps.blocked(witnesses))
     }
 
-    /// Whether the object blocks the chain after a step, by frames in f32; `None` where rounding decides.
+    /// Whether the object blocks the chain after a step, by frames in f32, and by exact ones where rounding decides.
     fn nearly_block(
         &self,
         (number, direction, halving): (usize, &Direction, usize),
+        around: &Around<'_>,
         work: &mut Workspace,
-    ) -> Option<Block> {
+    ) -> Block {
+        let Workspace { next, steps, moved, witnesses, obstacles, .. } = work;
+        obstacles.forget();
         // Outer links are blocked more often.
         for (which, Segment { shape, .. }) in self.segments.iter().enumerate().rev() {
-            let left = work.clear[which] - direction.links[which].travel[halving];
-            let found = if left > 0.0 {
-                Found::Free(left)
-            } else {
-                work.obstacles.find(&work.steps[which].view(shape, halving))?
+            let (before, step) = (moved[which], direction.links[which].travel[halving]);
+            if shape.rects.is_empty() || obstacles.is_free(which, before, step) {
+                continue;
+            }
+            let exactly = |points: &[PlanePoint]| {
+                let frame = self.segments[..=which]
+                    .iter()
+                    .fold(Frame::ORIGIN, |before, segment| segment.place(&before, next, Frame::new));
+                points.iter().any(|point| shape.holds(&frame, [point.x, point.z]))
             };
-            match found {
-                Found::Free(left) => work.tried_clear[which] = left,
-                Found::Blocked(point, rect) => {
-                    let witnesses = &mut work.witnesses[number * self.segments.len() + which];
-                    witnesses.keep(halving, point, &shape.rects[rect]);
-                    return Some(Block::Object);
+            let link = Moving { which, view: steps[which].view(shape, halving), before, step };
+            if let Found::Blocked(found) = obstacles.find(&link, around.fill, exactly) {
+                if let Some((point, rect)) = found {
+                    witnesses[number * self.segments.len() + which].keep(halving, point, &shape.rects_in_lanes[rect]);
                 }
+                return Block::Object;
             }
         }
-        Some(Block::Free)
+        Block::Free
     }
 
     /// What blocks the chain at `work.next`, the table before the object.
-    fn exactly_block(&self, table: Option<&PlaneTable>, work: &mut Workspace) -> Block {
-        let Workspace { next, tried, tried_clear, obstacles, .. } = work;
+    fn exactly_block(&self, around: &Around<'_>, work: &mut Workspace) -> Block {
+        let Workspace { next, tried, obstacles, .. } = work;
+        obstacles.forget();
         self.place(next, tried, Frame::new);
-        tried_clear.fill(0.0);
         let links = || self.segments.iter().map(|segment| &segment.shape).zip(tried.iter());
-        if table.is_some_and(|table| links().any(|(link, frame)| link.hits_table(frame, table))) {
+        if around.table.is_some_and(|table| links().any(|(link, frame)| link.hits_table(frame, table))) {
             Block::Table
-        } else if links().any(|(link, frame)| obstacles.block(link, frame)) {
+        } else if links().any(|(link, frame)| obstacles.hold(link, frame, around.fill)) {
             Block::Object
         } else {
             Block::Free
         }
     }
 
-    fn touched(&self, frames: &[Frame], points: &[PlanePoint]) -> Vec<Vec<(u32, bool)>> {
+    fn touched(&self, work: &mut Workspace, fill: Fill<'_>) -> Vec<Vec<(u32, bool)>> {
+        let Workspace { frames, obstacles, .. } = work;
         let of = |(segment, frame): (&Segment, &Frame)| {
             let LinkShape { rects, bounds, .. } = &segment.shape;
             let touch = |p: &PlanePoint| {
@@ -298,11 +323,13 @@ impl ChainModel {
                 let pad = rects.clone().any(|r| r.pad);
                 rects.clone().next().map(|_| (p.index, pad))
             };
-            let mut touched: Vec<(u32, bool)> = points.iter().filter_map(touch).collect();
+            let view = View::new(&segment.shape, frame.at.map(|x| x as f32), frame.sin as f32, frame.cos as f32);
+            let mut touched: Vec<(u32, bool)> = Vec::new();
+            obstacles.visit_near(&view, TOUCH, fill, |point| touched.extend(touch(point)));
             touched.sort_unstable_by_key(|(index, _)| *index);
             touched
         };
-        self.segments.iter().zip(frames).map(of).collect()
+        self.segments.iter().zip(frames.iter()).map(of).collect()
     }
 
     /// Places every segment at the coordinates `at`; `turned` makes a frame from its position and angle.
@@ -336,9 +363,8 @@ pub(crate) struct Workspace {
     frames: Vec<Frame>,
     steps: Vec<Frames>,
     tried: Vec<Frame>,
-    /// Distances by which each link may move before a point can be inside it, now and after a step, metres.
-    clear: Vec<f32>,
-    tried_clear: Vec<f32>,
+    /// Sum of the greatest distances by which the points of each link have moved, metres.
+    moved: Vec<f64>,
     /// The points that blocked each link, direction by direction.
     witnesses: Vec<Witnesses>,
     obstacles: Obstacles,
@@ -348,15 +374,15 @@ pub(crate) struct Workspace {
 
 impl Default for Workspace {
     fn default() -> Self {
-        let ([at, next], [frames, tried], [clear, tried_clear]) = Default::default();
+        let ([at, next, moved], [frames, tried]) = Default::default();
         let (steps, witnesses) = Default::default();
         let (obstacles, angles) = (Obstacles::default(), Frame::angles());
-        Self { at, next, frames, steps, tried, clear, tried_clear, witnesses, obstacles, angles }
+        Self { at, next, frames, steps, tried, moved, witnesses, obstacles, angles }
     }
 }
 
 impl Workspace {
-    fn start(&mut self, chain: &ChainModel, points: &[PlanePoint]) {
+    fn start(&mut self, chain: &ChainModel, discs: impl Iterator<Item = ([f64; 2], f64)>) {
         fn refill<T: Copy>(list: &mut Vec<T>, len: usize, value: T) {
             list.clear();
             list.resize(len, value);
@@ -364,20 +390,29 @@ impl Workspace {
         let (coordinates, links) = (chain.coordinates.len(), chain.segments.len());
         [&mut self.at, &mut self.next].into_iter().for_each(|list| refill(list, coordinates, 0.0));
         [&mut self.frames, &mut self.tried].into_iter().for_each(|list| refill(list, links, Frame::ORIGIN));
-        [&mut self.clear, &mut self.tried_clear].into_iter().for_each(|list| refill(list, links, 0.0));
+        refill(&mut self.moved, links, 0.0);
         refill(&mut self.steps, links, Frames::ORIGIN);
         refill(&mut self.witnesses, links * chain.moves.len(), Witnesses::NONE);
         chain.place(&self.at, &mut self.frames, Frame::new);
-        self.obstacles.set(points);
+        self.obstacles.set(links, discs);
     }
 
     /// The step that was tried becomes the state of the chain.
-    fn accept(&mut self, chain: &ChainModel) {
+    fn accept(&mut self, chain: &ChainModel, direction: &Direction, halving: usize) {
         std::mem::swap(&mut self.at, &mut self.next);
-        std::mem::swap(&mut self.clear, &mut self.tried_clear);
+        for (moved, link) in self.moved.iter_mut().zip(&direction.links) {
+            *moved += f64::from(link.travel[halving]);
+        }
+        self.obstacles.accept();
         let angles = self.angles;
         chain.place(&self.at, &mut self.frames, |at, angle| Frame::nearly(at, angle, angles));
     }
+}
+
+/// What surrounds a chain: a table, if the chain can reach it, and points.
+struct Around<'a> {
+    table: Option<&'a PlaneTable>,
+    fill: Fill<'a>,
 }
 
 #[cfg(test)]
@@ -404,7 +439,13 @@ pub(crate) mod tests {
     }
 
     fn closed(chain: &ChainModel, points: &[PlanePoint], table: &PlaneTable) -> ClosedChain {
-        chain.close(points, table, &mut Workspace::default())
+        let blocks: Vec<&[PlanePoint]> = points.chunks(POINTS).collect();
+        let disc = |block: &&[PlanePoint]| {
+            let (x, z) = (block[0].x, block[0].z);
+            ([x, z], block.iter().map(|p| (p.x - x).hypot(p.z - z)).fold(0.0, f64::max))
+        };
+        let fill = |number: usize, into: &mut Vec<PlanePoint>| into.extend(blocks[number]);
+        chain.close(blocks.iter().map(disc), &fill, table, &mut Workspace::default())
     }
 
     /// No table: far below.

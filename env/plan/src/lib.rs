@@ -46,6 +46,9 @@ mod preshape;
 mod rank;
 pub mod wrench;
 
+/// Four numbers that are computed at once.
+type Lanes = parry3d_f64::glamx::glam::Vec4;
+
 pub use boxes::{
     BoxNode, BoxTree, BoxTreeFault, DecomposeParams, Fit, OrientedBox, Split, SplitCost, best_split, check_box_tree,
     decompose, decompose_points, fit_box,

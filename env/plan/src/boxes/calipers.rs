@@ -14,13 +14,17 @@ pub(crate) struct Rectangle {
 /// Buffers for repeated queries.
 #[derive(Default)]
 pub(crate) struct Calipers {
+    /// The corners of the hull, [`ROUNDS`] times, and their number.
     hull: Vec<[f64; 2]>,
+    corners: usize,
     order: Vec<(i64, i64)>,
 }
 
 /// A rectangle must be smaller by this factor to be better, so rounding does not choose between equal ones: the first edge from the leftmost
 /// point wins.
 const BETTER: f64 = 1.0 - 1e-10;
+/// Share of an area by which its estimate may be wrong; far above its rounding, and far below [`BETTER`].
+const DOUBT: f64 = 1e-12;
 
 /// An integer with the order of [`f64::total_cmp`], which sorts faster.
 fn key(x: f64) -> i64 {
@@ -54,12 +58,7 @@ impl Calipers {
     ///
     /// * `pad`: added to both sides, so thin clouds have an order: without it, every rectangle around points on a line has area 0.
     pub fn least_rectangle(&mut self, points: &mut [[f64; 2]], pad: f64) -> Rectangle {
-        self.order.clear();
-        self.order.extend(points.iter().map(|&[x, y]| (key(x), key(y))));
-        self.order.sort_unstable();
-        for (point, &(x, y)) in points.iter_mut().zip(&self.order) {
-            *point = [value(x), value(y)];
-        }
+        self.sort(points);
         self.least_around(points, pad)
     }
 
@@ -83,17 +82,80 @@ impl Calipers {
         self.least_around(points, pad)
     }
 
+    fn sort(&mut self, points: &mut [[f64; 2]]) {
+        self.order.clear();
+        self.order.extend(points.iter().map(|&[x, y]| (key(x), key(y))));
+        self.order.sort_unstable();
+        for (point, &(x, y)) in points.iter_mut().zip(&self.order) {
+            *point = [value(x), value(y)];
+        }
+    }
+
+    /// The counter-clockwise hull of points, which are sorted in place.
+    pub fn hull_of(&mut self, points: &mut [[f64; 2]]) -> &[[f64; 2]] {
+        self.sort(points);
+        self.hull(points)
+    }
+
     /// The counter-clockwise hull of sorted points.
     pub fn hull(&mut self, points: &[[f64; 2]]) -> &[[f64; 2]] {
-        let n = self.build_hull(points);
-        &self.hull[..n]
+        self.build_hull(points);
+        &self.hull[..self.corners]
+    }
+
+    /// Takes the corners of a hull, counter-clockwise; false if they have no convex outline.
+    pub fn take_outline(&mut self, points: &[[f64; 2]]) -> bool {
+        self.corners = 0;
+        let [first, second, .., last] = points else { return false };
+        let mut turns = 0;
+        let (mut a, mut b) = (*last, *first);
+        for c in points[1..].iter().chain([first]) {
+            if cross(a, b, *c) <= 0.0 {
+                return false;
+            }
+            // Once around, the outline passes from left to right once.
+            turns += usize::from(b[0] < a[0] && c[0] >= b[0]);
+            (a, b) = (b, *c);
+        }
+        if turns != 1 || first == second {
+            return false;
+        }
+        self.corners = points.len();
+        self.hull.clear();
+        (0..ROUNDS).for_each(|_| self.hull.extend_from_slice(points));
+        true
+    }
+
+    /// True if `(length + pad) (width + pad)` of the least rectangle around the last hull is surely at least `least`.
+    pub fn none_below(&self, least: f64, pad: f64) -> bool {
+        self.corners >= 3 && self.areas(pad).all(|area| area * (1.0 - DOUBT) >= least)
+    }
+
+    /// `(length + pad) (width + pad)` of the least rectangle around the last hull, which has an area, within rounding.
+    pub fn least_area(&self, pad: f64) -> f64 {
+        self.areas(pad).fold(f64::INFINITY, f64::min)
+    }
+
+    /// `(length + pad) (width + pad)` of the rectangles flush with the edges of the last hull.
+    fn areas(&self, pad: f64) -> impl Iterator<Item = f64> {
+        let hull = &self.hull[..];
+        let (mut right, mut top, mut left) = (1, 1, 1);
+        (0..self.corners).map(move |i| {
+            let (a, b) = (hull[i], hull[i + 1]);
+            let e = [b[0] - a[0], b[1] - a[1]];
+            right = climb(hull, e, right.max(i + 1));
+            top = climb(hull, [-e[1], e[0]], top.max(right));
+            left = climb(hull, [-e[0], -e[1]], left.max(top));
+            let square = e[0] * e[0] + e[1] * e[1];
+            let pad = pad * square.sqrt();
+            (dot(e, hull[left], hull[right]) + pad) * (dot([-e[1], e[0]], a, hull[top]) + pad) / square
+        })
     }
 
     /// The least rectangle around sorted points.
     fn least_around(&mut self, points: &[[f64; 2]], pad: f64) -> Rectangle {
-        /// Share of an area by which its estimate may be wrong; far above its rounding, and far below [`BETTER`].
-        const DOUBT: f64 = 1e-12;
-        let n = self.build_hull(points);
+        self.build_hull(points);
+        let n = self.corners;
         let hull = &self.hull[..];
         if n < 3 {
             return segment(&hull[..n]);
@@ -126,9 +188,8 @@ impl Calipers {
         best
     }
 
-    /// Builds the counter-clockwise hull of sorted points without collinear ones; returns the number of its corners, which follow each other
-    /// [`ROUNDS`] times.
-    fn build_hull(&mut self, points: &[[f64; 2]]) -> usize {
+    /// Builds the counter-clockwise hull of sorted points without collinear ones.
+    fn build_hull(&mut self, points: &[[f64; 2]]) {
         let hull = &mut self.hull;
         hull.clear();
         // Rounding may keep every point of a line, on the way back too.
@@ -153,7 +214,7 @@ impl Calipers {
         for _ in 1..ROUNDS {
             hull.extend_from_within(..n);
         }
-        n
+        self.corners = n;
     }
 }
 

@@ -1,5 +1,6 @@
 //! Geometry in a chain's plane: links as rectangles, their frames, and their collisions with the table.
 
+use crate::Lanes;
 use std::sync::LazyLock;
 
 /// A rectangle of a link in the chain's plane; metres.
@@ -29,6 +30,10 @@ pub(crate) struct LinkShape {
     pub bounds: Rect,
     /// Middle and half sides of the bounds, in f32.
     pub middle_and_half: [[f32; 2]; 2],
+    /// Middle and half sides of each rectangle, each number four times.
+    pub rects_in_lanes: Vec<[[Lanes; 2]; 2]>,
+    /// The upper corners of each rectangle, one of them twice.
+    pub corners_in_lanes: Vec<[Lanes; 2]>,
 }
 
 impl LinkShape {
@@ -37,12 +42,19 @@ impl LinkShape {
         let join = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let empty = Rect { x: none, z: none, pad: false };
         let bounds = rects.iter().fold(empty, |all, r| Rect { x: join(all.x, r.x), z: join(all.z, r.z), pad: false });
-        let sides = [bounds.x, bounds.z];
-        let middle_and_half = [
-            sides.map(|[low, high]| (0.5 * (low + high)) as f32),
-            sides.map(|[low, high]| (0.5 * (high - low)) as f32),
-        ];
-        Self { rects, bounds, middle_and_half }
+        let middle_and_half = |rect: &Rect| {
+            let sides = [rect.x, rect.z];
+            [sides.map(|[low, high]| (0.5 * (low + high)) as f32), sides.map(|[low, high]| (0.5 * (high - low)) as f32)]
+        };
+        let rects_in_lanes =
+            rects.iter().map(|rect| middle_and_half(rect).map(|pair| pair.map(Lanes::splat))).collect();
+        let corners = |rect: &Rect| {
+            let [a, b, c] = rect.upper_corners().map(|(x, z)| [x as f32, z as f32]);
+            [0, 1].map(|axis| Lanes::new(a[axis], b[axis], c[axis], c[axis]))
+        };
+        let corners_in_lanes = rects.iter().map(corners).collect();
+        let middle_and_half = middle_and_half(&bounds);
+        Self { rects, bounds, middle_and_half, rects_in_lanes, corners_in_lanes }
     }
 
     /// Distance of the corner that is farthest from the origin of its frame; 0 without a rectangle.

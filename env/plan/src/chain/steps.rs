@@ -3,10 +3,20 @@
 use super::obstacles::{COARSE, View};
 use super::plane::{Frame, LinkShape, PlaneTable, Rect};
 use super::{HALVINGS, Motion, STEP, Segment};
+use crate::Lanes;
+use parry3d_f64::glamx::glam::BVec4A;
 
 /// A number for each halving of a step.
 pub(super) const STEPS: usize = HALVINGS + 1;
-pub(super) type Lanes = [f32; STEPS];
+/// A mask of each halving and those after it.
+const FROM: [BVec4A; STEPS] = [
+    BVec4A::new(true, true, true, true),
+    BVec4A::new(false, true, true, true),
+    BVec4A::new(false, false, true, true),
+    BVec4A::new(false, false, false, true),
+];
+/// A bit for each halving.
+pub(super) const ALL: u32 = (1 << STEPS) - 1;
 
 /// How a link moves along a direction.
 #[derive(Clone, Debug)]
@@ -21,7 +31,7 @@ pub(super) struct LinkMotion {
 }
 
 fn lanes(value: impl Fn(usize) -> f64) -> Lanes {
-    std::array::from_fn(|k| value(k) as f32)
+    Lanes::from_array(std::array::from_fn(|k| value(k) as f32))
 }
 
 /// The motion of every link along `direction`.
@@ -60,25 +70,23 @@ pub(super) struct Frames {
 
 impl Frames {
     /// The frames before the first link.
-    pub const ORIGIN: Self = Self { x: [0.0; STEPS], z: [0.0; STEPS], sin: [0.0; STEPS], cos: [1.0; STEPS] };
+    pub const ORIGIN: Self = Self { x: Lanes::ZERO, z: Lanes::ZERO, sin: Lanes::ZERO, cos: Lanes::ONE };
 
     /// * `before`: frames of the link before; `now`: the frame at present; `at`: the coordinate at present.
     pub fn place(before: &Self, segment: &Segment, motion: &LinkMotion, now: &Frame, at: f64) -> Self {
-        let mut frames = Self { ..Self::ORIGIN };
-        let (sin, cos, place) = (now.sin as f32, now.cos as f32, segment.at.map(|x| x as f32));
-        let (slide, moved) = match segment.motion {
-            Motion::Turn => ([0.0; 2], 0.0),
-            Motion::Slide(along) => (along.map(|x| x as f32), (segment.ratio * at) as f32),
-        };
-        for k in 0..STEPS {
-            let x = place[0] + slide[0] * (moved + motion.moved[k]);
-            let z = place[1] + slide[1] * (moved + motion.moved[k]);
-            frames.x[k] = before.x[k] + before.cos[k] * x - before.sin[k] * z;
-            frames.z[k] = before.z[k] + before.sin[k] * x + before.cos[k] * z;
-            frames.sin[k] = sin * motion.cos[k] + cos * motion.sin[k];
-            frames.cos[k] = cos * motion.cos[k] - sin * motion.sin[k];
+        let [mut x, mut z] = segment.at.map(|x| Lanes::splat(x as f32));
+        if let Motion::Slide(along) = segment.motion {
+            let moved = motion.moved + Lanes::splat((segment.ratio * at) as f32);
+            x += moved * along[0] as f32;
+            z += moved * along[1] as f32;
         }
-        frames
+        let (sin, cos) = (Lanes::splat(now.sin as f32), Lanes::splat(now.cos as f32));
+        Self {
+            x: before.x + before.cos * x - before.sin * z,
+            z: before.z + before.sin * x + before.cos * z,
+            sin: sin * motion.cos + cos * motion.sin,
+            cos: cos * motion.cos - sin * motion.sin,
+        }
     }
 
     /// The link after the step halved `halving` times.
@@ -86,31 +94,24 @@ impl Frames {
         View::new(link, [self.x[halving], self.z[halving]], self.sin[halving], self.cos[halving])
     }
 
-    /// Where the points that blocked a link surely do so again.
-    pub fn blocked(&self, by: &Witnesses) -> [bool; STEPS] {
-        std::array::from_fn(|k| {
-            let (x, z) = (by.x[k] - self.x[k], by.z[k] - self.z[k]);
-            let along = self.cos[k] * x + self.sin[k] * z - by.middle[0][k];
-            let above = self.cos[k] * z - self.sin[k] * x - by.middle[1][k];
-            (along.abs() < by.half[0][k]) & (above.abs() < by.half[1][k])
-        })
+    /// The halvings for which the points that blocked a link surely do so again, as bits.
+    pub fn blocked(&self, by: &Witnesses) -> u32 {
+        let (x, z) = (by.x - self.x, by.z - self.z);
+        let along = self.cos * x + self.sin * z - by.middle[0];
+        let above = self.cos * z - self.sin * x - by.middle[1];
+        (along.abs().cmplt(by.half[0]) & above.abs().cmplt(by.half[1])).bitmask()
     }
 
-    /// Where the bounds of the link are surely above the table.
-    pub fn clear_table(&self, bounds: &Rect, table: &PlaneTable) -> [bool; STEPS] {
-        let normal = table.normal.map(|x| x as f32);
-        let offset = table.offset as f32 + COARSE;
-        let [x, z] = [bounds.x, bounds.z].map(|side| side.map(|x| x as f32));
-        let least = |reach: f32, side: [f32; 2]| {
-            let (a, b) = (reach * side[0], reach * side[1]);
-            if a < b { a } else { b }
-        };
-        std::array::from_fn(|k| {
-            let along = normal[0] * self.cos[k] + normal[1] * self.sin[k];
-            let above = normal[1] * self.cos[k] - normal[0] * self.sin[k];
-            let height = normal[0] * self.x[k] + normal[1] * self.z[k];
-            height + least(along, x) + least(above, z) > offset
-        })
+    /// The halvings for which the bounds of the link are surely above the table, as bits.
+    pub fn clear_table(&self, bounds: &Rect, table: &PlaneTable) -> u32 {
+        let normal = table.normal.map(|x| Lanes::splat(x as f32));
+        let offset = Lanes::splat(table.offset as f32 + COARSE);
+        let [x, z] = [bounds.x, bounds.z].map(|side| side.map(|x| Lanes::splat(x as f32)));
+        let least = |reach: Lanes, side: [Lanes; 2]| (reach * side[0]).min(reach * side[1]);
+        let along = normal[0] * self.cos + normal[1] * self.sin;
+        let above = normal[1] * self.cos - normal[0] * self.sin;
+        let height = normal[0] * self.x + normal[1] * self.z;
+        (height + least(along, x) + least(above, z)).cmpgt(offset).bitmask()
     }
 }
 
@@ -121,12 +122,11 @@ impl Frames {
         let (sin, cos) = (self.sin[halving], self.cos[halving]);
         let (along, above) = (normal[0] * cos + normal[1] * sin, normal[1] * cos - normal[0] * sin);
         let height = normal[0] * self.x[halving] + normal[1] * self.z[halving] - table.offset as f32;
-        let mut lowest = f32::INFINITY;
-        for rect in &link.rects {
-            for (x, z) in rect.upper_corners() {
-                lowest = lowest.min(height + along * x as f32 + above * z as f32);
-            }
-        }
+        let lowest = link
+            .corners_in_lanes
+            .iter()
+            .fold(Lanes::INFINITY, |lowest, [x, z]| lowest.min(Lanes::splat(height) + *x * along + *z * above));
+        let lowest = lowest.min_element();
         (lowest.abs() > COARSE).then_some(lowest > 0.0)
     }
 }
@@ -142,17 +142,18 @@ pub(super) struct Witnesses {
 }
 
 impl Witnesses {
-    pub const NONE: Self =
-        Self { x: [0.0; STEPS], z: [0.0; STEPS], middle: [[0.0; STEPS]; 2], half: [[-1.0; STEPS]; 2] };
+    pub const NONE: Self = Self { x: Lanes::ZERO, z: Lanes::ZERO, middle: [Lanes::ZERO; 2], half: [Lanes::NEG_ONE; 2] };
 
     /// Keeps a point that blocked the step halved `halving` times, for it and for the smaller ones, which come next.
-    pub fn keep(&mut self, halving: usize, point: [f32; 2], rect: &Rect) {
-        for k in halving..STEPS {
-            (self.x[k], self.z[k]) = (point[0], point[1]);
-            for (axis, [low, high]) in [rect.x, rect.z].into_iter().enumerate() {
-                self.middle[axis][k] = (0.5 * (low + high)) as f32;
-                self.half[axis][k] = (0.5 * (high - low)) as f32 - COARSE;
-            }
+    ///
+    /// * `rect`: middle and half sides of its rectangle.
+    pub fn keep(&mut self, halving: usize, point: [f32; 2], [middle, half]: &[[Lanes; 2]; 2]) {
+        let put = |lanes: &mut Lanes, value: Lanes| *lanes = Lanes::select(FROM[halving], value, *lanes);
+        put(&mut self.x, Lanes::splat(point[0]));
+        put(&mut self.z, Lanes::splat(point[1]));
+        for axis in 0..2 {
+            put(&mut self.middle[axis], middle[axis]);
+            put(&mut self.half[axis], half[axis] - Lanes::splat(COARSE));
         }
     }
 }

@@ -1,17 +1,18 @@
 //! The samples of a surface in groups of neighbours: whole groups are off a finger, and are passed over.
 
+use crate::chain::POINTS;
 use graspbox_mesh::SurfaceSample;
 use nalgebra::{Point3, Vector3};
 use std::ops::Range;
 
-/// Most samples of a group.
-const MOST: usize = 8;
+/// Most samples of a group: a block of the chains.
+const MOST: usize = POINTS;
 
 /// A group of neighbouring samples, or several groups.
-struct Group {
+pub(crate) struct Group {
     /// A ball around them.
-    center: Point3<f64>,
-    radius: f64,
+    pub center: Point3<f64>,
+    pub radius: f64,
     /// Their places in the list of all points; empty for several groups, which follow this one.
     points: Range<u32>,
     /// Index of the first group that is not among them.
@@ -57,26 +58,30 @@ impl Groups {
         self.groups[this].next = self.groups.len() as u32;
     }
 
-    /// The samples, with their indices, of every group that may have one within `slab` of the plane `normal . p = at` and within `reach` of
-    /// `origin`; neighbours follow each other.
+    /// Every group without others in it that may have a sample within `slab` of the plane `normal . p = at` and within `reach` of `origin`;
+    /// neighbours follow each other.
     pub fn near(
         &self,
         (normal, at, slab): (Vector3<f64>, f64, f64),
         (origin, reach): (Point3<f64>, f64),
-    ) -> impl Iterator<Item = &(Point3<f64>, u32)> {
+    ) -> impl Iterator<Item = &Group> {
         let mut next = 0;
-        let found = std::iter::from_fn(move || {
+        std::iter::from_fn(move || {
             loop {
                 let group = self.groups.get(next)?;
                 let meets = (normal.dot(&group.center.coords) - at).abs() <= slab + group.radius
                     && (group.center - origin).norm_squared() <= (reach + group.radius).powi(2);
                 next = if meets { next + 1 } else { group.next as usize };
                 if meets && !group.points.is_empty() {
-                    return Some(&self.points[group.points.start as usize..group.points.end as usize]);
+                    return Some(group);
                 }
             }
-        });
-        found.flatten()
+        })
+    }
+
+    /// The samples of a group, with their indices.
+    pub fn samples(&self, group: &Group) -> &[(Point3<f64>, u32)] {
+        &self.points[group.points.start as usize..group.points.end as usize]
     }
 }
 
@@ -100,6 +105,7 @@ mod tests {
         let inside = |p: &Point3<f64>| (normal.dot(&p.coords) - at).abs() <= slab && (p - origin).norm() <= reach;
         let mut found: Vec<u32> = groups
             .near((normal, at, slab), (origin, reach))
+            .flat_map(|group| groups.samples(group))
             .filter(|(p, _)| inside(p))
             .map(|(_, index)| *index)
             .collect();

@@ -1,6 +1,6 @@
 //! Prediction of a grasp: chains (fingers) closed on the object's surface, their contacts, and features of both.
 
-use super::neighbors::Groups;
+use super::neighbors::{Group, Groups};
 use crate::chain::{ChainModel, ClosedChain, PlanePoint, PlaneTable, SpatialChain, TableSide, Workspace};
 use crate::collision::CollisionScene;
 use crate::preshape::closing_center;
@@ -164,31 +164,38 @@ fn close_one(
     let [x_axis, y_axis, z_axis] = finger.axes();
     let origin = finger.hand_from_plane.translation.vector;
     let reach = finger.reach + BESIDE;
-    let mut points = Vec::with_capacity(128);
-    // Most samples are off the finger: a test in their own frame rejects them faster.
+    // Most samples are off the finger: a test of whole groups in their own frame rejects them faster.
     let across = object_from_hand * y_axis;
     let root = object_from_hand * Point3::from(origin);
     let slab = (across, across.dot(&root.coords), finger.half_width + BESIDE + ROUNDING);
     let around = (root, reach.hypot(slab.2) + ROUNDING);
-    for &(point, index) in target.groups.near(slab, around) {
-        if (across.dot(&point.coords) - slab.1).abs() > slab.2 {
-            continue;
+    let groups: Vec<&Group> = target.groups.near(slab, around).collect();
+    let [x_side, z_side] = [x_axis, z_axis].map(|axis| object_from_hand * axis);
+    let disc = |group: &&Group| {
+        let from = group.center - root;
+        ([from.dot(&x_side), from.dot(&z_side)], group.radius)
+    };
+    let fill = |number: usize, points: &mut Vec<PlanePoint>| {
+        for &(point, index) in target.groups.samples(groups[number]) {
+            if (across.dot(&point.coords) - slab.1).abs() > slab.2 {
+                continue;
+            }
+            let from = (hand_from_object * point).coords - origin;
+            if from.dot(&y_axis).abs() > finger.half_width + BESIDE {
+                continue;
+            }
+            let (x, z) = (from.dot(&x_axis), from.dot(&z_axis));
+            if x * x + z * z <= reach.powi(2) {
+                points.push(PlanePoint { x, z, index });
+            }
         }
-        let from = (hand_from_object * point).coords - origin;
-        if from.dot(&y_axis).abs() > finger.half_width + BESIDE {
-            continue;
-        }
-        let (x, z) = (from.dot(&x_axis), from.dot(&z_axis));
-        if x * x + z * z <= reach.powi(2) {
-            points.push(PlanePoint { x, z, index });
-        }
-    }
+    };
     let object_from_plane = object_from_hand * finger.hand_from_plane;
     let up = object_from_plane.inverse() * target.scene.up().into_inner();
     let origin = target.scene.height(&Point3::from(object_from_plane.translation.vector));
     // The lower edge of the finger counts.
     let offset = up.y.abs() * finger.half_width - origin;
-    finger.close(&points, &PlaneTable { normal: [up.x, up.z], offset }, work)
+    finger.close(groups.iter().map(disc), &fill, &PlaneTable { normal: [up.x, up.z], offset }, work)
 }
 
 fn contacts(target: &Target<'_>, hand: &ClosingHand, closed: &[ClosedChain]) -> Vec<Contact> {
