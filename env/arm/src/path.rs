@@ -325,7 +325,7 @@ impl Planner<'_> {
             .map_err(|why| Failure::at_end(Phase::Approach, Cause::Unreached(why)))?
         {
             let result = self.candidate(&posture).and_then(|candidate| {
-                if self.before.contact(start, &candidate.approach.postures[0], &nothing).is_some() {
+                if self.before.contact(&[*start, candidate.approach.postures[0]], &nothing).is_some() {
                     blocked.push(candidate);
                     return Ok(None);
                 }
@@ -421,7 +421,7 @@ impl Planner<'_> {
         goals: &[Positions],
         random: &mut ChaCha8Rng,
     ) -> Option<Vec<Positions>> {
-        self.roadmap(&|from, to| motions.contact(from, to, &nothing).is_none()).way(from, goals, random)
+        self.roadmap(&|from, to| motions.contact(&[*from, *to], &nothing).is_none()).way(from, goals, random)
     }
 
     fn world_from_hand(&self, posture: &Positions) -> Isometry3<f64> {
@@ -451,7 +451,7 @@ impl Planner<'_> {
         ignored: &dyn Fn(Mover, Touched) -> bool,
         free: &Positions,
     ) -> Result<(), Failure> {
-        let touched = line.motions().find_map(|(from, to)| motions.contact(from, to, ignored));
+        let touched = motions.contact(&line.postures, ignored);
         let touched = touched.or_else(|| motions.contact_at(free, &nothing));
         touched.map_or(Ok(()), |contact| Err(Failure::on(phase, Cause::Touches(contact))))
     }

@@ -12,6 +12,7 @@ mod box_surface;
 mod gap;
 mod touch;
 
+pub use gap::distance_within;
 pub use touch::Touch;
 
 use crate::PlanError;

@@ -8,6 +8,7 @@ use nalgebra::{Point3, distance};
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query;
+use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::{SharedShape, TriMesh as Triangles};
 
 /// Rounding of the corners of parts and surface, metres.
@@ -128,9 +129,7 @@ impl Obstacle {
         }
         for (part, bounds) in &solids.parts {
             if !far(bounds, least) {
-                // Unsupported pairs do not occur: all shapes are convex.
-                let found = query::distance(place, &*shape.0, &Pose::IDENTITY, &*part.0).map_or(0.0, |d| d.distance);
-                least = least.min(found - solids.slack);
+                least = least.min(distance_within(place, part, shape, least + solids.slack) - solids.slack);
             }
         }
         if let Some((rest, bounds)) = &solids.rest
@@ -152,6 +151,34 @@ impl Obstacle {
             found.map_or(0.0, |contact| -contact.dist)
         };
         self.solids().parts.iter().map(depth).fold(0.0, f64::max)
+    }
+}
+
+/// Distance of two convex shapes, or `most` if it is greater, metres; 0 where they touch.
+///
+/// * `place`: pose of the second shape in the frame of the first.
+///
+/// With a bound the search for the distance most often ends after a few directions.
+pub fn distance_within(place: &Pose, first: &SharedShape, second: &SharedShape, most: f64) -> f64 {
+    let exact = || query::distance(&Pose::IDENTITY, &*first.0, place, &*second.0).map_or(0.0, |found| found.distance);
+    let (Some(one), Some(two)) = (first.as_support_map(), second.as_support_map()) else { return exact().min(most) };
+    let toward = |direction: Vector| CsoPoint::from_shapes(place, one, two, direction);
+    // Along a direction the shapes are at least so far apart.
+    let bound = |direction: Vector, point: &CsoPoint| -direction.dot(point.point);
+    let length = place.translation.length();
+    let direction = if length > f64::EPSILON { -place.translation / length } else { Vector::X };
+    let point = toward(direction);
+    if bound(direction, &point) >= most {
+        return most;
+    }
+    let mut simplex = VoronoiSimplex::new();
+    simplex.reset(point);
+    match gjk::closest_points(place, one, two, most, true, &mut simplex) {
+        GJKResult::Intersection => 0.0,
+        GJKResult::ClosestPoints(a, b, _) => (a - b).length().min(most),
+        GJKResult::NoIntersection(direction) if bound(direction, &toward(direction)) >= most => most,
+        // It did not converge.
+        GJKResult::NoIntersection(_) | GJKResult::Proximity(_) => exact().min(most),
     }
 }
 
