@@ -57,7 +57,7 @@ pub struct Obstacle {
 }
 
 /// Distance by which the surface of an object may be outside of the convex parts that stand for it in [`Obstacle::gap`], metres.
-pub const COVERED: f64 = 0.0015;
+pub const COVERED: f64 = 0.002;
 
 impl Obstacle {
     /// Prepares an object.
