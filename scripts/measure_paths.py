@@ -3,7 +3,7 @@
     PYTHONPATH=tests python scripts/measure_paths.py --scenes 200
 
 Per scene, ten procedural things stand on the table, 22 cm apart, and one of them is to be grasped by one of its 30 best
-feasible grasps, lifted and placed in front of the others. Processor time is that of all threads for the whole path,
+feasible grasps, lifted and placed where there is room. Processor time is that of all threads for the whole path,
 with timing, once meshes are prepared. The judge of `validation.arm_paths` looks at every path that was found, every
 0.005 rad. Limits are those of the arm, with what is assumed where it states none.
 """
@@ -23,20 +23,99 @@ from graspbox.errors import PathError
 from measure_reach import BEHIND, Things, scene_of
 from validation.arm_paths import Judge, limit_ratios
 
+#: Least distance between the bounds of a thing at its place and those of the others, metres.
+ROOM = 0.02
 
-def task_of(scene: Things, seed: int, hand: str) -> tuple[int, graspbox.Plan | None, np.ndarray]:
+
+def apart(mesh: graspbox.Mesh, place: np.ndarray, other: graspbox.Mesh, there: np.ndarray) -> float:
+    """Return the distance of two things along the farther axis of the table, by their bounds."""
+    one, two = (m.vertices @ pose[:2, :3].T + pose[:2, 3] for m, pose in ((mesh, place), (other, there)))
+    return float(np.maximum(one.min(axis=0) - two.max(axis=0), two.min(axis=0) - one.max(axis=0)).max())
+
+
+def task_of(scene: Things, seed: int, hand: graspbox.Hand) -> tuple[int, graspbox.Plan | None, np.ndarray]:
     """Choose a thing of a scene, its grasps, and where it is placed."""
     random = np.random.default_rng(seed)
     chosen = int(random.integers(len(scene)))
     mesh, pose = scene[chosen]
     others = [placed for index, placed in enumerate(scene) if index != chosen]
     place = pose.copy()
-    place[:2, 3] = random.uniform((-0.22, -0.25), (-0.16, 0.25))
+    for _ in range(1000):
+        place[:2, 3] = random.uniform((-0.25, -0.45), (0.11, 0.45))
+        if all(apart(mesh, place, *other) > ROOM for other in others):
+            break
     meshes, poses = zip(*others, strict=True)
     none = np.zeros((0, 4, 4)), np.zeros((0, 3))
     around = graspbox.Arrangement("packed", tuple(range(len(others))), meshes, np.stack(poses), *none)
     planned = graspbox.plan(mesh, hand=hand, world_from_object=pose, seed=seed, neighbours=around)
     return chosen, planned[planned.feasible][:30] if planned.feasible.any() else None, place
+
+
+class Tally:
+    """What was found in all scenes."""
+
+    def __init__(self) -> None:
+        self.cpus: list[float] = []
+        self.durations: list[float] = []
+        self.ratios: list[np.ndarray] = []
+        self.why: Counter[str] = Counter()
+        self.asked = self.reached = self.postures = self.collided = 0
+
+    def show(self) -> None:
+        """Print it."""
+        milliseconds, found = 1e3 * np.array(self.cpus), len(self.durations)
+        print(f"{found} paths of {self.asked} scenes with feasible grasps; {self.reached} with one reached")
+        print(f"processor time: median {np.median(milliseconds):.1f} ms, worst {milliseconds.max():.0f} ms")
+        print(f"duration: median {np.median(self.durations):.2f} s, longest {np.max(self.durations):.2f} s")
+        if self.ratios:
+            worst = np.max(self.ratios, axis=0)
+            print(f"collisions: {self.collided} paths of {len(self.ratios)}, in {self.postures} postures")
+            print(
+                f"greatest share of the limits: speed {worst[0]:.4f}, acceleration {worst[1]:.4f}, jerk {worst[2]:.4f}"
+            )
+        for text, count in self.why.most_common():
+            print(f"  {count}: {text}")
+
+
+def measure(seed: int, arm: arms.Arm, hand: graspbox.Hand, placing: bool, judging: bool, tally: Tally) -> None:
+    """Plan a path in a scene, and judge it."""
+    base = np.eye(4)
+    base[0, 3] = BEHIND
+    scene = scene_of(seed)
+    chosen, planned, place = task_of(scene, seed, hand)
+    if planned is None:
+        tally.why["no feasible grasp"] += 1
+        return
+    others = [placed for index, placed in enumerate(scene) if index != chosen]
+    mesh, pose = scene[chosen]
+    reach = planned.reachable(arm, base, hand=hand, mesh=mesh, objects=others)
+    tally.asked += 1
+    tally.reached += bool(reach.reached.any())
+    options = {"objects": others, "mesh": mesh, "hand": hand, "config": graspbox.PathConfig(seed=seed)}
+    path, failure = None, ""
+    for _ in range(2):
+        cpu = time.process_time()
+        try:
+            path = planned.path(arm, base, place=place if placing else None, **options)
+        except PathError as error:
+            failure = str(error)
+        cpu = time.process_time() - cpu
+    tally.cpus.append(cpu)
+    if path is None:
+        tally.why[failure] += 1
+        print(f"scene {seed}: {failure} ({1e3 * cpu:.0f} ms)", flush=True)
+        return
+    tally.durations.append(path.duration)
+    if not judging:
+        return
+    limits = limits_of(arm)
+    tally.ratios.append(limit_ratios(path, limits.speed, limits.acceleration, limits.jerk))
+    verdict = Judge(arm, hand, base, others, (mesh, pose), place)(path)
+    tally.postures += verdict.postures
+    tally.collided += bool(verdict.touches)
+    print(f"scene {seed}: {path.duration:.2f} s, {1e3 * cpu:.1f} ms, {len(verdict.touches)} touches", flush=True)
+    for touch in verdict.touches[:3]:
+        print(f"scene {seed}: {touch}", flush=True)
 
 
 def main() -> None:
@@ -50,59 +129,11 @@ def main() -> None:
     parser.add_argument("--no-judge", action="store_true", help="only find paths")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
-    base = np.eye(4)
-    base[0, 3] = BEHIND
-    arm, hand = arms.load_arm(arguments.arm), graspbox.load_hand(arguments.hand)
-    limits = limits_of(arm)
-    cpus, durations, ratios, why = [], [], [], Counter()
-    asked = reached = judged = collided = 0
+    arm, hand, tally = arms.load_arm(arguments.arm), graspbox.load_hand(arguments.hand), Tally()
     for seed in range(arguments.first, arguments.first + arguments.scenes):
-        scene = scene_of(seed)
-        chosen, planned, place = task_of(scene, seed, arguments.hand)
-        if planned is None:
-            why["no feasible grasp"] += 1
-            continue
-        asked += 1
-        others = [placed for index, placed in enumerate(scene) if index != chosen]
-        mesh, pose = scene[chosen]
-        reach = planned.reachable(arm, base, hand=hand, mesh=mesh, objects=others)
-        reached += bool(reach.reached.any())
-        options = {"objects": others, "mesh": mesh, "hand": hand, "config": graspbox.PathConfig(seed=seed)}
-        if not arguments.no_place:
-            options["place"] = place
-        path = None
-        for _ in range(2):
-            cpu = time.process_time()
-            try:
-                path = planned.path(arm, base, **options)
-            except PathError as error:
-                failure = str(error)
-            cpu = time.process_time() - cpu
-        cpus.append(cpu)
-        if path is None:
-            why[failure] += 1
-            print(f"scene {seed}: {failure} ({1e3 * cpu:.0f} ms)", flush=True)
-            continue
-        durations.append(path.duration)
-        if arguments.no_judge:
-            continue
-        ratios.append(limit_ratios(path, limits.speed, limits.acceleration, limits.jerk))
-        verdict = Judge(arm, hand, base, others, (mesh, pose), place)(path)
-        judged += verdict.postures
-        collided += bool(verdict.touches)
-        for touch in verdict.touches[:3]:
-            print(f"scene {seed}: {touch}", flush=True)
-    milliseconds = 1e3 * np.array(cpus)
-    found = len(durations)
-    print(f"{arm.name} + {hand.name}: {found} paths of {asked} scenes with feasible grasps; {reached} with one reached")
-    print(f"processor time: median {np.median(milliseconds):.1f} ms, worst {milliseconds.max():.0f} ms")
-    print(f"duration: median {np.median(durations):.2f} s, longest {np.max(durations):.2f} s")
-    if ratios:
-        worst = np.max(ratios, axis=0)
-        print(f"collisions: {collided} paths of {found}, in {judged} postures")
-        print(f"greatest share of the limits: speed {worst[0]:.4f}, acceleration {worst[1]:.4f}, jerk {worst[2]:.4f}")
-    for text, count in why.most_common():
-        print(f"  {count}: {text}")
+        measure(seed, arm, hand, not arguments.no_place, not arguments.no_judge, tally)
+    print(f"{arm.name} + {hand.name}")
+    tally.show()
 
 
 if __name__ == "__main__":

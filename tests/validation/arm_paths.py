@@ -24,7 +24,7 @@ Placed = tuple[graspbox.Mesh, Array]
 #: Between postures that are looked at no joint moves farther, rad.
 STEP = 0.005
 #: Points per object.
-POINTS = 4000
+POINTS = 2000
 #: Depth from which something counts as a collision, metres: rounding of the two kinematics.
 TOLERANCE = 1e-5
 #: Depth by which a carried object may enter the table or another one beyond where it stood, metres.
@@ -72,7 +72,7 @@ class Judge:
         link = re.search(r'^flange = "([\w-]+)"', self.arm.files[1], re.MULTILINE)
         assert link is not None
         self._flange = link[1]
-        self._points = [_surface(mesh, place) for mesh, place in self.objects]
+        self._points = [_Cloud(_surface(mesh, place)) for mesh, place in self.objects]
 
     def _model(self, preshape: float, share: float) -> Any:
         """Return the arm with the boxes of the hand on its flange, and which geoms those are."""
@@ -115,32 +115,31 @@ class Judge:
             if after:
                 assert self.place is not None
                 pose = self.place
-            points = own @ pose[:3, :3].T + pose[:3, 3]
+            cloud = _Cloud(own @ pose[:3, :3].T + pose[:3, 3])
             found = [(what, depth, TOLERANCE) for what, depth in robot.contacts()]
             found += [
                 (f"{what} in an object", depth, TOLERANCE) for what, depth in robot.inside(self._points, hand=True)
             ]
             with_hand = phase in ("reach", "approach", "retreat")
             found += [
-                (f"{what} in the target", depth, TOLERANCE) for what, depth in robot.inside([points], hand=with_hand)
+                (f"{what} in the target", depth, TOLERANCE) for what, depth in robot.inside([cloud], hand=with_hand)
             ]
             found += [(f"{what} in the table", depth, TOLERANCE) for what, depth in robot.below()]
             if carried:
-                for what, depth in self._carried(points):
-                    found.append((what, depth - min(first_depth.setdefault(what, depth), SUNK), SUNK))
+                for what, depth in self._carried(cloud):
+                    found.append((what, depth - first_depth.setdefault(what, max(depth, 0.0)), SUNK))
             verdict.touches += [f"{time:.3f} s, {phase}: {what} ({d:.5f} m)" for what, d, limit in found if d > limit]
         return verdict
 
-    def _carried(self, points: Array) -> list[tuple[str, float]]:
+    def _carried(self, cloud: "_Cloud") -> list[tuple[str, float]]:
         """Return how deep the carried object is in the table and in other objects."""
         import igl
 
-        found = [("the target in the table", float(-points[:, 2].min()))]
-        low, high = points.min(axis=0), points.max(axis=0)
+        found = [("the target in the table", float(-cloud.low[2]))]
         for number, ((mesh, place), around) in enumerate(zip(self.objects, self._points, strict=True)):
-            if (around.min(axis=0) > high).any() or (around.max(axis=0) < low).any():
+            if (around.low > cloud.high).any() or (around.high < cloud.low).any():
                 continue
-            local = (points - place[:3, 3]) @ place[:3, :3]
+            local = (cloud.points - place[:3, 3]) @ place[:3, :3]
             distance = igl.signed_distance(local, mesh.vertices, mesh.faces.astype(np.int64))[0]
             found.append((f"the target in object {number}", float(-distance.min())))
         return found
@@ -161,6 +160,13 @@ class Judge:
         pairs = {frozenset((int(body), before(body))) for body in solid if body != 0}
         by_name = {name(body): int(rigid[body]) for body in range(model.nbody)}
         return pairs | {frozenset((by_name[a], by_name[b])) for a, b in self.arm.touching_by_design}
+
+
+class _Cloud:
+    """Points with their bounds."""
+
+    def __init__(self, points: Array):
+        self.points, self.low, self.high = points, points.min(axis=0), points.max(axis=0)
 
 
 class _Robot:
@@ -213,15 +219,14 @@ class _Robot:
             found.append((f"{self._name(one)} in {self._name(two)}", float(-contact.dist)))
         return found
 
-    def inside(self, clouds: list[Array], *, hand: bool) -> list[tuple[str, float]]:
+    def inside(self, clouds: "list[_Cloud]", *, hand: bool) -> list[tuple[str, float]]:
         """Return how deep points are in the shapes that move."""
         found = []
         for cloud in clouds:
-            low, high = cloud.min(axis=0), cloud.max(axis=0)
-            outside = np.maximum(np.maximum(low - self._places, self._places - high), 0.0)
+            outside = np.maximum(np.maximum(cloud.low - self._places, self._places - cloud.high), 0.0)
             near = (np.linalg.norm(outside, axis=1) < self._radius) & self._moves & (hand | ~self._is_hand)
             for geom in np.flatnonzero(near):
-                local = (cloud - self._places[geom]) @ self._rotations[geom]
+                local = (cloud.points - self._places[geom]) @ self._rotations[geom]
                 depth = float(self._depth(geom, local).max())
                 if depth > 0:
                     found.append((self._name(geom), depth))

@@ -43,6 +43,8 @@ use std::sync::Arc;
 
 /// Most postures of a grasp or a place that are tried.
 const POSTURES: usize = 16;
+/// Blocked postures from which a way is searched; the farther ones are then left out.
+const GOALS: usize = 6;
 /// Most grasp postures from which the way to the place is planned.
 const CARRIES: usize = 4;
 /// A measured point so near to the thing is of the thing, metres.
@@ -328,6 +330,9 @@ impl Planner<'_> {
     fn plan(&self) -> Result<Path, Failure> {
         self.check_start()?;
         self.check_place()?;
+        if self.is_exact() {
+            self.check_sweep(&self.scenes.before, &self.task.world_from_hand, DEVIATION, Phase::Approach)?;
+        }
         let start = &self.task.start;
         let mut random = ChaCha8Rng::seed_from_u64(self.params.seed);
         let mut worst: Option<Failure> = None;
@@ -337,7 +342,7 @@ impl Planner<'_> {
             .map_err(|why| Failure::at_end(Phase::Approach, Cause::Unreached(why)))?
         {
             let result = self.candidate(&posture).and_then(|candidate| {
-                if self.before.contact(start, &candidate.approach.postures[0], &nothing).is_some() {
+                if self.before.contact(&[*start, candidate.approach.postures[0]], &nothing).is_some() {
                     blocked.push(candidate);
                     return Ok(None);
                 }
@@ -348,6 +353,9 @@ impl Planner<'_> {
                 Ok(Some(path)) => return Ok(path),
                 Ok(None) => {}
                 Err(failure) => worst = Some(failure.or(worst)),
+            }
+            if blocked.len() >= GOALS {
+                break;
             }
         }
         for _ in 0..CARRIES {
@@ -433,7 +441,7 @@ impl Planner<'_> {
         goals: &[Positions],
         random: &mut ChaCha8Rng,
     ) -> Option<Vec<Positions>> {
-        self.roadmap(&|from, to| motions.contact(from, to, &nothing).is_none()).way(from, goals, random)
+        self.roadmap(&|from, to| motions.contact(&[*from, *to], &nothing).is_none()).way(from, goals, random)
     }
 
     fn world_from_hand(&self, posture: &Positions) -> Isometry3<f64> {
@@ -463,26 +471,31 @@ impl Planner<'_> {
         ignored: &dyn Fn(Mover, Touched) -> bool,
         free: &Positions,
     ) -> Result<(), Failure> {
-        let touched = line.motions().find_map(|(from, to)| motions.contact(from, to, ignored));
+        let touched = motions.contact(&line.postures, ignored);
         let touched = touched.or_else(|| motions.contact_at(free, &nothing));
         touched.map_or(Ok(()), |contact| Err(Failure::on(phase, Cause::Touches(contact))))
     }
 
     /// What the open hand touches on its straight line to or from a pose.
-    fn check_sweep(&self, scene: &Scene, at: &Positions, line: &Line, phase: Phase) -> Result<(), Failure> {
-        let world_from_hand = self.world_from_hand(at);
-        let grown = line.deviation.max(DEVIATION);
+    ///
+    /// * `grown`: distance by which its points may be beside the line, metres.
+    fn check_sweep(&self, scene: &Scene, at: &Isometry3<f64>, grown: f64, phase: Phase) -> Result<(), Failure> {
         let touched = match OpenHand::new(self.robot.hand, self.task.preshape, grown, self.params.standoff) {
             Err(_) => None,
-            Ok(open) if open.meets_table(&world_from_hand) => Some(Touched::Table),
+            Ok(open) if open.meets_table(at) => Some(Touched::Table),
             Ok(open) => scene
                 .obstacles()
                 .iter()
-                .position(|(obstacle, from_world)| obstacle.is_on_approach(&open, &(from_world * world_from_hand)))
+                .position(|(obstacle, from_world)| obstacle.is_on_approach(&open, &(from_world * at)))
                 .map(Touched::Obstacle),
         };
         let contact = touched.map(|touched| (Mover::Hand, With::World(touched)));
         contact.map_or(Ok(()), |contact| Err(Failure::on(phase, Cause::Touches(contact))))
+    }
+
+    /// True for an arm that meets poses exactly: the hand's lines are then the same in all postures.
+    fn is_exact(&self) -> bool {
+        self.robot.inverse.chain().len() >= 6
     }
 
     /// The lines of a posture at the grasp.
@@ -493,7 +506,10 @@ impl Planner<'_> {
         let back = self.world_from_hand(grasp) * Vector3::z() * -self.params.standoff;
         let away = self.line(grasp, &back, Phase::Approach)?;
         self.check_line(&self.before, &away, Phase::Approach, &hand_apart, &away.end())?;
-        self.check_sweep(&self.scenes.before, grasp, &away, Phase::Approach)?;
+        if !self.is_exact() {
+            let (scene, at) = (&self.scenes.before, self.world_from_hand(grasp));
+            self.check_sweep(scene, &at, away.deviation + DEVIATION, Phase::Approach)?;
+        }
         let lift = self.line(grasp, &(Vector3::z() * self.params.lift), Phase::Lift)?;
         self.check_vertical(&lift, Phase::Lift)?;
         Ok(Candidate { approach: away.reversed(), lift })
@@ -523,14 +539,9 @@ impl Planner<'_> {
         ];
         let place = self.task.thing.as_ref().and_then(|thing| Some((thing.world_from_thing, thing.place?)));
         if let Some((world_from_thing, place)) = place {
-            let lifted = candidate.lift.end();
             let grasp = self.world_from_hand(&candidate.lift.postures[0]);
-            let placings = self.placings(&(place * world_from_thing.inverse() * grasp), &lifted)?;
-            let goals: Vec<Positions> = placings.iter().map(|placing| placing.lower.postures[0]).collect();
-            let carry = self.way(&self.carrying, &lifted, &goals, random);
-            let carry = carry.ok_or(Failure::on(Phase::Carry, Cause::NoWay(self.params.iterations)))?;
-            let end = carry.last().copied().unwrap_or(lifted);
-            let placing = &placings[goals.iter().position(|goal| *goal == end).unwrap_or(0)];
+            let there = place * world_from_thing.inverse() * grasp;
+            let (carry, placing) = self.carry(&there, &candidate.lift.end(), random)?;
             pieces.push(free(Phase::Carry, carry));
             pieces.push(straight(Phase::Lower, &placing.lower));
             pieces.push(straight(Phase::Retreat, &placing.retreat));
@@ -538,21 +549,41 @@ impl Planner<'_> {
         Ok(Path { pieces })
     }
 
-    /// The lines of all postures at the place.
-    fn placings(&self, world_from_hand: &Isometry3<f64>, near: &Positions) -> Result<Vec<Placing>, Failure> {
-        let postures = self.postures(world_from_hand, near);
-        let postures = postures.map_err(|why| Failure::at_end(Phase::Lower, Cause::Unreached(why)))?;
-        let (mut found, mut worst) = (Vec::new(), None);
-        for posture in postures {
+    /// The way from a posture to a pose of the hand at the place, and its lines.
+    fn carry(
+        &self,
+        world_from_hand: &Isometry3<f64>,
+        lifted: &Positions,
+        random: &mut ChaCha8Rng,
+    ) -> Result<(Vec<Positions>, Placing), Failure> {
+        if let (true, Some(scene)) = (self.is_exact(), &self.scenes.after) {
+            self.check_sweep(scene, world_from_hand, DEVIATION, Phase::Retreat)?;
+        }
+        let postures = self.postures(world_from_hand, lifted);
+        let (mut blocked, mut worst) = (Vec::new(), None);
+        for posture in postures.map_err(|why| Failure::at_end(Phase::Lower, Cause::Unreached(why)))? {
             match self.placing(&posture) {
-                Ok(placing) => found.push(placing),
+                Ok(placing) => {
+                    let way = vec![*lifted, placing.lower.postures[0]];
+                    if self.carrying.contact(&way, &nothing).is_none() {
+                        return Ok((way, placing));
+                    }
+                    blocked.push(placing);
+                }
                 Err(failure) => worst = Some(failure.or(worst)),
             }
+            if blocked.len() >= GOALS {
+                break;
+            }
         }
-        match worst {
-            Some(failure) if found.is_empty() => Err(failure),
-            _ => Ok(found),
+        let none = Failure::on(Phase::Carry, Cause::NoWay(self.params.iterations));
+        if blocked.is_empty() {
+            return Err(worst.unwrap_or(none));
         }
+        let goals: Vec<Positions> = blocked.iter().map(|placing| placing.lower.postures[0]).collect();
+        let way = self.way(&self.carrying, lifted, &goals, random).ok_or(none)?;
+        let end = way.last().copied().unwrap_or(*lifted);
+        Ok((way, blocked.remove(goals.iter().position(|goal| *goal == end).unwrap_or(0))))
     }
 
     fn placing(&self, place: &Positions) -> Result<Placing, Failure> {
@@ -565,7 +596,10 @@ impl Planner<'_> {
         let retreat = self.line(place, &back, Phase::Retreat)?;
         if let (Some(after), Some(scene)) = (&self.after, &self.scenes.after) {
             self.check_line(after, &retreat, Phase::Retreat, &hand_apart, &retreat.end())?;
-            self.check_sweep(scene, place, &retreat, Phase::Retreat)?;
+            if !self.is_exact() {
+                let at = self.world_from_hand(place);
+                self.check_sweep(scene, &at, retreat.deviation + DEVIATION, Phase::Retreat)?;
+            }
         }
         Ok(Placing { lower: up.reversed(), retreat })
     }

@@ -106,10 +106,22 @@ impl Scene {
         &self.obstacles
     }
 
+    /// The objects that are nearer to a sphere than a distance, beyond half of the clearance.
+    pub(crate) fn near(&self, (center, radius): (Vector, f64), most: f64) -> Vec<usize> {
+        let reach = radius + (most + 0.5 * self.clearance).max(self.clearance) + COVERED;
+        let center = Point3::new(center.x, center.y, center.z);
+        let is_near = |index: &usize| {
+            let (obstacle, from_world) = &self.obstacles[*index];
+            obstacle.is_near(&(from_world * center).coords, reach)
+        };
+        (0..self.obstacles.len()).filter(is_near).collect()
+    }
+
     /// How far a convex shape of the collision library is from everything, beyond half of the distance that it must keep, metres; at most
     /// `most`. Also what it is nearer to than that distance, if anything.
     ///
     /// * `at`: pose of the shape, world frame; `center`, `radius`: a sphere around it.
+    /// * `near`: the objects that are looked at.
     /// * `ignored`: what may be touched.
     pub(crate) fn room(
         &self,
@@ -117,6 +129,7 @@ impl Scene {
         at: &Pose,
         (center, radius): (Vector, f64),
         most: f64,
+        near: &[usize],
         ignored: impl Fn(Touched) -> bool,
     ) -> (f64, Option<Touched>) {
         let half = 0.5 * self.clearance;
@@ -137,7 +150,8 @@ impl Scene {
             let gap = cloud.gap(shape, at, (center, radius), (least + half).min(FAR).max(2.0 * half));
             take(gap, half, Touched::Points, &mut least);
         }
-        for (index, (obstacle, from_world)) in self.obstacles.iter().enumerate() {
+        for &index in near {
+            let (obstacle, from_world) = &self.obstacles[index];
             let place = from_world * Point3::new(center.x, center.y, center.z);
             let needed = (least + half).max(2.0 * half);
             if obstacle.is_near(&place.coords, radius + needed + COVERED) && !ignored(Touched::Obstacle(index)) {

@@ -12,6 +12,7 @@ mod box_surface;
 mod gap;
 mod touch;
 
+pub use gap::distance_within;
 pub use touch::Touch;
 
 use crate::PlanError;
@@ -56,7 +57,7 @@ pub struct Obstacle {
 }
 
 /// Distance by which the surface of an object may be outside of the convex parts that stand for it in [`Obstacle::gap`], metres.
-pub const COVERED: f64 = 0.0015;
+pub const COVERED: f64 = 0.002;
 
 impl Obstacle {
     /// Prepares an object.

@@ -106,13 +106,9 @@ def plan_path(
     _check_numbers(speed=speed, hand_time=hand_time, max_duration=max_duration)
     if place is not None and target is None:
         raise ConfigError("place is the pose of the target when it is released; pass target=(mesh, pose) too")
+    settings = config_dict(config, PathConfig)
     natural(config.seed, "seed", 64)
     limits = limits_of(loaded, speed)
-    around, walls = placed(neighbours)
-    given = [(as_mesh(mesh), floats(pose, "the pose of an object")) for mesh, pose in objects or []]
-    cloud = floats(np.zeros((0, 3)) if points is None else points, "points")
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise ConfigError(f"points have the shape {cloud.shape}; give (m, 3)")
     found = _core.arm_path(
         loaded,
         poses,
@@ -122,12 +118,10 @@ def plan_path(
         limits.acceleration,
         floats(world_from_base, "world_from_base"),
         None if mount is None else floats(mount, "mount"),
-        cloud,
-        [*given, *around],
-        walls,
+        *_around(points, objects, neighbours),
         None if target is None else (as_mesh(target[0]), floats(target[1], "the pose of the target")),
         None if place is None else floats(place, "place"),
-        config_dict(config, PathConfig),
+        settings,
         cache_folder(),
         num_threads,
     )
@@ -141,6 +135,18 @@ def plan_path(
     facts = {"joints": tuple(loaded.joints), "arm": loaded.name, "hand_name": hand.name, "grasp": found["grasp"]}
     chosen = float(preshapes[found["grasp"]])
     return Trajectory.of(pieces, hz, **facts, preshape=chosen, assumptions=limits.assumed)
+
+
+def _around(
+    points: ArrayLike | None, objects: list[tuple[MeshLike, ArrayLike]] | None, neighbours: Surroundings | None
+) -> tuple[Any, Any, Any]:
+    """Return points (m, 3), objects with their poses, and walls."""
+    cloud = floats(np.zeros((0, 3)) if points is None else points, "points")
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise ConfigError(f"points have the shape {cloud.shape}; give (m, 3)")
+    around, walls = placed(neighbours)
+    given = [(as_mesh(mesh), floats(pose, "the pose of an object")) for mesh, pose in objects or []]
+    return cloud, [*given, *around], walls
 
 
 def _grasps(world_from_hand: ArrayLike, preshape: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

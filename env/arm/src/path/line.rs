@@ -94,11 +94,6 @@ impl Line {
     pub fn end(&self) -> Positions {
         self.postures.last().copied().unwrap_or([0.0; MAX_AXES])
     }
-
-    /// Its motions from posture to posture.
-    pub fn motions(&self) -> impl Iterator<Item = (&Positions, &Positions)> {
-        self.postures.iter().zip(self.postures.iter().skip(1))
-    }
 }
 
 /// How far a point of the hand is from where it should be at most, metres.

@@ -8,16 +8,19 @@
 //! ends.
 
 use crate::bodies::{ArmBodies, Carried, Solid, library, library_pose};
-use crate::chain::{Chain, Frames, MAX_AXES, Positions};
+use crate::chain::{Chain, MAX_AXES, Positions};
 use crate::scene::{Scene, Touched};
+use graspbox_plan::collision::distance_within;
 use nalgebra::Isometry3;
 use parry3d_f64::math::{Pose, Vector};
-use parry3d_f64::query;
 use parry3d_f64::shape::SharedShape;
 use std::collections::VecDeque;
 
 /// Distance that bodies of the robot keep from each other, metres: their shapes enclose the real links.
 const SELF_CLEARANCE: f64 = 0.001;
+
+/// Halvings by which the end of a cleared interval is found, from below.
+const HALVINGS: usize = 10;
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,7 +120,14 @@ impl<'a> Motions<'a> {
             .map(|body| Group::new(Mover::Arm(body), body, bodies.solids(body).iter().map(Convex::of).collect()))
             .collect();
         let mut pairs = bodies.pairs().to_vec();
-        let hand: Vec<Convex> = hands.iter().flat_map(|hand| hand.solids().iter().map(Convex::of)).collect();
+        let mut solids: Vec<&Solid> = Vec::new();
+        for solid in hands.iter().flat_map(Carried::solids) {
+            // The palm is the same in all configurations.
+            if !solids.iter().any(|s| s.shape == solid.shape && s.body_from_shape == solid.body_from_shape) {
+                solids.push(solid);
+            }
+        }
+        let hand: Vec<Convex> = solids.into_iter().map(Convex::of).collect();
         let meets = hands.first().map_or(&[][..], Carried::meets);
         pairs.extend(meets.iter().map(|body| [*body, groups.len()]));
         groups.push(Group::new(Mover::Hand, last, hand));
@@ -134,7 +144,7 @@ impl<'a> Motions<'a> {
         Self { chain, scene, groups, pairs }
     }
 
-    fn posed(&self, positions: &Positions) -> (Frames, Posed) {
+    fn posed(&self, positions: &Positions) -> Posed {
         let frames = self.chain.frames(positions);
         let base = library(self.scene.world_from_base());
         let mut posed = Posed { bodies: [base; MAX_AXES + 1], axes: [(Vector::ZERO, Vector::Z); MAX_AXES] };
@@ -143,7 +153,7 @@ impl<'a> Motions<'a> {
             posed.bodies[axis + 1] = frame;
             posed.axes[axis] = (frame.translation, frame.rotation * Vector::Z);
         }
-        (frames, posed)
+        posed
     }
 
     /// How far a point of a group moves at most against a body nearer to the base while the axes move by `change`, metres.
@@ -171,10 +181,11 @@ impl<'a> Motions<'a> {
         ignored: &dyn Fn(Mover, Touched) -> bool,
     ) -> (f64, Option<Touched>) {
         let (frame, mut least) = (&posed.bodies[group.body], most);
+        let near = self.scene.near((*frame * group.center, group.radius), most);
         for convex in &group.shapes {
             let at = *frame * convex.body_from_shape;
             let ignored = |what| ignored(group.mover, what);
-            let (room, touched) = self.scene.room(&convex.shape, &at, convex.sphere(frame), least, ignored);
+            let (room, touched) = self.scene.room(&convex.shape, &at, convex.sphere(frame), least, &near, ignored);
             if touched.is_some() {
                 return (0.0, touched);
             }
@@ -198,11 +209,8 @@ impl<'a> Motions<'a> {
             for second in &b.shapes {
                 let (other, reach) = second.sphere(two);
                 if (center - other).length() - radius - reach < least {
-                    let theirs = *two * second.body_from_shape;
-                    // Unsupported pairs do not occur: all shapes are convex.
-                    let gap =
-                        query::distance(&at, &*first.shape.0, &theirs, &*second.shape.0).map_or(0.0, |d| d.distance);
-                    least = least.min(gap);
+                    let place = at.inv_mul(&(*two * second.body_from_shape));
+                    least = least.min(distance_within(&place, &first.shape, &second.shape, least));
                 }
             }
         }
@@ -211,12 +219,12 @@ impl<'a> Motions<'a> {
 
     /// What a posture touches.
     pub fn contact_at(&self, positions: &Positions, ignored: &dyn Fn(Mover, Touched) -> bool) -> Option<Contact> {
-        self.contact(positions, positions, ignored)
+        self.contact(&[*positions], ignored)
     }
 
     /// Everything that a mover is nearer to than its clearance at a posture.
     pub fn touched_by(&self, mover: Mover, positions: &Positions) -> Vec<Touched> {
-        let (_, posed) = self.posed(positions);
+        let posed = self.posed(positions);
         let mut all: Vec<Touched> = Vec::new();
         for group in self.groups.iter().filter(|group| group.mover == mover) {
             while let (_, Some(touched)) = self.room(&posed, group, 0.0, &|_, what| all.contains(&what)) {
@@ -226,25 +234,22 @@ impl<'a> Motions<'a> {
         all
     }
 
-    /// What the straight motion between two postures touches first, in no particular order.
+    /// What straight motions from posture to posture touch first, in no particular order.
     ///
     /// * `ignored`: what a mover may touch.
-    pub fn contact(
-        &self,
-        from: &Positions,
-        to: &Positions,
-        ignored: &dyn Fn(Mover, Touched) -> bool,
-    ) -> Option<Contact> {
+    pub fn contact(&self, postures: &[Positions], ignored: &dyn Fn(Mover, Touched) -> bool) -> Option<Contact> {
         let moving = (0..self.groups.len()).filter(|group| {
             let group = &self.groups[*group];
             group.body > 0 && !group.shapes.is_empty()
         });
-        let whole = Interval { from: 0.0, to: 1.0, groups: moving.collect(), pairs: self.pairs.clone() };
+        let course = Course::new(postures);
+        let to = course.end();
+        let whole = Interval { from: 0.0, to, groups: moving.collect(), pairs: self.pairs.clone() };
         let mut open = VecDeque::from([whole]);
         while let Some(interval) = open.pop_front() {
-            match self.look(from, to, interval, ignored) {
+            match self.look(&course, interval, ignored) {
                 Err(contact) => return Some(contact),
-                Ok(rest) => open.extend(rest),
+                Ok(rest) => open.extend(rest.into_iter().flatten()),
             }
         }
         None
@@ -253,18 +258,16 @@ impl<'a> Motions<'a> {
     /// Looks at the middle of an interval; returns what remains on both sides.
     fn look(
         &self,
-        from: &Positions,
-        to: &Positions,
+        course: &Course<'_>,
         interval: Interval,
         ignored: &dyn Fn(Mover, Touched) -> bool,
-    ) -> Result<Vec<Interval>, Contact> {
-        let (middle, half) = (0.5 * (interval.from + interval.to), 0.5 * (interval.to - interval.from));
-        let at: Positions = std::array::from_fn(|axis| from[axis] + middle * (to[axis] - from[axis]));
-        let change: Positions = std::array::from_fn(|axis| half * (to[axis] - from[axis]));
-        let (_, posed) = self.posed(&at);
-        // The share of the half interval that all that is left has cleared.
+    ) -> Result<Option<[Interval; 2]>, Contact> {
+        let middle = 0.5 * (interval.from + interval.to);
+        let change = course.change(middle, [interval.from, interval.to]);
+        let posed = self.posed(&course.at(middle));
+        // The share of these changes that all that is left has cleared.
         let mut cleared: f64 = 1.0;
-        let mut groups = Vec::new();
+        let (mut groups, mut pairs) = (Vec::new(), Vec::new());
         for index in interval.groups {
             let group = &self.groups[index];
             let moved = self.moved(&posed, group, 0, &change);
@@ -277,7 +280,6 @@ impl<'a> Motions<'a> {
                 groups.push(index);
             }
         }
-        let mut pairs = Vec::new();
         for [a, b] in interval.pairs {
             let moved = self.moved(&posed, &self.groups[b], self.groups[a].body, &change);
             let gap = self.gap(&posed, [a, b], (moved + 0.5 * SELF_CLEARANCE).max(SELF_CLEARANCE));
@@ -291,10 +293,65 @@ impl<'a> Motions<'a> {
             }
         }
         if groups.is_empty() && pairs.is_empty() {
-            return Ok(Vec::new());
+            return Ok(None);
         }
-        let rest = |from: f64, to: f64| Interval { from, to, groups: groups.clone(), pairs: pairs.clone() };
-        let clear = cleared * half;
-        Ok(vec![rest(interval.from, middle - clear), rest(middle + clear, interval.to)])
+        // A point moves by a share of its bound while the axes move by that share of their changes.
+        let limit = change.map(|change| cleared * change);
+        let [before, after] = [interval.from, interval.to].map(|end| course.within(middle, end, &limit));
+        let (more, other) = (groups.clone(), pairs.clone());
+        let before = Interval { from: interval.from, to: before, groups: more, pairs: other };
+        Ok(Some([before, Interval { from: after, to: interval.to, groups, pairs }]))
+    }
+}
+
+/// Straight motions from posture to posture; a place on it is the number of the posture before, and the share of the way to the next.
+struct Course<'a> {
+    postures: &'a [Positions],
+    /// How far each axis has moved until each posture, in all.
+    moved: Vec<Positions>,
+}
+
+impl<'a> Course<'a> {
+    fn new(postures: &'a [Positions]) -> Self {
+        let mut all = [0.0; MAX_AXES];
+        let mut moved = vec![all];
+        for pair in postures.windows(2) {
+            all = std::array::from_fn(|axis| all[axis] + (pair[1][axis] - pair[0][axis]).abs());
+            moved.push(all);
+        }
+        Self { postures, moved }
+    }
+
+    fn end(&self) -> f64 {
+        (self.postures.len() - 1) as f64
+    }
+
+    fn between(rows: &[Positions], place: f64) -> Positions {
+        let before = (place as usize).min(rows.len().saturating_sub(2));
+        let (from, share) = (&rows[before], place - before as f64);
+        let to = rows.get(before + 1).unwrap_or(from);
+        std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis]))
+    }
+
+    fn at(&self, place: f64) -> Positions {
+        Self::between(self.postures, place)
+    }
+
+    /// How far each axis moves at most from a place to one of two others.
+    fn change(&self, from: f64, to: [f64; 2]) -> Positions {
+        let here = Self::between(&self.moved, from);
+        let ends = to.map(|end| Self::between(&self.moved, end));
+        std::array::from_fn(|axis| ends.iter().map(|end| (end[axis] - here[axis]).abs()).fold(0.0, f64::max))
+    }
+
+    /// The farthest place towards `to` until which no axis moves by more than its limit.
+    fn within(&self, from: f64, to: f64, limit: &Positions) -> f64 {
+        let keeps = |place: f64| self.change(from, [place; 2]).iter().zip(limit).all(|(moved, limit)| moved <= limit);
+        let [mut inside, mut outside] = [from, to];
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (inside + outside);
+            if keeps(middle) { inside = middle } else { outside = middle }
+        }
+        inside
     }
 }

@@ -78,13 +78,8 @@ impl Roadmap<'_> {
         (0..self.chain.len()).map(one).fold(0.0, f64::max)
     }
 
-    /// Postures from `start` to one of the goals, straight motions between them; `None` if none was found.
+    /// Postures from `start` to one of the goals, to none of which the straight motion is free; `None` if none was found.
     pub fn way(&self, start: &Positions, goals: &[Positions], random: &mut ChaCha8Rng) -> Option<Vec<Positions>> {
-        let mut ranked: Vec<&Positions> = goals.iter().collect();
-        ranked.sort_by(|a, b| self.time(start, a).total_cmp(&self.time(start, b)));
-        if let Some(goal) = ranked.iter().find(|goal| (self.is_free)(start, goal)) {
-            return Some(vec![*start, **goal]);
-        }
         let found = self.connect(start, goals, random)?;
         Some(self.shortened(found, random))
     }

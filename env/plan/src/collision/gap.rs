@@ -4,16 +4,16 @@
 
 use super::{COVERED, Obstacle};
 use crate::open_hand::{convex, vector};
-use nalgebra::{Point3, distance};
-use parry3d_f64::bounding_volume::Aabb;
+use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query;
+use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::{SharedShape, TriMesh as Triangles};
 
-/// Rounding of the corners of parts and surface, metres.
-const ROUNDING: f64 = 1e-6;
-/// Most triangles into which the surface of an object is cut; what remains then is not covered.
-const MOST_TRIANGLES: usize = 200_000;
+/// Rounding of the corners of a hull, metres.
+const ROUNDING: f64 = 1e-9;
+/// Most triangles into which a triangle of the surface is cut; what remains then is not covered.
+const MOST_TRIANGLES: usize = 2_000;
 
 /// An object for distances.
 pub(super) struct Solids {
@@ -23,21 +23,33 @@ pub(super) struct Solids {
     slack: f64,
 }
 
-/// Half-spaces whose intersection is a convex part.
-struct Planes(Vec<(Vector, f64)>);
+/// A convex part, and the half-spaces whose intersection it is.
+struct Part<'a> {
+    shape: &'a SharedShape,
+    bounds: Aabb,
+    planes: Vec<(Vector, f64)>,
+}
 
-impl Planes {
-    fn new(part: &SharedShape) -> Self {
-        let Some(hull) = part.as_convex_polyhedron() else { return Self(Vec::new()) };
-        let planes = hull.faces().iter().map(|face| {
-            let corner = hull.points()[hull.vertices_adj_to_face()[face.first_vertex_or_edge as usize] as usize];
-            (face.normal, face.normal.dot(corner) + ROUNDING)
+impl<'a> Part<'a> {
+    fn new(shape: &'a SharedShape) -> Self {
+        let planes = shape.as_convex_polyhedron().map_or_else(Vec::new, |hull| {
+            let plane = hull.faces().iter().map(|face| {
+                let corner = hull.points()[hull.vertices_adj_to_face()[face.first_vertex_or_edge as usize] as usize];
+                (face.normal, face.normal.dot(corner))
+            });
+            plane.collect()
         });
-        Self(planes.collect())
+        Self { shape, bounds: shape.compute_local_aabb(), planes }
     }
 
-    fn contain(&self, point: &Vector) -> bool {
-        !self.0.is_empty() && self.0.iter().all(|(normal, offset)| normal.dot(*point) <= *offset)
+    /// Distance of a point, infinite beyond [`COVERED`], metres.
+    fn distance(&self, point: &Vector) -> f64 {
+        let out = self.planes.iter().map(|(normal, offset)| normal.dot(*point) - offset);
+        match out.fold(f64::NEG_INFINITY, f64::max) {
+            out if out.is_infinite() || out > COVERED => f64::INFINITY,
+            out if out <= 0.0 => 0.0,
+            _ => self.shape.distance_to_local_point(*point, true),
+        }
     }
 }
 
@@ -48,22 +60,17 @@ impl Solids {
         if parts.is_empty() {
             // A mesh that is its own hull, such as a wall, is its own part.
             parts.extend(convex(mesh).map(|hull| (hull.clone(), hull.compute_local_aabb())));
-            let own = parts.first().map(|(hull, _)| Planes::new(hull));
-            let is_convex = own.is_some_and(|own| mesh.vertices().iter().all(|p| own.contain(&vector(&p.coords))));
-            if is_convex {
+            let is_own = |hull: &Part<'_>| mesh.vertices().iter().all(|p| hull.distance(&vector(&p.coords)) < ROUNDING);
+            if parts.first().is_some_and(|(hull, _)| is_own(&Part::new(hull))) {
                 return Self { parts, rest: None, slack: 0.0 };
             }
             parts.clear();
         }
-        let planes: Vec<Planes> = parts.iter().map(|(part, _)| Planes::new(part)).collect();
-        let mut left = MOST_TRIANGLES;
-        let faces: Vec<[u32; 3]> = mesh
-            .faces()
-            .iter()
-            .filter(|face| !is_covered(face.map(|corner| mesh.vertices()[corner as usize]), &planes, &mut left))
-            .copied()
-            .collect();
+        let all: Vec<Part<'_>> = parts.iter().map(|(part, _)| Part::new(part)).collect();
         let vertices: Vec<Vector> = mesh.vertices().iter().map(|p| vector(&p.coords)).collect();
+        let corners = |face: &[u32; 3]| face.map(|corner| vertices[corner as usize]);
+        let faces: Vec<[u32; 3]> =
+            mesh.faces().iter().filter(|face| !is_covered(corners(face), &all)).copied().collect();
         let rest = (!faces.is_empty()).then(|| Triangles::new(vertices, faces).ok()).flatten();
         let rest = rest.map(|triangles| {
             let bounds = triangles.local_aabb();
@@ -74,24 +81,27 @@ impl Solids {
 }
 
 /// True if no point of a triangle is farther than [`COVERED`] from the parts.
-fn is_covered(triangle: [Point3<f64>; 3], parts: &[Planes], left: &mut usize) -> bool {
+fn is_covered(triangle: [Vector; 3], parts: &[Part<'_>]) -> bool {
+    let around = Aabb::from_points(triangle).loosened(COVERED);
+    let near: Vec<&Part<'_>> = parts.iter().filter(|part| part.bounds.intersects(&around)).collect();
     let mut open = vec![triangle];
-    while let Some([a, b, c]) = open.pop() {
-        if *left == 0 {
+    for _ in 0..MOST_TRIANGLES {
+        let Some([a, b, c]) = open.pop() else { return true };
+        // Distances of the corners from each part. The distance from a convex part is greatest at a corner.
+        let distances = near.iter().map(|part| [a, b, c].map(|corner| part.distance(&corner)));
+        let (mut nearest, mut by_one) = ([f64::INFINITY; 3], false);
+        for own in distances {
+            by_one |= own.iter().all(|distance| *distance <= COVERED);
+            nearest = [0, 1, 2].map(|corner| own[corner].min(nearest[corner]));
+        }
+        let farthest = nearest.into_iter().fold(0.0, f64::max);
+        if farthest > COVERED {
             return false;
         }
-        *left -= 1;
-        let corners = [a, b, c].map(|corner| vector(&corner.coords));
-        if parts.iter().any(|part| corners.iter().all(|corner| part.contain(corner))) {
-            continue;
-        }
-        if !corners.iter().all(|corner| parts.iter().any(|part| part.contain(corner))) {
-            return false;
-        }
-        let sides = [distance(&a, &b), distance(&b, &c), distance(&c, &a)];
+        let sides = [(a - b).length(), (b - c).length(), (c - a).length()];
         let longest = sides.into_iter().fold(0.0, f64::max);
         // The farthest point from all three corners is as far from them as the longest side / sqrt 3 at most.
-        if longest <= COVERED * 1.7 {
+        if by_one || farthest + longest / 3.0_f64.sqrt() <= COVERED {
             continue;
         }
         let [a, b, c] = match sides.iter().position(|side| *side == longest) {
@@ -99,10 +109,10 @@ fn is_covered(triangle: [Point3<f64>; 3], parts: &[Planes], left: &mut usize) ->
             Some(1) => [b, c, a],
             _ => [c, a, b],
         };
-        let middle = nalgebra::center(&a, &b);
+        let middle = 0.5 * (a + b);
         open.extend([[a, middle, c], [middle, b, c]]);
     }
-    true
+    open.is_empty()
 }
 
 impl Obstacle {
@@ -128,9 +138,7 @@ impl Obstacle {
         }
         for (part, bounds) in &solids.parts {
             if !far(bounds, least) {
-                // Unsupported pairs do not occur: all shapes are convex.
-                let found = query::distance(place, &*shape.0, &Pose::IDENTITY, &*part.0).map_or(0.0, |d| d.distance);
-                least = least.min(found - solids.slack);
+                least = least.min(distance_within(place, part, shape, least + solids.slack) - solids.slack);
             }
         }
         if let Some((rest, bounds)) = &solids.rest
@@ -155,6 +163,34 @@ impl Obstacle {
     }
 }
 
+/// Distance of two convex shapes, or `most` if it is greater, metres; 0 where they touch.
+///
+/// * `place`: pose of the second shape in the frame of the first.
+///
+/// With a bound the search for the distance most often ends after a few directions.
+pub fn distance_within(place: &Pose, first: &SharedShape, second: &SharedShape, most: f64) -> f64 {
+    let exact = || query::distance(&Pose::IDENTITY, &*first.0, place, &*second.0).map_or(0.0, |found| found.distance);
+    let (Some(one), Some(two)) = (first.as_support_map(), second.as_support_map()) else { return exact().min(most) };
+    let toward = |direction: Vector| CsoPoint::from_shapes(place, one, two, direction);
+    // Along a direction the shapes are at least so far apart.
+    let bound = |direction: Vector, point: &CsoPoint| -direction.dot(point.point);
+    let length = place.translation.length();
+    let direction = if length > f64::EPSILON { -place.translation / length } else { Vector::X };
+    let point = toward(direction);
+    if bound(direction, &point) >= most {
+        return most;
+    }
+    let mut simplex = VoronoiSimplex::new();
+    simplex.reset(point);
+    match gjk::closest_points(place, one, two, most, true, &mut simplex) {
+        GJKResult::Intersection => 0.0,
+        GJKResult::ClosestPoints(a, b, _) => (a - b).length().min(most),
+        GJKResult::NoIntersection(direction) if bound(direction, &toward(direction)) >= most => most,
+        // It did not converge.
+        GJKResult::NoIntersection(_) | GJKResult::Proximity(_) => exact().min(most),
+    }
+}
+
 /// Distance between two boxes, metres.
 fn apart(a: &Aabb, b: &Aabb) -> f64 {
     (a.mins - b.maxs).max(b.mins - a.maxs).max(Vector::ZERO).length()
@@ -164,7 +200,7 @@ fn apart(a: &Aabb, b: &Aabb) -> f64 {
 mod tests {
     use super::*;
     use graspbox_mesh::{TriMesh, convex_hull};
-    use nalgebra::Vector3;
+    use nalgebra::{Point3, Vector3};
 
     fn brick(low: [f64; 3], high: [f64; 3]) -> TriMesh {
         let corner = |i: usize| Point3::from(Vector3::from_fn(|axis, _| [low, high][i >> axis & 1][axis]));
