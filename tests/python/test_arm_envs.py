@@ -12,6 +12,7 @@ import graspbox
 from graspbox import arms
 from graspbox.envs import spaces
 from graspbox.errors import ArmError, ConfigError
+from graspbox.hands.description import describe
 
 GRASP = "graspbox/Grasp-v0"
 HAND = "panda_gripper"
@@ -23,7 +24,7 @@ def test_the_hand_is_where_the_joints_put_it() -> None:
     columns = spaces.tables(hand, arm)["observations"]["twist"]["synergy"]["proprio"]
     places = {row["name"]: slice(start, start + row["size"]) for row, start in _starts(columns)}
     seen, _ = env.reset(seed=3)
-    flange_from_hand = arm.flange_from_base_of(hand) @ hand.base_from_hand
+    flange_from_hand = arm.flange_from_base_of(hand) @ describe(hand).base_from_hand
     for _ in range(6):
         q = seen[places["arm_q"]].astype(np.float64)
         assert ((arm.joint_limits[:, 0] <= q) & (q <= arm.joint_limits[:, 1])).all()

@@ -161,7 +161,7 @@ fn a_link_pushes_an_object() {
     for step in 0..400 {
         let rate = 0.8 * (f64::from(step) / 100.0).min(1.0);
         joints[0] += rate * world.dt();
-        world.drive_arm(&joints[..7]);
+        world.drive_arm(&joints[..7], false);
         world.step(&robot.world_from_hand(&joints), &[]).unwrap();
         assert_eq!(world.hand_load().force, Vector3::zeros());
         let before = pressed;
@@ -196,7 +196,7 @@ fn an_error_of_the_mount_leaves_the_base() {
         let mut world = template.spawn(&hand, &start, 0.0);
         world.set_gravity(&Vector3::zeros());
         world.place_arm(&error, &home[..6]);
-        world.drive_arm(&home[..6]);
+        world.drive_arm(&home[..6], false);
         world.step(&hand, &[]).unwrap();
         let mut found = false;
         world.each_arm_contact(|contact| found |= contact.body == 6);

@@ -177,6 +177,18 @@ impl ArmBodies {
         self.bodies[body].solids.iter().map(|solid| (solid.shape, solid.body_from_shape)).collect()
     }
 
+    /// True if every body is at least `distance` metres from a point of the base's frame, by the sphere about it.
+    #[must_use]
+    pub fn are_beyond(&self, frames: &Frames, point: &Point3<f64>, distance: f64) -> bool {
+        self.bodies.iter().enumerate().filter(|(_, body)| !body.solids.is_empty()).all(|(index, body)| {
+            let center = match index.checked_sub(1) {
+                Some(axis) => frames.axes[axis].turn * body.center.coords + frames.axes[axis].shift,
+                None => body.center.coords,
+            };
+            (center - point.coords).norm_squared() >= (distance + body.radius).powi(2)
+        })
+    }
+
     /// Names of bodies that touch by design although they are not next to each other.
     #[must_use]
     pub fn by_design(&self) -> Vec<[&str; 2]> {

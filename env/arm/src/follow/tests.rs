@@ -2,7 +2,7 @@ use super::*;
 use crate::bodies::{ArmBodies, Carried};
 use crate::chain::MAX_AXES;
 use crate::postures::within_limits;
-use crate::room::Room;
+use crate::room::{Measured, Room};
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
 use graspbox_hand::assets::asset;
 use nalgebra::Isometry3;
@@ -87,15 +87,14 @@ fn limits_hold_for_random_wishes() {
         let chain = follower.chain();
         let count = chain.len();
         let mut random = ChaCha8Rng::seed_from_u64(7);
-        let (mut travel, mut blocked) = (0.0, 0);
+        let (mut travel, mut blocked, mut known) = (0.0, 0, Measured::default());
         for _ in 0..6 {
             let mut state = AxesState { positions: home, rates: [0.0; MAX_AXES] };
             for _ in 0..30 {
                 let mut wanted = [0.0; MAX_AXES];
                 (0..count).for_each(|axis| wanted[axis] = follower.speed(axis) * (4.0 * random.random::<f64>() - 2.0));
                 for _ in 0..20 {
-                    let mut last = None;
-                    let is_free = |at: &Positions| room.leaves(chain, at, CLEARANCE, &mut last);
+                    let is_free = |at: &Positions| room.leaves(chain, at, CLEARANCE, &mut known);
                     let next = follower.next(&state, &wanted, PERIOD, |a, b| room.motion(a, b), is_free);
                     blocked += usize::from(next.blocked);
                     let begun = state;

@@ -115,6 +115,11 @@ impl ArmController {
         self.drive.as_ref().map_or((&[], &[]), |drive| (&drive.axes().positions, &drive.axes().rates))
     }
 
+    /// True if the links of the arm are far from all objects; without an arm, too.
+    pub(crate) fn links_are_far(&self) -> bool {
+        self.drive.as_ref().is_none_or(JointDrive::is_far)
+    }
+
     /// True if something in the way, or a force on its links, stopped the arm since [`ArmController::unblock`].
     pub fn blocked(&self) -> bool {
         self.drive.as_ref().is_some_and(|drive| drive.blocked)
@@ -266,6 +271,7 @@ impl ArmController {
         drive.feel(world, arm, dt);
         let begins = drive.begins_period(dt);
         if begins {
+            drive.look_around(world, arm);
             let rates = self.rates(&mut drive, arm, motion, time, dt, guard);
             let error = self.error;
             drive.decide(arm, rates, dt, |hand| guard.lowest(&(hand * error)) - 0.5 * TABLE_CLEARANCE);

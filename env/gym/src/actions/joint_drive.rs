@@ -3,9 +3,10 @@
 use crate::robot_arm::{ArmSpec, LINK_CLEARANCE};
 use graspbox_arm::AxesState;
 use graspbox_arm::chain::{Frames, Positions};
+use graspbox_arm::room::Measured;
 use graspbox_episode::approach::{FORCE_TIME, STOP_FORCE};
 use graspbox_mesh::range::{OutOfRange, all_within, in_range};
-use graspbox_sim::World;
+use graspbox_sim::{ARM_IS_FAR, World};
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -13,6 +14,8 @@ use serde::{Deserialize, Serialize};
 const PERIOD: f64 = 0.01;
 /// Share of [`STOP_FORCE`] below which links that were stopped by a force move on.
 const RELAXED: f64 = 0.8;
+/// Rounding of heights, metres.
+const ROUNDING: f64 = 1e-6;
 /// Rate at which links yield to a force of twice [`STOP_FORCE`], rad/s.
 const YIELD: f64 = 0.2;
 
@@ -32,8 +35,25 @@ pub struct JointDrive {
     yielding: Positions,
     /// The force stops the links.
     pressed: bool,
+    /// The links are far from all objects in this period.
+    far: bool,
     /// Something in the way has stopped the arm since the flag was cleared.
     pub blocked: bool,
+    #[serde(skip)]
+    known: Known,
+}
+
+/// Distances that were measured, of links and of the palm; they save time and change no result, so they are no part of the state.
+#[derive(Clone, Debug, Default)]
+struct Known {
+    links: Measured,
+    palm: Option<(Positions, f64)>,
+}
+
+impl PartialEq for Known {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 impl JointDrive {
@@ -49,7 +69,9 @@ impl JointDrive {
             force: 0.0,
             yielding: zero,
             pressed: false,
+            far: false,
             blocked: false,
+            known: Known::default(),
         }
     }
 
@@ -86,8 +108,27 @@ impl JointDrive {
         (PERIOD / dt).round().max(1.0) * dt
     }
 
+    /// True if the links are far from all objects in this period.
+    pub fn is_far(&self) -> bool {
+        self.far
+    }
+
+    /// Finds out whether an object is near a link as a period begins.
+    pub fn look_around(&mut self, world: &World, arm: &ArmSpec) {
+        let (chain, base_from_world) = (arm.follower.chain(), arm.robot.world_from_base.inverse());
+        let frames = chain.frames(&self.axes.positions);
+        self.far = (0..world.object_count()).all(|object| {
+            let center = base_from_world * world.center_of(object);
+            arm.robot.bodies.are_beyond(&frames, &center, world.radius_of(object) + ARM_IS_FAR)
+        });
+    }
+
     /// Updates the force on the links with the contacts of the last step of `dt` seconds.
     pub fn feel(&mut self, world: &World, arm: &ArmSpec, dt: f64) {
+        if self.far && self.force < 1e-3 && !self.pressed {
+            self.force = 0.0;
+            return;
+        }
         let (mut force, mut yielding) = (0.0, [0.0; graspbox_arm::chain::MAX_AXES]);
         let mut frames: Option<Frames> = None;
         let (chain, base_from_world) = (arm.follower.chain(), arm.robot.world_from_base.inverse());
@@ -136,18 +177,17 @@ impl JointDrive {
     ) {
         self.yielded(&mut rates);
         let chain = arm.follower.chain();
-        let (mut links, mut palm) = (None, None::<(Positions, f64)>);
+        let Known { links, palm } = &mut self.known;
         let is_free = |positions: &Positions| {
-            // The height is true for a neighbourhood, as that of the links.
-            let known = palm.is_some_and(|(at, height)| height > arm.room.motion(&at, positions));
-            if !known {
+            // The height is true for a neighbourhood, as the distances of the links.
+            if !palm.is_some_and(|(at, height)| height - arm.room.motion(&at, positions) > ROUNDING) {
                 let height = lowest(&arm.robot.world_from_hand(positions));
-                palm = Some((*positions, height));
+                *palm = Some((*positions, height));
                 if height < 0.0 {
                     return false;
                 }
             }
-            arm.room.leaves(chain, positions, LINK_CLEARANCE, &mut links)
+            arm.room.leaves(chain, positions, LINK_CLEARANCE, links)
         };
         let motion = |from: &Positions, to: &Positions| arm.room.motion(from, to);
         let next = arm.follower.next(&self.axes, &rates, Self::period(dt), motion, is_free);

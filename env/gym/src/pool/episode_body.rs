@@ -42,7 +42,8 @@ impl EpisodeBody {
         let world = self.episode.world();
         let Some(arm) = &spec.arm else { return self.arm.advance(motion, time, world.dt(), &spec.guard, load) };
         let hand = self.arm.follow(arm, motion, time, (&spec.guard, load, world));
-        self.episode.drive_arm(&self.arm.joints().0[..arm.follower.chain().len()]);
+        let joints = &self.arm.joints().0[..arm.follower.chain().len()];
+        self.episode.drive_arm(joints, self.arm.links_are_far());
         hand
     }
 
