@@ -10,8 +10,14 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d_f64::query::distance;
 use parry3d_f64::shape::SharedShape;
 
-/// Distances from here on count as this one, metres: more is not needed, and far pairs cost no query.
-const FAR: f64 = 0.15;
+/// Greatest distance, metres: that of what no obstacle is near.
+const FAR: f64 = 1.0;
+/// From here on the distance of the spheres about two things, which is less than theirs, is enough, metres: it costs no query.
+const ENOUGH: f64 = 0.03;
+/// Postures that are measured to prove that two things never meet.
+const PROOF: usize = 4000;
+/// Distance that is kept by what never meets, metres: more than is ever asked for.
+const NEVER: f64 = 0.011;
 /// Rounding of distances and bounds, metres.
 const ROUNDING: f64 = 1e-6;
 
@@ -86,7 +92,50 @@ impl Room {
         let mut most = levers_of_all(chain, bodies, &hand);
         most[chain.len()..].fill(0.0);
         let walls = walls.iter().map(fixed).collect();
-        Self { bodies: bodies.clone(), hand, world_from_base, walls, meetings, levers, most, count: chain.len() }
+        let mut room =
+            Self { bodies: bodies.clone(), hand, world_from_base, walls, meetings, levers, most, count: chain.len() };
+        room.forget_what_never_meets(chain);
+        room
+    }
+
+    /// Leaves out what keeps [`NEVER`] in all postures within the limits, of meetings on which at most two axes have an influence.
+    fn forget_what_never_meets(&mut self, chain: &Chain) {
+        let mut kept = Vec::new();
+        for index in 0..self.meetings.len() {
+            let axes: Vec<usize> = (0..self.count).filter(|axis| self.levers[index][*axis] > 0.0).collect();
+            if axes.len() > 2 || !self.never_meet(chain, index, &axes) {
+                kept.push(index);
+            }
+        }
+        self.levers = kept.iter().map(|index| self.levers[*index]).collect();
+        self.meetings = kept.iter().map(|index| self.meetings[*index]).collect();
+    }
+
+    /// Divides the ranges of the axes until each part is proven by the distance at its middle, which is true for a neighbourhood.
+    fn never_meet(&self, chain: &Chain, index: usize, axes: &[usize]) -> bool {
+        let (meeting, levers) = (self.meetings[index], &self.levers[index]);
+        let mut parts = vec![axes.iter().map(|axis| chain.limits(*axis)).collect::<Vec<_>>()];
+        for _ in 0..PROOF {
+            let Some(part) = parts.pop() else { return true };
+            let mut middle = [0.0; MAX_AXES];
+            axes.iter().zip(&part).for_each(|(axis, [low, high])| middle[*axis] = 0.5 * (low + high));
+            let moved = |at: usize| 0.5 * (part[at][1] - part[at][0]) * levers[axes[at]];
+            let room = self.distance(meeting, &chain.frames(&middle));
+            if room < NEVER {
+                return false;
+            }
+            if room - (0..axes.len()).map(moved).sum::<f64>() >= NEVER {
+                continue;
+            }
+            let widest = (0..axes.len()).max_by(|a, b| moved(*a).total_cmp(&moved(*b))).unwrap_or(0);
+            let [low, high] = part[widest];
+            for half in [[low, middle[axes[widest]]], [middle[axes[widest]], high]] {
+                let mut smaller = part.clone();
+                smaller[widest] = half;
+                parts.push(smaller);
+            }
+        }
+        false
     }
 
     /// The bodies, to name them.
@@ -121,7 +170,7 @@ impl Room {
         true
     }
 
-    /// Distance of a meeting, at most [`FAR`], metres; 0 where they touch.
+    /// Distance of a meeting, metres, or less than it beyond [`ENOUGH`]; 0 where they touch.
     fn distance(&self, meeting: Meeting, frames: &Frames) -> f64 {
         let mut least = FAR;
         let pose = |body: usize| frame(frames, body);
@@ -145,7 +194,7 @@ impl Room {
         least.max(0.0)
     }
 
-    /// The least distance, at most [`FAR`], metres; 0 where something touches.
+    /// The least distance, metres, or less than it beyond [`ENOUGH`]; 0 where something touches.
     #[must_use]
     pub fn measure(&self, frames: &Frames) -> f64 {
         self.meetings.iter().map(|meeting| self.distance(*meeting, frames)).fold(FAR, f64::min)
@@ -153,19 +202,28 @@ impl Room {
 
     /// Lowers `least` to the distance of a body from the table and the walls.
     fn from_surroundings(&self, body: &Body, at: &Isometry3<f64>, center: &Point3<f64>, least: &mut f64) {
-        let high = (self.world_from_base * center).z - body.radius >= *least;
-        let far = |wall: &Fixed| (wall.at.inverse_transform_point(center).coords.abs() - half(&wall.shape)).max();
+        let height = (self.world_from_base * center).z - body.radius;
+        let far = |wall: &Fixed| {
+            (wall.at.inverse_transform_point(center).coords.abs() - half(&wall.shape)).max() - body.radius
+        };
+        let nearest = self.walls.iter().map(far).fold(f64::INFINITY, f64::min);
+        if height.min(nearest) >= ENOUGH {
+            *least = least.min(height.min(nearest));
+            return;
+        }
         for solid in &body.solids {
             let own = at * solid.body_from_shape;
-            if !high {
+            if height < ENOUGH {
                 let world = self.world_from_base * own;
                 *least = least.min(world.translation.z - half_height(&solid.shape, &world.rotation));
             }
-            for wall in &self.walls {
-                if far(wall) - body.radius < *least {
-                    *least = least.min(gap((&solid.shape, &solid.solid, &own), (&wall.shape, &wall.solid, &wall.at)));
-                }
+            for wall in self.walls.iter().filter(|wall| far(wall) < ENOUGH) {
+                *least = least.min(gap((&solid.shape, &solid.solid, &own), (&wall.shape, &wall.solid, &wall.at)));
             }
+        }
+        // What is not near, but not nothing.
+        for beyond in [height, nearest].into_iter().filter(|beyond| *beyond >= ENOUGH) {
+            *least = least.min(beyond);
         }
     }
 }
@@ -179,7 +237,9 @@ struct Posed<'a> {
 /// Lowers `least` to the distance of two bodies.
 fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64) {
     let between = (one.at * one.body.center - two.at * two.body.center).norm();
-    if between - one.body.radius - two.body.radius >= *least {
+    let beyond = between - one.body.radius - two.body.radius;
+    if beyond >= ENOUGH {
+        *least = least.min(beyond);
         return;
     }
     for a in &one.body.solids {
@@ -187,7 +247,9 @@ fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64) {
         for b in &two.body.solids {
             let other = two.at * b.body_from_shape;
             let near = (own.translation.vector - other.translation.vector).norm() - a.radius - b.radius;
-            if near < *least {
+            if near >= ENOUGH {
+                *least = least.min(near);
+            } else if near < *least {
                 *least = least.min(gap((&a.shape, &a.solid, &own), (&b.shape, &b.solid, &other)));
             }
         }

@@ -77,6 +77,16 @@ The first n entries move the hand. ``control="twist"``, a velocity in the hand's
 
 <!-- generated: action of joint_velocity -->
 
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0 | joint | -2.62 | 2.62 | rad/s | speed of `joint1` |
+| 1 | joint | -2.62 | 2.62 | rad/s | speed of `joint2` |
+| 2 | joint | -2.62 | 2.62 | rad/s | speed of `joint3` |
+| 3 | joint | -2.62 | 2.62 | rad/s | speed of `joint4` |
+| 4 | joint | -5.26 | 5.26 | rad/s | speed of `joint5` |
+| 5 | joint | -4.18 | 4.18 | rad/s | speed of `joint6` |
+| 6 | joint | -5.26 | 5.26 | rad/s | speed of `joint7` |
+
 <!-- end -->
 
 The entries from n on move the fingers. ``fingers="synergy"``, along the closing motion of the hand's description, in
@@ -252,7 +262,7 @@ Arm
 stands at ``base``: by default on the table opposite the camera ``front``, 0.55 of the arm's length from the middle, facing it.
 
 - All control modes mean the same, but the hand's pose follows from the joints by forward kinematics. A wanted twist becomes
-  joint speeds by damped least squares, every 0.01 s. The hand accelerates as the joints do: by at most 0.3 m times the least
+  joint speeds by damped least squares, every 0.02 s. The hand accelerates as the joints do: by at most 0.3 m times the least
   acceleration of a joint; a joint without a published one has 10 rad/s2.
 - No joint exceeds its range, speed or acceleration. Speeds beyond a limit shrink together, so that the direction stays.
 - A seventh joint's freedom turns the arm towards home, at 0.5/s of the way and at most a tenth of the joints' speeds. An arm of
@@ -268,9 +278,18 @@ stands at ``base``: by default on the table opposite the camera ``front``, 0.55 
 
 <!-- generated: further columns on an arm -->
 
+| index | column | min | max | unit | meaning |
+|---|---|---|---|---|---|
+| 15-21 | arm_q | -3.0421 | 4.5169 | rad | position of each joint of the arm, from the base on |
+| 22-28 | arm_dq | -5.26 | 5.26 | rad/s | its speed |
+
 <!-- end -->
 
 <!-- generated: further info on an arm -->
+
+| entry | type | unit | meaning |
+|---|---|---|---|
+| arm_blocked | bool |  | the arm stopped before itself, its hand, the table or a wall, or an object pressed on its links, at some time in the last step |
 
 <!-- end -->
 

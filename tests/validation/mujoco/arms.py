@@ -1,8 +1,8 @@
-"""Paths of an arm's joints from the environments, run again in MuJoCo: where is the flange?
+"""Paths of an arm's joints from the environments, followed in MuJoCo by an arm of the same URDF.
 
-An environment moves an arm by random actions, 100 a second. MuJoCo simulates the arm of the same URDF, pulled by torques
-along the recorded joints: its inverse dynamics, and feedback. Both know the forward kinematics by their own code; and a
-path that jumps, or is faster than its speeds say, cannot be followed.
+An environment moves an arm by random actions, 100 a second. MuJoCo simulates the arm, which torques pull along the
+recorded joints: its inverse dynamics, and feedback. The flange is compared, which both find by their own forward
+kinematics. A path that jumps, or is faster than its speeds say, cannot be followed.
 """
 
 import tomllib

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 /// Number of coordinates of the mount.
 const MOUNT: usize = 6;
 /// An arm may count as far if its links are this far from all objects, metres: neither comes so near in a few steps that they touch.
-pub const ARM_IS_FAR: f64 = 0.06;
+pub const ARM_IS_FAR: f64 = 0.08;
 /// Where an arm without a posture is, metres along x from the hand.
 const PARKED: f64 = 100.0;
 
