@@ -8,6 +8,7 @@
 | ``export``  | the share of trials with equal labels in exported MJCF scenes and in the MuJoCo replay of ``mujoco`` |
 | ``robust``  | the success rate of perturbed copies of grasps, in MuJoCo and in the core |
 | ``clutter`` | attempts of policies that clear scenes of several objects, in the core and in MuJoCo |
+| ``arms``    | the flange along paths of arms in the environments, in the core and in MuJoCo |
 | ``forces``  | six forces, a lift and force closure, as DexGraspBench judges grasps, in the core and in MuJoCo |
 | ``engines`` | labels and speed of the engines `implicit` and `rapier` |
 | ``speed``   | trials and simulated seconds per second of CPU time: ours, rapier, MuJoCo |
@@ -31,6 +32,7 @@ CHECKS = {
     "export": ("validation.mujoco.export_command", "main"),
     "robust": ("validation.mujoco.robust_command", "main"),
     "clutter": ("validation.mujoco.clutter_command", "main"),
+    "arms": ("validation.mujoco.arms_command", "main"),
     "forces": ("validation.forces.command", "main"),
     "engines": ("validation.engines", "main"),
     "speed": ("validation.speed", "main"),

@@ -5,11 +5,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
 import graspbox
+from graspbox.arms import load_arm
 from graspbox.configs import CamerasConfig
 from graspbox.envs import spaces
 from graspbox.envs.settings import GraspConfig
 
 TABLES = spaces.tables(graspbox.load_hand())
+#: Those of a gripper on an arm.
+ON_ARM = spaces.tables(graspbox.load_hand("panda_gripper"), load_arm("fr3"))
 #: Those of the tables of vectors, in which the last action is as long as an action.
 DEFAULT_FINGERS = GraspConfig.fingers
 
@@ -131,6 +134,25 @@ def further_table(control: str) -> str:
     return markdown("entry type unit meaning", [entry_row(row) for row in further])
 
 
+def joint_table() -> str:
+    """Actions of the joints of an arm."""
+    columns = [row for row in ON_ARM["actions"]["joint_velocity"][DEFAULT_FINGERS] if row["name"] == "joint"]
+    return markdown("index name -1 1 unit meaning", [(i, row["name"], *described(row)) for i, row in placed(columns)])
+
+
+def arm_columns() -> str:
+    """Columns that an arm adds, in vectors of the hand that it carries."""
+    vectors = ON_ARM["observations"]["twist"][DEFAULT_FINGERS]
+    rows = [(i, row["name"], *described(row)) for i, row in placed(vectors["state"]) if row["name"].startswith("arm_")]
+    return markdown("index column min max unit meaning", rows)
+
+
+def arm_info() -> str:
+    """Info that an arm adds."""
+    known = [row["name"] for row in TABLES["info"]]
+    return markdown("entry type unit meaning", [entry_row(row) for row in ON_ARM["info"] if row["name"] not in known])
+
+
 def tables() -> dict[str, Callable[[], str]]:
     """Return the functions that write the tables, by name."""
     writers: dict[str, Callable[[], str]] = {
@@ -139,6 +161,9 @@ def tables() -> dict[str, Callable[[], str]]:
         "info of goal tasks": partial(info_table, TABLES["goal"]["info"]),
         "reward of goal tasks": partial(term_table, TABLES["goal"]["terms"]),
         "further info with a target": target_table,
+        "action of joint_velocity": joint_table,
+        "further columns on an arm": arm_columns,
+        "further info on an arm": arm_info,
         "further info of GraspPose-v0": partial(further_table, "grasp_pose"),
         "further info of Clear-v0": partial(further_table, "clear"),
     }

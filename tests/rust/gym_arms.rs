@@ -3,7 +3,7 @@
 
 use graspbox_gym::robot_arm::LINK_CLEARANCE;
 use graspbox_gym::{
-    Control, EnvConfig, EnvError, EnvPool, Fingers, Objects, Randomization, ResetOptions, RobotArm, Source,
+    Control, EnvConfig, EnvError, EnvPool, Fingers, Objects, Observation, Randomization, ResetOptions, RobotArm, Source,
 };
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
 use graspbox_hand::assets::asset;
@@ -48,6 +48,11 @@ fn pool_on(arm: &str, config: EnvConfig, count: usize) -> Arc<EnvPool> {
     Arc::new(EnvPool::new(objects_on(arm, None).unwrap(), config, count).unwrap())
 }
 
+/// A config without the tactile sensors that these hands do not have.
+fn plain() -> EnvConfig {
+    EnvConfig { observations: vec![Observation::Proprio, Observation::State], ..EnvConfig::default() }
+}
+
 /// Actions that keep a direction for some steps, so that limits are reached.
 fn actions(pool: &EnvPool, step: usize) -> Vec<f32> {
     let number = |entry: usize| ((7919 * entry + 104_729 * (step / 4)) as f64).sin() * 1e4;
@@ -61,7 +66,7 @@ fn postures_stay_within_all_limits() {
         let arm = asset.read().unwrap();
         let count = arm.axes.len();
         for control in CONTROLS {
-            let config = EnvConfig { control, max_episode_steps: Some(25), ..EnvConfig::default() };
+            let config = EnvConfig { control, max_episode_steps: Some(25), ..plain() };
             let pool = pool_on(asset.name, config, 2);
             pool.reset(&seeds(&pool), None, &ResetOptions::default()).unwrap();
             let spec = pool.spec().arm.as_ref().unwrap();
@@ -104,7 +109,7 @@ fn environments_on_arms_repeat() {
         max_episode_steps: Some(15),
         randomization: Randomization::standard(),
         fingers: Fingers::Each,
-        ..EnvConfig::default()
+        ..plain()
     };
     let run = |pool: &EnvPool, from: usize| -> Vec<Vec<u64>> {
         let whole = pool_on("fr3", config(), 3);
@@ -168,7 +173,7 @@ fn a_link_pushes_an_object() {
     for step in 0..400 {
         let rate = 0.8 * (f64::from(step) / 100.0).min(1.0);
         joints[0] += rate * world.dt();
-        world.drive_arm(&joints[..7]);
+        world.drive_arm(&joints[..7], false);
         world.step(&robot.world_from_hand(&joints), &[]).unwrap();
         assert_eq!(world.hand_load().force, Vector3::zeros());
         let before = pressed;
@@ -207,7 +212,7 @@ fn an_error_of_the_mount_leaves_the_base() {
         let mut world = template.spawn(&hand, &start, 0.0);
         world.set_gravity(&Vector3::zeros());
         world.place_arm(&error, &home[..6]);
-        world.drive_arm(&home[..6]);
+        world.drive_arm(&home[..6], false);
         world.step(&hand, &[]).unwrap();
         let mut found = false;
         world.each_arm_contact(|contact| found |= contact.body == 6);
@@ -236,14 +241,14 @@ fn impossible_arms_are_refused() {
             .map_or_else(String::new, |error| error.to_string())
     };
     let far = objects_on("fr3", Some(Isometry3::translation(-3.0, 0.0, 0.0))).unwrap();
-    assert!(pool(far, EnvConfig::default()).contains("too far"));
-    let decides = EnvConfig { control: Control::GraspPose, ..EnvConfig::default() };
+    assert!(pool(far, plain()).contains("too far"));
+    let decides = EnvConfig { control: Control::GraspPose, ..plain() };
     assert!(pool(objects_on("fr3", None).unwrap(), decides).contains("arm"));
     let head_down = Isometry3::from_parts(
         Translation3::new(-0.5, 0.0, 0.3),
         UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI),
     );
-    assert!(pool(objects_on("fr3", Some(head_down)).unwrap(), EnvConfig::default()).contains("home"));
+    assert!(pool(objects_on("fr3", Some(head_down)).unwrap(), plain()).contains("home"));
     let heavy = Objects::new(
         vec![Source::Procedural { name: "box".into(), family: Family::Box, seed: 0, scale: 1.0, mass: None }],
         Arc::new(hand("panda_gripper")),
@@ -262,7 +267,7 @@ fn impossible_arms_are_refused() {
 /// A requested pose that the arm does not reach is refused with the reason; one that it reaches is met.
 #[test]
 fn requested_poses_are_met_or_refused() {
-    let pool = pool_on("fr3", EnvConfig::default(), 1);
+    let pool = pool_on("fr3", plain(), 1);
     let rows = |x: f64, z: f64, tilt: f64| {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), tilt)
             * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
@@ -280,7 +285,7 @@ fn requested_poses_are_met_or_refused() {
 /// A hand that is driven down stops above the table, and the info says what stopped the arm.
 #[test]
 fn a_blocked_arm_says_so() {
-    let config = EnvConfig { control: Control::JointVelocity, ..EnvConfig::default() };
+    let config = EnvConfig { control: Control::JointVelocity, ..plain() };
     let pool = pool_on("fr3", config, 1);
     pool.reset(&[Some(0)], None, &ResetOptions::default()).unwrap();
     // The second joint bends the arm forwards, into the table.

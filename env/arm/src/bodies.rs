@@ -191,6 +191,21 @@ impl ArmBodies {
         self.bodies[body].solids.iter().map(|solid| (solid.shape, solid.body_from_shape)).collect()
     }
 
+    /// True if every body is at least `distance` metres from a point of the base's frame, by spheres about its shapes.
+    #[must_use]
+    pub fn are_beyond(&self, frames: &Frames, point: &Point3<f64>, distance: f64) -> bool {
+        self.bodies.iter().enumerate().filter(|(_, body)| !body.solids.is_empty()).all(|(index, body)| {
+            let center = match index.checked_sub(1) {
+                Some(axis) => frames.axes[axis].turn * body.center.coords + frames.axes[axis].shift,
+                None => body.center.coords,
+            };
+            let apart =
+                |place: Vector3<f64>, radius: f64| (place - point.coords).norm_squared() >= (distance + radius).powi(2);
+            let place = |solid: &Solid| frame(frames, index) * Point3::from(solid.body_from_shape.translation.vector);
+            apart(center, body.radius) || body.solids.iter().all(|solid| apart(place(solid).coords, solid.radius))
+        })
+    }
+
     /// Names of bodies that touch by design although they are not next to each other.
     #[must_use]
     pub fn by_design(&self) -> Vec<[&str; 2]> {

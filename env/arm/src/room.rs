@@ -1,7 +1,7 @@
-//! How much room a posture leaves: the least distance between links that may touch, and from the links to table and walls.
+//! How much room a posture leaves: the distances between links that may touch, and from the links to table and walls.
 //!
-//! One distance is true for a neighbourhood: it shrinks by no more than what moves, and that is bounded by the change of each axis times the length
-//! beyond it. So a motion in steps measures distances anew only where it comes near something.
+//! One distance is true for a neighbourhood: it shrinks by no more than what moves, and that is bounded by the change of each axis between the two
+//! bodies times the length beyond it. So a motion in steps measures a distance anew only where the two come near each other.
 
 use crate::bodies::{ArmBodies, Body, Carried, Solid, frame, half_height, library_pose, library_shape};
 use crate::chain::{Chain, Frames, MAX_AXES, Positions};
@@ -10,8 +10,14 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d_f64::query::distance;
 use parry3d_f64::shape::SharedShape;
 
-/// Distances from here on count as this one, metres: more is not needed, and far pairs cost no query.
-const FAR: f64 = 0.15;
+/// Greatest distance, metres: that of what no obstacle is near.
+const FAR: f64 = 1.0;
+/// From here on the distance of the spheres about two things, which is less than theirs, is enough, metres: it costs no query.
+const ENOUGH: f64 = 0.03;
+/// Postures that are measured to prove that two things never meet.
+const PROOF: usize = 4000;
+/// Distance that is kept by what never meets, metres: more than is ever asked for.
+const NEVER: f64 = 0.011;
 /// Rounding of distances and bounds, metres.
 const ROUNDING: f64 = 1e-6;
 
@@ -22,29 +28,39 @@ struct Fixed {
     at: Isometry3<f64>,
 }
 
+/// Two things that must not touch: a body and what it moves towards.
+#[derive(Clone, Copy, Debug)]
+enum Meeting {
+    Bodies(usize, usize),
+    /// The hand and a body.
+    Hand(usize),
+    /// A body, and table and walls.
+    Surroundings(usize),
+}
+
 /// What the links of an arm must keep away from.
 pub struct Room {
     bodies: ArmBodies,
     hand: Carried,
     world_from_base: Isometry3<f64>,
     walls: Vec<Fixed>,
-    /// Greatest distance of anything that an axis moves from it, metres; 1 for a prismatic one.
-    levers: Positions,
+    meetings: Vec<Meeting>,
+    /// For each of them, how far one can move against the other per change of each axis, metres.
+    levers: Vec<Positions>,
+    /// The same for anything against the base.
+    most: Positions,
     count: usize,
 }
 
 impl std::fmt::Debug for Room {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Room({} walls)", self.walls.len())
+        write!(f, "Room({} meetings, {} walls)", self.meetings.len(), self.walls.len())
     }
 }
 
-/// A posture whose room was measured.
-#[derive(Clone, Copy, Debug)]
-pub struct Measured {
-    positions: Positions,
-    room: f64,
-}
+/// Distances that were measured, each with the posture; they change no answer, but the time that it takes.
+#[derive(Clone, Debug, Default)]
+pub struct Measured(Vec<(Positions, f64)>);
 
 impl Room {
     /// * `walls`: half sides and poses in the world of boxes that do not move.
@@ -61,9 +77,65 @@ impl Room {
             let shape = Shape::Cuboid(*half);
             Fixed { shape, solid: library_shape(&shape, 0.0), at: base_from_world * world_from_wall }
         };
-        let levers = levers(chain, bodies, &hand);
+        let last = bodies.bodies.len() - 1;
+        let own = bodies.pairs.iter().map(|&[a, b]| Meeting::Bodies(a, b));
+        let meetings: Vec<Meeting> = own
+            .chain(hand.meets.iter().map(|body| Meeting::Hand(*body)))
+            .chain((1..=last).filter(|body| !bodies.bodies[*body].solids.is_empty()).map(Meeting::Surroundings))
+            .collect();
+        let levers = meetings.iter().map(|meeting| match *meeting {
+            Meeting::Bodies(a, b) => levers(chain, a, b, &bodies.bodies[b].solids),
+            Meeting::Hand(body) => levers(chain, body, last, &hand.body.solids),
+            Meeting::Surroundings(body) => levers(chain, 0, body, &bodies.bodies[body].solids),
+        });
+        let levers: Vec<Positions> = levers.collect();
+        let mut most = levers_of_all(chain, bodies, &hand);
+        most[chain.len()..].fill(0.0);
         let walls = walls.iter().map(fixed).collect();
-        Self { bodies: bodies.clone(), hand, world_from_base, walls, levers, count: chain.len() }
+        let mut room =
+            Self { bodies: bodies.clone(), hand, world_from_base, walls, meetings, levers, most, count: chain.len() };
+        room.forget_what_never_meets(chain);
+        room
+    }
+
+    /// Leaves out what keeps [`NEVER`] in all postures within the limits, of meetings on which at most two axes have an influence.
+    fn forget_what_never_meets(&mut self, chain: &Chain) {
+        let mut kept = Vec::new();
+        for index in 0..self.meetings.len() {
+            let axes: Vec<usize> = (0..self.count).filter(|axis| self.levers[index][*axis] > 0.0).collect();
+            if axes.len() > 2 || !self.never_meet(chain, index, &axes) {
+                kept.push(index);
+            }
+        }
+        self.levers = kept.iter().map(|index| self.levers[*index]).collect();
+        self.meetings = kept.iter().map(|index| self.meetings[*index]).collect();
+    }
+
+    /// Divides the ranges of the axes until each part is proven by the distance at its middle, which is true for a neighbourhood.
+    fn never_meet(&self, chain: &Chain, index: usize, axes: &[usize]) -> bool {
+        let (meeting, levers) = (self.meetings[index], &self.levers[index]);
+        let mut parts = vec![axes.iter().map(|axis| chain.limits(*axis)).collect::<Vec<_>>()];
+        for _ in 0..PROOF {
+            let Some(part) = parts.pop() else { return true };
+            let mut middle = [0.0; MAX_AXES];
+            axes.iter().zip(&part).for_each(|(axis, [low, high])| middle[*axis] = 0.5 * (low + high));
+            let moved = |at: usize| 0.5 * (part[at][1] - part[at][0]) * levers[axes[at]];
+            let room = self.distance(meeting, &chain.frames(&middle));
+            if room < NEVER {
+                return false;
+            }
+            if room - (0..axes.len()).map(moved).sum::<f64>() >= NEVER {
+                continue;
+            }
+            let widest = (0..axes.len()).max_by(|a, b| moved(*a).total_cmp(&moved(*b))).unwrap_or(0);
+            let [low, high] = part[widest];
+            for half in [[low, middle[axes[widest]]], [middle[axes[widest]], high]] {
+                let mut smaller = part.clone();
+                smaller[widest] = half;
+                parts.push(smaller);
+            }
+        }
+        false
     }
 
     /// The bodies, to name them.
@@ -75,62 +147,83 @@ impl Room {
     /// An upper bound of how far anything moves between two postures, metres.
     #[must_use]
     pub fn motion(&self, from: &Positions, to: &Positions) -> f64 {
-        (0..self.count).map(|axis| (from[axis] - to[axis]).abs() * self.levers[axis]).sum()
+        (0..self.count).map(|axis| (from[axis] - to[axis]).abs() * self.most[axis]).sum()
     }
 
-    /// True if a posture leaves at least `least` metres; `last` keeps the last measurement, which changes no answer.
-    pub fn leaves(&self, chain: &Chain, positions: &Positions, least: f64, last: &mut Option<Measured>) -> bool {
-        if let Some(last) = last.as_ref()
-            && last.room - self.motion(&last.positions, positions) - ROUNDING >= least
-        {
-            return true;
+    /// True if a posture leaves at least `least` metres.
+    pub fn leaves(&self, chain: &Chain, positions: &Positions, least: f64, known: &mut Measured) -> bool {
+        if known.0.len() != self.meetings.len() {
+            known.0 = vec![([0.0; MAX_AXES], f64::NEG_INFINITY); self.meetings.len()];
         }
-        let room = self.measure(&chain.frames(positions));
-        *last = Some(Measured { positions: *positions, room });
-        room >= least
+        let mut frames: Option<Frames> = None;
+        for ((meeting, levers), (at, room)) in self.meetings.iter().zip(&self.levers).zip(&mut known.0) {
+            let moved: f64 = (0..self.count).map(|axis| (at[axis] - positions[axis]).abs() * levers[axis]).sum();
+            if *room - moved - ROUNDING >= least {
+                continue;
+            }
+            let frames = frames.get_or_insert_with(|| chain.frames(positions));
+            (*at, *room) = (*positions, self.distance(*meeting, frames));
+            if *room < least {
+                return false;
+            }
+        }
+        true
     }
 
-    /// The least distance, at most [`FAR`], metres; 0 where something touches.
-    #[must_use]
-    pub fn measure(&self, frames: &Frames) -> f64 {
-        let mut at = [Isometry3::identity(); MAX_AXES + 1];
-        let mut centers = [Point3::origin(); MAX_AXES + 1];
-        for (body, own) in self.bodies.bodies.iter().enumerate() {
-            at[body] = frame(frames, body);
-            centers[body] = at[body] * own.center;
-        }
+    /// Distance of a meeting, metres, or less than it beyond [`ENOUGH`]; 0 where they touch.
+    fn distance(&self, meeting: Meeting, frames: &Frames) -> f64 {
         let mut least = FAR;
-        for &[a, b] in &self.bodies.pairs {
-            let [one, two] = [a, b].map(|body| Posed { body: &self.bodies.bodies[body], at: &at[body] });
-            apart(&one, &two, (centers[a] - centers[b]).norm(), &mut least);
-        }
-        let last = &at[self.bodies.bodies.len() - 1];
-        let (hand, center) = (Posed { body: &self.hand.body, at: last }, last * self.hand.body.center);
-        for &body in &self.hand.meets {
-            let other = Posed { body: &self.bodies.bodies[body], at: &at[body] };
-            apart(&hand, &other, (centers[body] - center).norm(), &mut least);
-        }
-        for (body, own) in self.bodies.bodies.iter().enumerate().skip(1) {
-            self.from_surroundings(own, &at[body], &centers[body], &mut least);
+        let pose = |body: usize| frame(frames, body);
+        let last = self.bodies.bodies.len() - 1;
+        match meeting {
+            Meeting::Bodies(a, b) => {
+                let (one, two) = (pose(a), pose(b));
+                let [one, two] = [(a, &one), (b, &two)].map(|(body, at)| Posed { body: &self.bodies.bodies[body], at });
+                apart(&one, &two, &mut least);
+            }
+            Meeting::Hand(body) => {
+                let (own, other) = (pose(last), pose(body));
+                let hand = Posed { body: &self.hand.body, at: &own };
+                apart(&hand, &Posed { body: &self.bodies.bodies[body], at: &other }, &mut least);
+            }
+            Meeting::Surroundings(body) => {
+                let (own, at) = (&self.bodies.bodies[body], pose(body));
+                self.from_surroundings(own, &at, &(at * own.center), &mut least);
+            }
         }
         least.max(0.0)
     }
 
+    /// The least distance, metres, or less than it beyond [`ENOUGH`]; 0 where something touches.
+    #[must_use]
+    pub fn measure(&self, frames: &Frames) -> f64 {
+        self.meetings.iter().map(|meeting| self.distance(*meeting, frames)).fold(FAR, f64::min)
+    }
+
     /// Lowers `least` to the distance of a body from the table and the walls.
     fn from_surroundings(&self, body: &Body, at: &Isometry3<f64>, center: &Point3<f64>, least: &mut f64) {
-        let high = (self.world_from_base * center).z - body.radius >= *least;
-        let far = |wall: &Fixed| (wall.at.inverse_transform_point(center).coords.abs() - half(&wall.shape)).max();
+        let height = (self.world_from_base * center).z - body.radius;
+        let far = |wall: &Fixed| {
+            (wall.at.inverse_transform_point(center).coords.abs() - half(&wall.shape)).max() - body.radius
+        };
+        let nearest = self.walls.iter().map(far).fold(f64::INFINITY, f64::min);
+        if height.min(nearest) >= ENOUGH {
+            *least = least.min(height.min(nearest));
+            return;
+        }
         for solid in &body.solids {
             let own = at * solid.body_from_shape;
-            if !high {
+            if height < ENOUGH {
                 let world = self.world_from_base * own;
                 *least = least.min(world.translation.z - half_height(&solid.shape, &world.rotation));
             }
-            for wall in &self.walls {
-                if far(wall) - body.radius < *least {
-                    *least = least.min(gap((&solid.shape, &solid.solid, &own), (&wall.shape, &wall.solid, &wall.at)));
-                }
+            for wall in self.walls.iter().filter(|wall| far(wall) < ENOUGH) {
+                *least = least.min(gap((&solid.shape, &solid.solid, &own), (&wall.shape, &wall.solid, &wall.at)));
             }
+        }
+        // What is not near, but not nothing.
+        for beyond in [height, nearest].into_iter().filter(|beyond| *beyond >= ENOUGH) {
+            *least = least.min(beyond);
         }
     }
 }
@@ -141,9 +234,12 @@ struct Posed<'a> {
     at: &'a Isometry3<f64>,
 }
 
-/// Lowers `least` to the distance of two bodies whose centres are `between` metres apart.
-fn apart(one: &Posed<'_>, two: &Posed<'_>, between: f64, least: &mut f64) {
-    if between - one.body.radius - two.body.radius >= *least {
+/// Lowers `least` to the distance of two bodies.
+fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64) {
+    let between = (one.at * one.body.center - two.at * two.body.center).norm();
+    let beyond = between - one.body.radius - two.body.radius;
+    if beyond >= ENOUGH {
+        *least = least.min(beyond);
         return;
     }
     for a in &one.body.solids {
@@ -151,7 +247,9 @@ fn apart(one: &Posed<'_>, two: &Posed<'_>, between: f64, least: &mut f64) {
         for b in &two.body.solids {
             let other = two.at * b.body_from_shape;
             let near = (own.translation.vector - other.translation.vector).norm() - a.radius - b.radius;
-            if near < *least {
+            if near >= ENOUGH {
+                *least = least.min(near);
+            } else if near < *least {
                 *least = least.min(gap((&a.shape, &a.solid, &own), (&b.shape, &b.solid, &other)));
             }
         }
@@ -170,19 +268,37 @@ fn half(shape: &Shape) -> Vector3<f64> {
     shape.half_extents(&nalgebra::UnitQuaternion::identity())
 }
 
-/// The greatest distances from each axis.
-fn levers(chain: &Chain, bodies: &ArmBodies, hand: &Carried) -> Positions {
-    let size = |solids: &[Solid]| {
-        solids.iter().map(|solid| solid.body_from_shape.translation.vector.norm() + solid.radius).fold(0.0, f64::max)
-    };
+/// The greatest distance of a point of the shapes from their frame.
+fn size(solids: &[Solid]) -> f64 {
+    solids.iter().map(|solid| solid.body_from_shape.translation.vector.norm() + solid.radius).fold(0.0, f64::max)
+}
+
+/// How far shapes on body `to` can move against body `from` per change of each axis between them, metres; 1 for a prismatic one.
+fn levers(chain: &Chain, from: usize, to: usize, solids: &[Solid]) -> Positions {
+    let mut levers = [0.0; MAX_AXES];
+    let mut beyond = size(solids);
+    for axis in (from..to).rev() {
+        levers[axis] = if chain.is_revolute(axis) { beyond } else { 1.0 };
+        beyond += length(chain, axis);
+    }
+    levers
+}
+
+/// The same for all shapes against the base.
+fn levers_of_all(chain: &Chain, bodies: &ArmBodies, hand: &Carried) -> Positions {
     let mut levers = [0.0; MAX_AXES];
     let mut beyond = size(&hand.body.solids);
     for axis in (0..chain.len()).rev() {
         beyond = beyond.max(size(&bodies.bodies[axis + 1].solids));
         levers[axis] = if chain.is_revolute(axis) { beyond } else { 1.0 };
-        let [lower, upper] = chain.limits(axis);
-        let travel = if chain.is_revolute(axis) { 0.0 } else { lower.abs().max(upper.abs()) };
-        beyond += chain.before(axis).shift.norm() + travel;
+        beyond += length(chain, axis);
     }
     levers
+}
+
+/// The greatest distance between the frames of an axis and of the one before it, metres.
+fn length(chain: &Chain, axis: usize) -> f64 {
+    let [lower, upper] = chain.limits(axis);
+    let travel = if chain.is_revolute(axis) { 0.0 } else { lower.abs().max(upper.abs()) };
+    chain.before(axis).shift.norm() + travel
 }

@@ -86,8 +86,8 @@ impl Episode {
     }
 
     /// As [`World::drive_arm`].
-    pub fn drive_arm(&mut self, positions: &[f64]) {
-        self.world.drive_arm(positions);
+    pub fn drive_arm(&mut self, positions: &[f64], is_far: bool) {
+        self.world.drive_arm(positions, is_far);
     }
 
     /// Makes the object on which the hand presses most the target; if it presses on none, the target stays the same.

@@ -4,7 +4,7 @@ use crate::EnvError;
 use crate::actions::arm_controller::{ANGULAR_ACCELERATION, LINEAR_ACCELERATION, Limits};
 use crate::actions::workspace::BASE_DISTANCE;
 use crate::pool::env_spec::EnvSpec;
-use graspbox_arm::chain::Positions;
+use graspbox_arm::chain::{Frames, Positions};
 use graspbox_arm::reach::Reacher;
 use graspbox_arm::{ArmBodies, ArmError, Carried, Follower, Inverse, ReachParams, Room, Scene, carrier, reach};
 use graspbox_hand::{Arm, Hand, Shape};
@@ -85,7 +85,13 @@ impl RobotArm {
     /// The grasp frame in the world at positions of the axes, by forward kinematics.
     #[must_use]
     pub fn world_from_hand(&self, positions: &Positions) -> Isometry3<f64> {
-        self.world_from_base * self.inverse.chain().frames(positions).flange.isometry() * self.flange_from_hand
+        self.world_from_hand_at(&self.inverse.chain().frames(positions))
+    }
+
+    /// The same from the frames of the axes.
+    #[must_use]
+    pub fn world_from_hand_at(&self, frames: &Frames) -> Isometry3<f64> {
+        self.world_from_base * frames.flange.isometry() * self.flange_from_hand
     }
 
     /// Positions at home.

@@ -67,6 +67,8 @@ pub(crate) struct StepInput<'a> {
     pub actuators: &'a [ActuatorState],
     /// Coordinates of the arm that carries the hand at the end of the step, see [`crate::world::carrier`]; empty without one.
     pub arm: &'a [f64],
+    /// The arm is far from every object.
+    pub arm_is_far: bool,
 }
 
 /// One of the two sides of a contact point.

@@ -119,6 +119,7 @@ impl Engine for Implicit {
             forces: input.forces,
             driven: &self.driven,
             cables: &self.commands,
+            idle: if input.arm_is_far { self.shared.translation.arm.count } else { 0 },
         });
     }
 

@@ -61,5 +61,5 @@ pub use error::SimError;
 pub use load::{HandContact, HandLoad};
 pub use object::{Geometry, ObjectModel};
 pub use scenery::{Wall, bin};
-pub use world::carrier::ArmContact;
+pub use world::carrier::{ARM_IS_FAR, ArmContact};
 pub use world::{JointState, Template, World};

@@ -62,6 +62,20 @@ impl ObjectModel {
         Ok(Self { geometry: geometry.clone(), mass, center_of_mass, inertia, shapes: Arc::default() })
     }
 
+    /// Radius of a sphere about the centre of mass that contains the object, metres.
+    pub fn radius(&self) -> f64 {
+        let aside = self.center_of_mass.coords.norm();
+        match &self.geometry {
+            Geometry::Parts(parts) => {
+                let vertices = parts.iter().flat_map(|part| part.vertices());
+                vertices.map(|vertex| (vertex - self.center_of_mass).norm()).fold(0.0, f64::max)
+            }
+            Geometry::Cuboid(half) => aside + half.norm(),
+            Geometry::Ball { radius } => aside + radius,
+            Geometry::Cylinder { radius, half_length } => aside + radius.hypot(*half_length),
+        }
+    }
+
     /// A solid primitive of uniform density with mass `mass` (kg).
     ///
     /// # Errors

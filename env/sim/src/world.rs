@@ -38,6 +38,8 @@ pub(crate) struct State {
     actuators: Vec<ActuatorState>,
     /// Coordinates of the arm that carries the hand, see [`carrier`]; empty without one.
     arm: Vec<f64>,
+    /// The arm is far from every object, see [`World::drive_arm`].
+    arm_is_far: bool,
     steps: u64,
 }
 
@@ -85,6 +87,8 @@ struct Shared {
     /// By object.
     masses: Vec<f64>,
     objects_from_centers: Vec<Vector3<f64>>,
+    /// Radii of spheres about these centres that contain the objects.
+    radii: Vec<f64>,
     identity: Identity,
 }
 
@@ -133,6 +137,7 @@ impl Template {
             config,
             masses: objects.iter().map(ObjectModel::mass).collect(),
             objects_from_centers: objects.iter().map(|object| object.center_of_mass().coords).collect(),
+            radii: objects.iter().map(ObjectModel::radius).collect(),
         };
         Ok(Self { engine, shared: Arc::new(shared) })
     }
@@ -188,6 +193,7 @@ impl Template {
             target: 0,
             actuators,
             arm: hand.carrier.as_ref().map(|carrier| carrier::parked(carrier.axes.len())).unwrap_or_default(),
+            arm_is_far: true,
             steps: 0,
         };
         World { engine, shared: Arc::clone(&self.shared), state, forces: Vec::new() }
@@ -267,6 +273,7 @@ impl World {
             forces: &self.forces,
             actuators: &self.state.actuators,
             arm: &self.state.arm,
+            arm_is_far: self.state.arm_is_far,
         });
         self.state.steps += 1;
         Ok(())

@@ -99,7 +99,7 @@ impl Dynamics {
         self.accelerations.clear();
         self.wrenches.clear();
         let free = model.tree.coordinates.len();
-        for (index, body) in model.tree.bodies.iter().enumerate() {
+        for (index, body) in model.tree.bodies.iter().enumerate().take(kinematics.pose.len()) {
             let Some(joint) = &body.joint else {
                 self.accelerations.push(Acceleration {
                     omega: frame.omega,
@@ -146,7 +146,7 @@ impl Dynamics {
             mass.row_mut(i)[..free].fill(0.0);
             mass.row_mut(i)[i] = coordinate.armature;
         }
-        for index in (1..model.tree.bodies.len()).rev() {
+        for index in (1..kinematics.pose.len()).rev() {
             let body = &model.tree.bodies[index];
             let Some(joint) = &body.joint else { continue };
             let (wrench, composite) = (self.wrenches[index], self.composites[index]);

@@ -55,6 +55,8 @@ pub(crate) struct Kinematics {
     pub first: Vec<usize>,
     /// Twist of each body from the driven coordinates.
     pub prescribed: Vec<Twist>,
+    /// Number of the last bodies that are left out: they touch nothing.
+    pub idle: usize,
 }
 
 impl Kinematics {
@@ -64,7 +66,8 @@ impl Kinematics {
         self.turn.clear();
         self.axis.clear();
         self.origin.clear();
-        for body in &model.tree.bodies {
+        let bodies = &model.tree.bodies;
+        for body in &bodies[..bodies.len() - self.idle.min(bodies.len())] {
             let Some(joint) = &body.joint else {
                 self.pose.push(Isometry3::identity());
                 self.turn.push(Matrix3::identity());
@@ -87,7 +90,7 @@ impl Kinematics {
         self.jacobian.clear();
         self.first.clear();
         self.prescribed.clear();
-        for (index, body) in model.tree.bodies.iter().enumerate() {
+        for (index, body) in model.tree.bodies.iter().enumerate().take(self.pose.len()) {
             let columns = &model.columns[index];
             let start = self.jacobian.len();
             self.first.push(start);

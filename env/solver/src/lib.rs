@@ -42,7 +42,7 @@
 //! for _ in 0..500 {
 //!     let (base_from_world, base_from_world_after) = (world, world);
 //!     let forces = &[];
-//!     solver.step(&StepInput { dt: 0.002, base_from_world, base_from_world_after, frame, forces, driven: &[], cables: &[] });
+//!     solver.step(&StepInput { dt: 0.002, base_from_world, base_from_world_after, frame, forces, driven: &[], cables: &[], idle: 0 });
 //! }
 //! assert!((solver.object_center(0).z + 0.97).abs() < 5e-4);
 //! # Ok::<(), graspbox_solver::ModelError>(())

@@ -36,6 +36,8 @@ pub struct StepInput<'a> {
     pub driven: &'a [f64],
     /// Command of every cable.
     pub cables: &'a [CableCommand],
+    /// Number of the last bodies of the tree that touch nothing in this step, which saves their time. Only driven coordinates may move them.
+    pub idle: usize,
 }
 
 /// Command to a cable: the length that its actuator has wound (for a servo, the commanded position).
@@ -195,6 +197,7 @@ impl Solver {
         let reference = self.reference();
         let scenery = scenery_twist(input, &reference);
         self.carry_sleepers(&scenery, &reference);
+        self.kinematics.idle = input.idle;
         self.kinematics.place(&model, &self.state.positions);
         self.kinematics.differentiate(&model, &reference, &self.state.rates[free..]);
         let mass = &mut self.problem.hand.mass;
@@ -325,7 +328,7 @@ impl Solver {
         self.friction_factors.extend(self.state.objects.iter().map(|object| object.friction_factor));
         loop {
             let (poses, turns, moving, dt) = (&self.poses, &self.turns, &self.moving, input.dt);
-            let now = Situation { dt, poses, turns, moving, planes: &planes };
+            let now = Situation { dt, poses, turns, moving, planes: &planes, idle: input.idle };
             self.searcher.search(model, &now, &self.asleep);
             let friction_factors = &self.friction_factors;
             let scene = rows::Scene { now, reference: *reference, scenery, friction_factors };
@@ -349,10 +352,12 @@ impl Solver {
         self.loaded.clear();
         self.poses.extend(self.state.objects.iter().map(|object| object.base_from_object));
         self.poses.extend(&kinematics.pose);
+        self.poses.resize(model.scenery_body(), Isometry3::identity());
         self.poses.push(input.base_from_world);
         let matrix = |pose: &Isometry3<f64>| pose.rotation.to_rotation_matrix().into_inner();
         self.turns.extend(self.poses[..model.base()].iter().map(matrix));
         self.turns.extend(&kinematics.turn);
+        self.turns.resize(model.scenery_body(), Matrix3::identity());
         self.turns.push(matrix(&input.base_from_world));
         for body in 0..self.poses.len() {
             let middle = self.turns[body] * model.center.get(body).copied().unwrap_or_else(Vector3::zeros)
@@ -367,6 +372,7 @@ impl Solver {
                     let velocity = Twist { linear: state.linear, angular: state.angular }.at(&arm);
                     BodyMotion { center: middle, velocity, omega: state.angular }
                 }
+                BodyKind::Hand(index) if index >= kinematics.pose.len() => BodyMotion::default(),
                 BodyKind::Hand(index) => {
                     let twist = kinematics.twist(model, index, &self.state.rates);
                     BodyMotion { center: middle, velocity: twist.at(&(middle - reference)), omega: twist.angular }

@@ -49,6 +49,7 @@ fn run_with_moving_base(scene: &mut Scene, steps: usize) -> f64 {
             forces: &[],
             driven: &[],
             cables: &[],
+            idle: 0,
         });
         scene.world_from_base = next;
     }
@@ -117,6 +118,7 @@ fn a_force_wakes_what_fell_asleep_together() {
         forces: &[Vector3::zeros(), Vector3::zeros(), Vector3::new(5.0, 0.0, 0.0)],
         driven: &[],
         cables: &[],
+        idle: 0,
     });
     assert_eq!(asleep(&scene), [true, true, false, false, true]);
 }

@@ -419,7 +419,7 @@ class EnvConfig:
 
     Attributes
     ----------
-    control : {"twist", "delta_pose", "target_pose", "top_down", "grasp_pose", "grasp_point", "clear"}
+    control : {"twist", "delta_pose", "target_pose", "top_down", "joint_velocity", "grasp_pose", "grasp_point", "clear"}
         Control mode: how an action moves the hand; ``grasp_pose`` and ``grasp_point`` are one decision per episode,
         ``clear`` several of them.
     fingers : {"synergy", "each"}
@@ -446,7 +446,9 @@ class EnvConfig:
         The trial that follows a decision; do not set its own `success`.
     """
 
-    control: Literal["twist", "delta_pose", "target_pose", "top_down", "grasp_pose", "grasp_point", "clear"] = "twist"
+    control: Literal[
+        "twist", "delta_pose", "target_pose", "top_down", "joint_velocity", "grasp_pose", "grasp_point", "clear"
+    ] = "twist"
     fingers: Literal["synergy", "each"] = "synergy"
     control_freq: float = 5.0
     autoreset: Literal["next_step", "same_step", "disabled"] = "next_step"

@@ -73,6 +73,22 @@ The first n entries move the hand. ``control="twist"``, a velocity in the hand's
 
 <!-- end -->
 
+``control="joint_velocity"``, on an arm alone (`Arm`_), a speed of every joint; on an ``fr3``:
+
+<!-- generated: action of joint_velocity -->
+
+| index | name | -1 | 1 | unit | meaning |
+|---|---|---|---|---|---|
+| 0 | joint | -2.62 | 2.62 | rad/s | speed of `joint1` |
+| 1 | joint | -2.62 | 2.62 | rad/s | speed of `joint2` |
+| 2 | joint | -2.62 | 2.62 | rad/s | speed of `joint3` |
+| 3 | joint | -2.62 | 2.62 | rad/s | speed of `joint4` |
+| 4 | joint | -5.26 | 5.26 | rad/s | speed of `joint5` |
+| 5 | joint | -4.18 | 4.18 | rad/s | speed of `joint6` |
+| 6 | joint | -5.26 | 5.26 | rad/s | speed of `joint7` |
+
+<!-- end -->
+
 The entries from n on move the fingers. ``fingers="synergy"``, along the closing motion of the hand's description, in
 which all closing actuators move together; other actuators stay where the preshape puts them:
 
@@ -239,6 +255,45 @@ With a layout of several objects, also:
 With ``info="numeric"`` it is flat and contains only numbers: ``failure`` is an index into
 ``graspbox.envs.spaces.tables(hand)["failures"]``, ``object`` an index into ``env.objects``, and every reward term is an
 entry such as ``reward_reach``.
+
+Arm
+---
+``arm="fr3"`` (a name, `graspbox.arms.Arm`, or the paths of a URDF and an ``arm.toml``) puts the hand on an arm whose base
+stands at ``base``: by default on the table opposite the camera ``front``, 0.55 of the arm's length from the middle, facing it.
+
+- All control modes mean the same, but the hand's pose follows from the joints by forward kinematics. A wanted twist becomes
+  joint speeds by damped least squares, every 0.02 s. The hand accelerates as the joints do: by at most 0.3 m times the least
+  acceleration of a joint; a joint without a published one has 10 rad/s2.
+- No joint exceeds its range, speed or acceleration. Speeds beyond a limit shrink together, so that the direction stays.
+- A seventh joint's freedom turns the arm towards home, at 0.5/s of the way and at most a tenth of the joints' speeds. An arm of
+  five joints meets velocities of the grasp frame, and turns as far as it can.
+- The links stay 5 mm off each other, the open hand, the table and walls: only speeds are accepted from which the arm can still
+  stop. They push objects, whose force stops them as it stops the hand; and they are in the images, with the last label of
+  ``segmentation``.
+- An episode starts at the first sampled pose of the hand that the arm reaches (of 16), else at home. ``world_from_hand`` as an
+  option is refused with the reason if it is out of reach.
+- With a calibration error of the hand (``randomization``) the joints put it where ``proprio`` says, and the mount is off.
+
+``proprio`` and ``state`` then have two further columns, and infos one entry; on an ``fr3``, indices in ``state``:
+
+<!-- generated: further columns on an arm -->
+
+| index | column | min | max | unit | meaning |
+|---|---|---|---|---|---|
+| 15-21 | arm_q | -3.0421 | 4.5169 | rad | position of each joint of the arm, from the base on |
+| 22-28 | arm_dq | -5.26 | 5.26 | rad/s | its speed |
+
+<!-- end -->
+
+<!-- generated: further info on an arm -->
+
+| entry | type | unit | meaning |
+|---|---|---|---|
+| arm_blocked | bool |  | the arm stopped before itself, its hand, the table or a wall, or an object pressed on its links, at some time in the last step |
+
+<!-- end -->
+
+Decisions (``GraspPose-v0``, ``Clear-v0``) and the engine ``rapier`` take no arm.
 
 Options of a reset
 ------------------

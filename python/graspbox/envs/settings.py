@@ -351,7 +351,13 @@ def kind_of(environment: str, vector: bool) -> type[EnvironmentConfig]:
 
 
 def arm_of(settings: EnvironmentConfig) -> tuple[Arm | None, NDArray[np.float64] | None]:
-    """Load the arm of an environment, and the pose (4, 4) of its base if it is given; ConfigError or ArmError for others."""
+    """Load the arm of an environment, and take the pose (4, 4) of its base if it is given.
+
+    Raises
+    ------
+    ConfigError, ArmError
+        If there is no such arm, or the base is no matrix, or that of no arm.
+    """
     if settings.arm is None:
         if settings.base is not None:
             with about("base"):

@@ -86,7 +86,7 @@ pub struct ArmController {
     error: Isometry3<f64>,
     pub stop: ProtectiveStop,
     /// The joints of the arm that carries the hand; `None` for a hand that moves freely.
-    drive: Option<JointDrive>,
+    drive: Option<Box<JointDrive>>,
 }
 
 impl ArmController {
@@ -107,12 +107,17 @@ impl ArmController {
     /// The same on an arm whose joints are at `positions`.
     #[must_use]
     pub fn on_arm(self, positions: &Positions) -> Self {
-        Self { drive: Some(JointDrive::new(positions)), ..self }
+        Self { drive: Some(Box::new(JointDrive::new(positions))), ..self }
     }
 
     /// Positions and speeds of the joints of the arm; empty without one.
     pub fn joints(&self) -> (&[f64], &[f64]) {
         self.drive.as_ref().map_or((&[], &[]), |drive| (&drive.axes().positions, &drive.axes().rates))
+    }
+
+    /// True if the links of the arm are far from all objects; without an arm, too.
+    pub(crate) fn links_are_far(&self) -> bool {
+        self.drive.as_ref().is_none_or(|drive| drive.is_far())
     }
 
     /// True if something in the way, or a force on its links, stopped the arm since [`ArmController::unblock`].
@@ -148,7 +153,7 @@ impl ArmController {
         }
         all_within("arm.linear", self.linear.iter().copied(), FASTEST, "m/s")?;
         all_within("arm.angular", self.angular.iter().copied(), FASTEST, "rad/s")?;
-        self.drive.as_ref().map_or(Ok(()), JointDrive::check)?;
+        self.drive.as_ref().map_or(Ok(()), |drive| drive.check())?;
         self.stop.check()
     }
 
@@ -253,19 +258,21 @@ impl ArmController {
 
     /// As [`ArmController::advance`] for a hand on an arm: the posture changes, and the pose of the hand follows from it.
     ///
+    /// * `most`: time steps of a control period.
     /// * `world`: before the step.
     pub fn follow(
         &mut self,
         arm: &ArmSpec,
         motion: &Motion,
         time: f64,
-        (guard, load, world): (&Guard, &HandLoad, &World),
+        (guard, load, world, most): (&Guard, &HandLoad, &World, u32),
     ) -> Isometry3<f64> {
         let (dt, truth) = (world.dt(), self.world_from_hand());
         let Some(mut drive) = self.drive.take() else { return truth };
         drive.feel(world, arm, dt);
-        let begins = drive.begins_period(dt);
+        let begins = drive.begins_period(dt, most);
         if begins {
+            drive.look_around(world, arm);
             let rates = self.rates(&mut drive, arm, motion, time, dt, guard);
             let error = self.error;
             drive.decide(arm, rates, dt, |hand| guard.lowest(&(hand * error)) - 0.5 * TABLE_CLEARANCE);
@@ -290,9 +297,9 @@ impl ArmController {
         guard: &Guard,
     ) -> Positions {
         let (follower, to_base) = (&arm.follower, arm.robot.world_from_base.rotation.inverse());
-        let frames = follower.chain().frames(&drive.axes().positions);
+        let frames = drive.frames(arm);
         let point = (frames.flange.isometry() * arm.robot.flange_from_hand).translation.vector;
-        let period = JointDrive::period(dt);
+        let period = drive.period(dt);
         if let Motion::Joints(shares) = motion {
             let mut rates = [0.0; MAX_AXES];
             (0..follower.chain().len()).for_each(|axis| rates[axis] = shares[axis] * follower.speed(axis));

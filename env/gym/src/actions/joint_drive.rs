@@ -3,16 +3,19 @@
 use crate::robot_arm::{ArmSpec, LINK_CLEARANCE};
 use graspbox_arm::AxesState;
 use graspbox_arm::chain::{Frames, Positions};
+use graspbox_arm::room::Measured;
 use graspbox_episode::approach::{FORCE_TIME, STOP_FORCE};
 use graspbox_mesh::range::{OutOfRange, all_within, in_range};
-use graspbox_sim::World;
+use graspbox_sim::{ARM_IS_FAR, World};
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Time between two decisions about the rates, seconds: that of a common arm's controller for commands from outside.
-const PERIOD: f64 = 0.01;
+/// Longest time between two decisions about the rates, seconds.
+const PERIOD: f64 = 0.02;
 /// Share of [`STOP_FORCE`] below which links that were stopped by a force move on.
 const RELAXED: f64 = 0.8;
+/// Rounding of heights, metres.
+const ROUNDING: f64 = 1e-6;
 /// Rate at which links yield to a force of twice [`STOP_FORCE`], rad/s.
 const YIELD: f64 = 0.2;
 
@@ -32,8 +35,27 @@ pub struct JointDrive {
     yielding: Positions,
     /// The force stops the links.
     pressed: bool,
+    /// The links are far from all objects in this period.
+    far: bool,
     /// Something in the way has stopped the arm since the flag was cleared.
     pub blocked: bool,
+    #[serde(skip)]
+    known: Known,
+}
+
+/// Distances that were measured, of links and of the palm; they save time and change no result, so they are no part of the state.
+#[derive(Clone, Debug, Default)]
+struct Known {
+    links: Measured,
+    palm: Option<(Positions, f64)>,
+    /// Frames of the present posture.
+    frames: Option<Frames>,
+}
+
+impl PartialEq for Known {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 impl JointDrive {
@@ -49,7 +71,9 @@ impl JointDrive {
             force: 0.0,
             yielding: zero,
             pressed: false,
+            far: false,
             blocked: false,
+            known: Known::default(),
         }
     }
 
@@ -71,23 +95,49 @@ impl JointDrive {
         in_range("arm.left", f64::from(self.left), 0.0..=f64::from(self.steps), "")
     }
 
-    /// True if the rates of the next period are to be decided; `dt` is the time step, seconds.
-    pub fn begins_period(&mut self, dt: f64) -> bool {
+    /// True if the rates of the next period are to be decided.
+    ///
+    /// * `dt`: the time step, seconds.
+    /// * `most`: time steps of a control period.
+    pub fn begins_period(&mut self, dt: f64, most: u32) -> bool {
         if self.left == 0 {
-            self.steps = (PERIOD / dt).round().max(1.0) as u32;
+            self.steps = ((PERIOD / dt).round() as u32).clamp(1, most.max(1));
             self.left = self.steps;
             return true;
         }
         false
     }
 
-    /// Length of a period, seconds.
-    pub fn period(dt: f64) -> f64 {
-        (PERIOD / dt).round().max(1.0) * dt
+    /// Length of the present period, seconds.
+    pub fn period(&self, dt: f64) -> f64 {
+        f64::from(self.steps) * dt
+    }
+
+    /// Frames of the axes.
+    pub fn frames(&mut self, arm: &ArmSpec) -> Frames {
+        *self.known.frames.get_or_insert_with(|| arm.follower.chain().frames(&self.axes.positions))
+    }
+
+    /// True if the links are far from all objects in this period.
+    pub fn is_far(&self) -> bool {
+        self.far
+    }
+
+    /// Finds out whether an object is near a link as a period begins.
+    pub fn look_around(&mut self, world: &World, arm: &ArmSpec) {
+        let (frames, base_from_world) = (self.frames(arm), arm.robot.world_from_base.inverse());
+        self.far = (0..world.object_count()).all(|object| {
+            let center = base_from_world * world.center_of(object);
+            arm.robot.bodies.are_beyond(&frames, &center, world.radius_of(object) + ARM_IS_FAR)
+        });
     }
 
     /// Updates the force on the links with the contacts of the last step of `dt` seconds.
     pub fn feel(&mut self, world: &World, arm: &ArmSpec, dt: f64) {
+        if self.far && self.force < 1e-3 && !self.pressed {
+            self.force = 0.0;
+            return;
+        }
         let (mut force, mut yielding) = (0.0, [0.0; graspbox_arm::chain::MAX_AXES]);
         let mut frames: Option<Frames> = None;
         let (chain, base_from_world) = (arm.follower.chain(), arm.robot.world_from_base.inverse());
@@ -130,21 +180,21 @@ impl JointDrive {
     pub fn decide(&mut self, arm: &ArmSpec, mut rates: Positions, dt: f64, lowest: impl Fn(&Isometry3<f64>) -> f64) {
         self.yielded(&mut rates);
         let chain = arm.follower.chain();
-        let (mut links, mut palm) = (None, None::<(Positions, f64)>);
+        let period = self.period(dt);
+        let Known { links, palm, .. } = &mut self.known;
         let is_free = |positions: &Positions| {
-            // The height is true for a neighbourhood, as that of the links.
-            let known = palm.is_some_and(|(at, height)| height > arm.room.motion(&at, positions));
-            if !known {
+            // The height is true for a neighbourhood, as the distances of the links.
+            if !palm.is_some_and(|(at, height)| height - arm.room.motion(&at, positions) > ROUNDING) {
                 let height = lowest(&arm.robot.world_from_hand(positions));
-                palm = Some((*positions, height));
+                *palm = Some((*positions, height));
                 if height < 0.0 {
                     return false;
                 }
             }
-            arm.room.leaves(chain, positions, LINK_CLEARANCE, &mut links)
+            arm.room.leaves(chain, positions, LINK_CLEARANCE, links)
         };
         let motion = |from: &Positions, to: &Positions| arm.room.motion(from, to);
-        let next = arm.follower.next(&self.axes, &rates, Self::period(dt), motion, is_free);
+        let next = arm.follower.next(&self.axes, &rates, period, motion, is_free);
         self.next = next.rates;
         self.blocked |= next.blocked;
     }
@@ -156,6 +206,8 @@ impl JointDrive {
         rates.iter_mut().zip(self.next).for_each(|(rate, next)| *rate += (next - *rate) * share);
         self.axes = arm.follower.after(&self.axes, &rates, dt);
         self.left = self.left.saturating_sub(1);
-        arm.robot.world_from_hand(&self.axes.positions)
+        let frames = arm.follower.chain().frames(&self.axes.positions);
+        self.known.frames = Some(frames);
+        arm.robot.world_from_hand_at(&frames)
     }
 }

@@ -41,8 +41,9 @@ impl EpisodeBody {
     pub fn move_arm(&mut self, motion: &Motion, time: f64, spec: &EnvSpec, load: &HandLoad) -> Isometry3<f64> {
         let world = self.episode.world();
         let Some(arm) = &spec.arm else { return self.arm.advance(motion, time, world.dt(), &spec.guard, load) };
-        let hand = self.arm.follow(arm, motion, time, (&spec.guard, load, world));
-        self.episode.drive_arm(&self.arm.joints().0[..arm.follower.chain().len()]);
+        let hand = self.arm.follow(arm, motion, time, (&spec.guard, load, world, spec.timing.substeps));
+        let joints = &self.arm.joints().0[..arm.follower.chain().len()];
+        self.episode.drive_arm(joints, self.arm.links_are_far());
         hand
     }
 

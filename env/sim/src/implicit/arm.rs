@@ -23,6 +23,8 @@ const MOUNT: [(solver::JointKind, usize); 6] = [
 pub(crate) struct ArmBodies {
     /// The first of them; `None` without an arm.
     first: Option<usize>,
+    /// Number of bodies with those of the mount.
+    pub count: usize,
 }
 
 impl ArmBodies {
@@ -55,7 +57,7 @@ impl ArmBodies {
             };
             tree.bodies[parent].shapes = body.shapes.iter().map(shape).collect();
         }
-        Self { first: Some(first) }
+        Self { first: Some(first), count: MOUNT.len() + carrier.bodies.len() }
     }
 
     /// Index of the arm's body that a body of the tree is; `None` for one of the hand.

@@ -9,6 +9,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Number of coordinates of the mount.
 const MOUNT: usize = 6;
+/// An arm may count as far if its links are this far from all objects, metres: neither comes so near in a few steps that they touch.
+pub const ARM_IS_FAR: f64 = 0.08;
 /// Where an arm without a posture is, metres along x from the hand.
 const PARKED: f64 = 100.0;
 
@@ -49,18 +51,25 @@ impl World {
         let (roll, pitch, yaw) = mount.rotation.euler_angles();
         self.state.arm[..3].copy_from_slice(mount.translation.vector.as_slice());
         self.state.arm[3..MOUNT].copy_from_slice(&[yaw, pitch, roll]);
-        self.drive_arm(positions);
+        self.drive_arm(positions, false);
         self.engine.place_arm(&self.state.arm);
     }
 
     /// Sets the posture that the arm reaches at the end of the next step; it stays until it is set again.
     ///
     /// * `positions`: as for [`World::place_arm`].
-    pub fn drive_arm(&mut self, positions: &[f64]) {
+    /// * `is_far`: no object comes near a link in that step, which saves time; see [`ARM_IS_FAR`].
+    pub fn drive_arm(&mut self, positions: &[f64], is_far: bool) {
         if positions.len() == self.arm_axes() {
+            self.state.arm_is_far = is_far;
             // In the order of the bodies, from the hand on.
             self.state.arm[MOUNT..].iter_mut().zip(positions.iter().rev()).for_each(|(own, position)| *own = *position);
         }
+    }
+
+    /// Radius of a sphere about an object's centre of mass that contains it, metres.
+    pub fn radius_of(&self, object: usize) -> f64 {
+        self.shared.radii[object]
     }
 
     /// Visits the contact points of objects that press on the arm.

@@ -67,7 +67,7 @@ pub(crate) struct PairCache {
 }
 
 /// Motion of a body's bounding sphere; base's frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BodyMotion {
     pub center: Vector3<f64>,
     pub velocity: Vector3<f64>,
@@ -83,6 +83,8 @@ pub(crate) struct Situation<'a> {
     pub turns: &'a [Matrix3<f64>],
     pub moving: &'a [BodyMotion],
     pub planes: &'a [Plane; 2],
+    /// See [`crate::StepInput::idle`].
+    pub idle: usize,
 }
 
 /// The contact search of one world: its results, and the state from which the next search starts.
@@ -156,7 +158,12 @@ impl Searcher {
 
     /// Updates the candidates of every pair, but of those that sleep.
     pub fn search(&mut self, model: &Model, now: &Situation, asleep: &[bool]) {
+        let idle = model.scenery_body() - now.idle..model.scenery_body();
         for (index, pair) in model.pairs.iter().enumerate().filter(|(_, pair)| !rests(asleep, pair)) {
+            if idle.contains(&pair.b) || idle.contains(&pair.a) {
+                self.pairs[index].forget();
+                continue;
+            }
             match pair.sides[1] {
                 BodyKind::Scenery => self.search_scenery(model, now, index),
                 BodyKind::Object(_) | BodyKind::Hand(_) => self.search_bodies(model, now, index),

@@ -124,6 +124,7 @@ impl Scene {
             forces: &[],
             driven: &[],
             cables: &[],
+            idle: 0,
         });
     }
 

@@ -50,7 +50,7 @@ COMPLETION = "completion"
 #: environment has. The hand is a separate field.
 ACTING = ("control", "fingers", "control_freq")
 #: Settings of an environment that a published policy may contain.
-SETTINGS = (*ACTING, "max_episode_steps", "image_size", "cameras", "depth_limits", "trial")
+SETTINGS = (*ACTING, "arm", "base", "max_episode_steps", "image_size", "cameras", "depth_limits", "trial")
 #: Upper bounds of members, channels and actions of a network, with a wide margin.
 _MOST_MEMBERS, _WIDEST, _MOST_ACTIONS = 64, 4096, 1024
 #: Greatest length of a network's input along an axis.
