@@ -180,17 +180,22 @@ impl ChainModel {
         let clear = self.place_steps(direction, around.table, work);
         let mut blocked = self.blocked_again(number, work);
         let exact = self.extent > LONGEST;
-        let mut first = Block::Free;
-        for halving in 0..STEPS {
-            let [is_clear, is_blocked] = [clear, blocked].map(|bits| bits >> halving & 1 == 1);
-            // If it is outside the limits, a smaller step decides.
-            if is_clear & is_blocked & !exact {
-                first = Block::Object;
-                continue;
+        let (mut first, mut from) = (Block::Free, 0);
+        while from < STEPS {
+            // Those that are surely blocked are passed over; if one is outside the limits too, a smaller step decides.
+            let open = (ALL << from) & if exact { ALL } else { ALL & !(clear & blocked) };
+            if open == 0 {
+                return (false, Block::Object);
             }
+            let halving = open.trailing_zeros() as usize;
+            if halving > from {
+                first = Block::Object;
+            }
+            from = halving + 1;
             if !self.is_inside(direction, halving, work) {
                 continue;
             }
+            let [is_clear, is_blocked] = [clear, blocked].map(|bits| bits >> halving & 1 == 1);
             let above = if is_clear { Some(true) } else { self.clears_table(halving, around.table, work) };
             let block = match above {
                 Some(true) if is_blocked & !exact => Block::Object,

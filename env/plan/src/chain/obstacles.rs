@@ -196,7 +196,7 @@ impl Obstacles {
             let at = link.which * count + group;
             let least = self.least[at];
             if least >= limit {
-                next = next.min(least);
+                next = if least < next { least } else { next };
                 continue;
             }
             let (due, discs) = (self.due[at], &self.discs[group]);
@@ -215,7 +215,8 @@ impl Obstacles {
             }
             let then = due.max(gaps + Lanes::splat(limit));
             self.later.push(Later::Due(at, then));
-            next = next.min(then.min_element());
+            let least = then.min_element();
+            next = if least < next { least } else { next };
             // If the step is not made, it was on the way to what comes near.
             self.put(at, due.max(gaps + Lanes::splat(before - link.step)));
         }

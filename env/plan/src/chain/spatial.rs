@@ -60,6 +60,8 @@ struct Placed<'a> {
 }
 
 impl Placed<'_> {
+    /// Inlined whatever the compiler thinks: as a call, plans take 1.4 times as long.
+    #[inline(always)]
     fn holds(&self, point: &Vector3<f64>, margin: f64) -> bool {
         let at = self.axes.tr_mul(&(point - self.center)).abs();
         let half = &self.shape.half;
