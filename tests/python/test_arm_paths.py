@@ -124,7 +124,7 @@ def test_a_judge_of_its_own_finds_no_collision_and_no_limit_exceeded(name: str, 
 
 
 def test_the_same_arguments_give_the_same_bits(path: Trajectory, plan: graspbox.Plan, can: graspbox.Mesh) -> None:
-    given = {"mesh": can, "objects": others(), "place": placed_at(plan, -0.1, 0.4)}
+    given: dict[str, Any] = {"mesh": can, "objects": others(), "place": placed_at(plan, -0.1, 0.4)}
     assert plan.path("fr3", BASE, num_threads=2, **given) == path
     assert plan.path("fr3", BASE, num_threads=1, **given) == path
 
