@@ -192,7 +192,7 @@ def _spline(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
         matrix[0, :3] = matrix[-1, -3:] = 1.0, -2.0, 1.0
         right = np.zeros_like(values)
         right[1:-1] = 6 / step * np.diff(slopes, axis=0)
-        bend = np.linalg.solve(matrix, right)
+        bend = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     linear = slopes - step / 6 * (2 * bend[:-1] + bend[1:])
     return np.stack([values[:-1], linear, bend[:-1] / 2, np.diff(bend, axis=0) / (6 * step)], axis=1)
 
