@@ -113,7 +113,8 @@ def measure(seed: int, arm: arms.Arm, hand: graspbox.Hand, placing: bool, judgin
     verdict = Judge(arm, hand, base, others, (mesh, pose), place)(path)
     tally.postures += verdict.postures
     tally.collided += bool(verdict.touches)
-    print(f"scene {seed}: {path.duration:.2f} s, {1e3 * cpu:.1f} ms, {len(verdict.touches)} touches", flush=True)
+    facts = f"{path.duration:.2f} s, {1e3 * cpu:.1f} ms, limits {tally.ratios[-1].max():.4f}"
+    print(f"scene {seed}: {facts}, {verdict.postures} postures, {len(verdict.touches)} touches", flush=True)
     for touch in verdict.touches[:3]:
         print(f"scene {seed}: {touch}", flush=True)
 

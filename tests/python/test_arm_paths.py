@@ -18,6 +18,7 @@ from graspbox import errors
 from graspbox._common import imports
 from graspbox.arms import Arm, Trajectory
 from graspbox.arms.timing import limits_of, timed
+from graspbox.hands.conventions import mechanism_of
 from graspbox.hands.loading import AssumedWarning
 
 pytest.importorskip("ruckig", reason="timing needs the extra 'arm'")
@@ -60,13 +61,6 @@ def path(plan: graspbox.Plan, can: graspbox.Mesh) -> Trajectory:
     return plan.path("fr3", BASE, mesh=can, objects=others(), place=placed_at(plan, -0.1, 0.4))
 
 
-def quiet(arm: str) -> Any:
-    """Return the limits of an arm; what is assumed of them is told once."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", AssumedWarning)
-        return limits_of(Arm.named(arm))
-
-
 def test_a_path_goes_from_home_to_the_grasp_and_on_to_the_place(path: Trajectory, plan: graspbox.Plan) -> None:
     arm, hand = Arm.named("fr3"), graspbox.load_hand("panda_gripper")
     assert list(dict.fromkeys(path.phases.tolist())) == CARRIES
@@ -78,8 +72,6 @@ def test_a_path_goes_from_home_to_the_grasp_and_on_to_the_place(path: Trajectory
     # The hand is at the grasp when it closes, and moves only while the arm rests.
     world_from_hand = (plan.world_from_object @ plan.poses)[plan.feasible][path.grasp]
     closing = path.phases == "close"
-    from graspbox.hands.conventions import mechanism_of
-
     flange = BASE @ arm.flange_poses(path.positions[closing])
     there = flange @ arm.flange_from_base_of(hand) @ mechanism_of(hand).base_from_hand
     np.testing.assert_allclose(there, np.broadcast_to(world_from_hand, there.shape), atol=1e-5)
@@ -110,10 +102,12 @@ def test_a_judge_of_its_own_finds_no_collision_and_no_limit_exceeded(name: str, 
     pytest.importorskip("igl")
     from validation.arm_paths import Judge, limit_ratios
 
-    around, limits = others(), quiet(name)
+    around, limits = others(), limits_of(Arm.named(name))
     planned = graspbox.plan(can, hand=hand, seed=0).best(20)
     place = placed_at(planned, -0.1, 0.4)
-    made = planned.path(name, BASE, hand=hand, mesh=can, objects=around, place=place)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AssumedWarning)
+        made = planned.path(name, BASE, hand=hand, mesh=can, objects=around, place=place)
     judge = Judge(Arm.named(name), graspbox.load_hand(hand), BASE, around, (can, planned.world_from_object), place)
     verdict = judge(made)
     assert verdict.touches == []
@@ -130,7 +124,7 @@ def test_a_judge_of_its_own_finds_no_collision_and_no_limit_exceeded(name: str, 
 
 
 def test_the_same_arguments_give_the_same_bits(path: Trajectory, plan: graspbox.Plan, can: graspbox.Mesh) -> None:
-    given = {"mesh": can, "objects": others(), "place": placed_at(plan, -0.1, 0.4)}
+    given: dict[str, Any] = {"mesh": can, "objects": others(), "place": placed_at(plan, -0.1, 0.4)}
     assert plan.path("fr3", BASE, num_threads=2, **given) == path
     assert plan.path("fr3", BASE, num_threads=1, **given) == path
 
@@ -153,7 +147,7 @@ def test_slower_is_slower_and_samples_are_exact(plan: graspbox.Plan, can: graspb
 
 def test_curves_keep_to_the_limits() -> None:
     """A spline with strong bends: its speeds are limited by accelerations and jerks across the line."""
-    limits = replace(quiet("fr3"), acceleration=np.full(7, 2.0), jerk=np.full(7, 10.0))
+    limits = replace(limits_of(Arm.named("fr3")), acceleration=np.full(7, 2.0), jerk=np.full(7, 10.0))
     s = np.linspace(0.0, 0.1, 21)
     postures = np.stack([np.sin(40 * s + i) * 0.1 for i in range(7)], axis=1)
     (piece,) = timed("approach", postures, s, limits)

@@ -106,6 +106,7 @@ class Judge:
         grasp = robot.flange(path.sample([grasp_time]).positions[0]) @ flange_from_hand
         hand_from_target = np.linalg.inv(grasp) @ target_pose
         first_depth: dict[str, float] = {}
+        cloud, still = _Cloud(own), np.eye(4)
         for time, posture, phase in zip(times, sample.positions, sample.phases.tolist(), strict=True):
             verdict.postures += 1
             robot.move(posture)
@@ -115,7 +116,8 @@ class Judge:
             if after:
                 assert self.place is not None
                 pose = self.place
-            cloud = _Cloud(own @ pose[:3, :3].T + pose[:3, 3])
+            if carried or pose is not still:
+                cloud, still = _Cloud(own @ pose[:3, :3].T + pose[:3, 3]), pose
             found = [(what, depth, TOLERANCE) for what, depth in robot.contacts()]
             found += [
                 (f"{what} in an object", depth, TOLERANCE) for what, depth in robot.inside(self._points, hand=True)
@@ -146,7 +148,10 @@ class Judge:
 
     def _exceptions(self, model: Any) -> set[frozenset[int]]:
         """Return pairs of bodies that may touch: neighbours over one joint, and those that touch by design."""
-        name = lambda body: self._mujoco.mj_id2name(model, self._mujoco.mjtObj.mjOBJ_BODY, body)  # noqa: E731
+
+        def name(body: int) -> str:
+            return str(self._mujoco.mj_id2name(model, self._mujoco.mjtObj.mjOBJ_BODY, body))
+
         rigid = [model.body_weldid[body] for body in range(model.nbody)]
         solid = {rigid[model.geom_bodyid[geom]] for geom in range(model.ngeom)}
 
@@ -165,14 +170,16 @@ class Judge:
 class _Cloud:
     """Points with their bounds."""
 
-    def __init__(self, points: Array):
+    def __init__(self, points: Array) -> None:
         self.points, self.low, self.high = points, points.min(axis=0), points.max(axis=0)
 
 
 class _Robot:
     """MuJoCo's arm with a hand, in the world of the objects."""
 
-    def __init__(self, mujoco: Any, model: Any, flange: str, world_from_base: Array, exceptions: set[frozenset[int]]):
+    def __init__(
+        self, mujoco: Any, model: Any, flange: str, world_from_base: Array, exceptions: set[frozenset[int]]
+    ) -> None:
         self._mujoco, self._model, self._data = mujoco, model, mujoco.MjData(model)
         self._flange = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, flange)
         self._base, self._exceptions = world_from_base, exceptions
@@ -221,15 +228,18 @@ class _Robot:
 
     def inside(self, clouds: "list[_Cloud]", *, hand: bool) -> list[tuple[str, float]]:
         """Return how deep points are in the shapes that move."""
+        if not clouds:
+            return []
+        low = np.stack([cloud.low for cloud in clouds])[:, None]
+        high = np.stack([cloud.high for cloud in clouds])[:, None]
+        outside = np.maximum(np.maximum(low - self._places, self._places - high), 0.0)
+        near = (np.square(outside).sum(axis=2) < self._radius**2) & self._moves & (hand | ~self._is_hand)
         found = []
-        for cloud in clouds:
-            outside = np.maximum(np.maximum(cloud.low - self._places, self._places - cloud.high), 0.0)
-            near = (np.linalg.norm(outside, axis=1) < self._radius) & self._moves & (hand | ~self._is_hand)
-            for geom in np.flatnonzero(near):
-                local = (cloud.points - self._places[geom]) @ self._rotations[geom]
-                depth = float(self._depth(geom, local).max())
-                if depth > 0:
-                    found.append((self._name(geom), depth))
+        for index, geom in np.argwhere(near).tolist():
+            local = (clouds[index].points - self._places[geom]) @ self._rotations[geom]
+            depth = float(self._depth(geom, local).max())
+            if depth > 0:
+                found.append((self._name(geom), depth))
         return found
 
     def _depth(self, geom: int, local: Array) -> Array:
@@ -237,14 +247,15 @@ class _Robot:
         if kind == self._mujoco.mjtGeom.mjGEOM_BOX:
             return np.asarray((size - np.abs(local)).min(axis=1))
         if kind == self._mujoco.mjtGeom.mjGEOM_CYLINDER:
-            return np.minimum(size[0] - np.linalg.norm(local[:, :2], axis=1), size[1] - np.abs(local[:, 2]))
+            side, end = size[0] - np.linalg.norm(local[:, :2], axis=1), size[1] - np.abs(local[:, 2])
+            return np.asarray(np.minimum(side, end))
         assert kind == self._mujoco.mjtGeom.mjGEOM_SPHERE
         return np.asarray(size[0] - np.linalg.norm(local, axis=1))
 
     def below(self) -> list[tuple[str, float]]:
         """Return how deep shapes that move are in the table."""
         found = []
-        for geom in np.flatnonzero(self._moves & (self._places[:, 2] < self._radius)):
+        for geom in np.flatnonzero(self._moves & (self._places[:, 2] < self._radius)).tolist():
             up, size = self._rotations[geom][2], self._model.geom_size[geom]
             kind = self._model.geom_type[geom]
             if kind == self._mujoco.mjtGeom.mjGEOM_BOX:

@@ -28,7 +28,7 @@ impl Parts {
 
     fn task(&self, thing: Option<Thing>) -> Task {
         let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
-        let world_from_hand = Isometry3::from_parts(Translation3::new(0.5, 0.0, 0.09), down);
+        let world_from_hand = Isometry3::from_parts(Translation3::new(0.5, 0.0, 0.13), down);
         let start = self.inverse.positions_of(&self.arm.home());
         Task { start, world_from_hand, preshape: self.hand.preshape_limits()[1], thing }
     }
@@ -55,9 +55,9 @@ fn wall(at: [f64; 3], half: [f64; 3]) -> (Arc<Obstacle>, Isometry3<f64>) {
     (Arc::new(Obstacle::cuboid(&Vector3::from(half)).unwrap()), Isometry3::from(Vector3::from(at)))
 }
 
-/// A brick of 4 x 12 x 10 cm on the table, under the hand.
+/// A brick of 4 x 12 x 10 cm on the table, between the fingers, which close along x.
 fn brick(place: Option<[f64; 2]>) -> Thing {
-    let corner = |i: usize| Point3::new([-0.06, 0.06][i & 1], [-0.02, 0.02][i >> 1 & 1], [0.0, 0.1][i >> 2]);
+    let corner = |i: usize| Point3::new([-0.02, 0.02][i & 1], [-0.06, 0.06][i >> 1 & 1], [0.0, 0.1][i >> 2]);
     let mesh = convex_hull(&(0..8).map(corner).collect::<Vec<_>>()).unwrap();
     let obstacle = Arc::new(Obstacle::new(&mesh, std::slice::from_ref(&mesh)).unwrap());
     let at = |x: f64, y: f64| Isometry3::translation(x, y, 0.0);
@@ -113,7 +113,7 @@ fn what_is_in_the_way_is_named() {
     assert_eq!(start.phase, Phase::Reach);
     assert!(matches!(start.cause, Cause::Touches((Mover::Arm(_), With::World(Touched::Obstacle(0))))), "{start:?}");
     // A lid over the thing, under the hand where the approach begins.
-    let lid = failure(vec![wall([0.5, 0.0, 0.13], [0.04, 0.04, 0.005])], &free);
+    let lid = failure(vec![wall([0.5, 0.0, 0.18], [0.04, 0.04, 0.005])], &free);
     assert_eq!(lid.phase, Phase::Approach);
     assert_eq!(lid.cause, Cause::Touches((Mover::Hand, With::World(Touched::Obstacle(0)))));
     // A shelf that only the lifted hand meets.

@@ -10,7 +10,7 @@ from graspbox import _core
 from graspbox._common.arguments import config_dict, floats, natural
 from graspbox._common.imports import imported
 from graspbox.arms.loading import ArmLike, load_arm
-from graspbox.arms.timing import NEED, Limits, TimedPiece, limits_of, timed
+from graspbox.arms.timing import NEED, Limits, TimedPiece, limits_of, tell, timed
 from graspbox.arms.trajectories import Trajectory
 from graspbox.configs import PathConfig
 from graspbox.errors import ConfigError, PathError
@@ -132,6 +132,7 @@ def plan_path(
     if max_duration is not None and duration > max_duration:
         message = f"the path takes {duration:.2f} s, longer than max_duration ({max_duration:g} s)"
         raise PathError(message, reason="too_long")
+    tell(loaded, limits)
     facts = {"joints": tuple(loaded.joints), "arm": loaded.name, "hand_name": hand.name, "grasp": found["grasp"]}
     chosen = float(preshapes[found["grasp"]])
     return Trajectory.of(pieces, hz, **facts, preshape=chosen, assumptions=limits.assumed)

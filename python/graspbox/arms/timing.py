@@ -21,7 +21,7 @@ from graspbox._common.imports import imported
 from graspbox._core import Arm
 from graspbox.hands.loading import AssumedWarning
 
-__all__ = ["NEED", "Limits", "TimedPiece", "limits_of", "timed"]
+__all__ = ["NEED", "Limits", "TimedPiece", "limits_of", "tell", "timed"]
 
 #: What the package ruckig is needed for.
 NEED = "timing a path needs the package ruckig (on Linux with ARM: pip install ruckig, and a compiler of C++20)"
@@ -47,7 +47,7 @@ class Limits:
 
 
 def limits_of(arm: Arm, share: float = 1.0) -> Limits:
-    """Return the limits of an arm, `share` of its speeds; what it does not state is assumed, with a warning per arm."""
+    """Return the limits of an arm, `share` of its speeds; what it does not state is assumed."""
     speed, acceleration, jerk = arm.speeds, arm.accelerations.copy(), arm.jerks.copy()
     assumed = []
     for name, numbers, before in (("acceleration", acceleration, speed), ("jerk", jerk, acceleration)):
@@ -57,11 +57,15 @@ def limits_of(arm: Arm, share: float = 1.0) -> Limits:
             joints = ", ".join(joint for joint, none in zip(arm.joints, missing, strict=True) if none)
             least = f"{numbers[missing].min():.3g} rad/s{'2' if name == 'acceleration' else '3'}"
             assumed.append(f"arm {arm.name!r} states no {name} of {joints}: {least} or more is assumed")
-    if assumed and arm not in _TOLD:
-        _TOLD.add(arm)
-        warnings.warn(AssumedWarning(assumed, "Trajectory.assumptions"), stacklevel=4)
     # Slower by a factor in time: its square in accelerations, its cube in jerks.
     return Limits(share * speed, share**2 * acceleration, share**3 * jerk, tuple(assumed))
+
+
+def tell(arm: Arm, limits: Limits) -> None:
+    """Warn of what is assumed, once per arm."""
+    if limits.assumed and arm not in _TOLD:
+        _TOLD.add(arm)
+        warnings.warn(AssumedWarning(limits.assumed, "Trajectory.assumptions"), stacklevel=3)
 
 
 @dataclass(frozen=True)
@@ -188,7 +192,7 @@ def _spline(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
         matrix[0, :3] = matrix[-1, -3:] = 1.0, -2.0, 1.0
         right = np.zeros_like(values)
         right[1:-1] = 6 / step * np.diff(slopes, axis=0)
-        bend = np.linalg.solve(matrix, right)
+        bend = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     linear = slopes - step / 6 * (2 * bend[:-1] + bend[1:])
     return np.stack([values[:-1], linear, bend[:-1] / 2, np.diff(bend, axis=0) / (6 * step)], axis=1)
 

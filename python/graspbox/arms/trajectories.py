@@ -96,10 +96,10 @@ class Trajectory(ByValue):
     @classmethod
     def of(cls, pieces: list[TimedPiece], hz: float, **facts: Any) -> Self:
         """Sample pieces that follow each other."""
-        nothing = np.zeros((0, 0))
-        empty = {"hand": np.zeros(0), "phases": np.zeros(0, "U8"), "times": np.zeros(0)}
-        arrays = dict.fromkeys(("positions", "velocities", "accelerations"), nothing) | empty
-        return cls(**arrays, **facts, _pieces=tuple(pieces)).resampled(hz)
+        none: Any = np.zeros((0, 0))
+        row: Any = np.zeros(0)
+        empty = cls(row, none, none, none, row, np.zeros(0, "U8"), **facts, _pieces=tuple(pieces))
+        return empty.resampled(hz)
 
     @property
     def duration(self) -> float:
@@ -122,7 +122,7 @@ class Trajectory(ByValue):
             np.array_equal(getattr(self, name), getattr(other, name)) for name in arrays
         )
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
     def sample(self, times: ArrayLike) -> Sample:
         """Return the trajectory at times (m,), seconds, exactly; before its beginning and after its end the arm rests.
@@ -149,7 +149,7 @@ class Trajectory(ByValue):
             hand[mine] = begin + (end - begin) * since / max(piece.duration, 1e-9)
             phases[mine] = piece.phase
             command = end
-        return Sample(*states, hand=hand, phases=phases)
+        return Sample(states[0], states[1], states[2], states[3], hand, phases)
 
     def resampled(self, hz: float) -> Self:
         """Return the same trajectory with `hz` samples per second, and one at its end.

@@ -225,7 +225,8 @@ class PathConfig:
     lift : float
         Height of the straight lift, and of the lowering to a place, metres, 0.001 to 1.
     iterations : int
-        Most samples of each search for a way around obstacles, at most a million.
+        Most samples of a search for a way around obstacles, at most a million; half as many for the grasps after one
+        to which none was found.
     seed : int
         Seed of the samples.
     """

@@ -114,7 +114,7 @@ def _show(made: Trajectory, name: str, as_json: bool) -> None:
         return
     starts = np.flatnonzero(np.append(True, made.phases[1:] != made.phases[:-1]))
     ends = np.append(made.times[starts[1:]], made.duration)
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (str(made.phases[start]), f"{made.times[start]:.2f}", f"{end - made.times[start]:.2f}")
         for start, end in zip(starts, ends, strict=True)
     ]
