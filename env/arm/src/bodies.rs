@@ -185,9 +185,8 @@ impl ArmBodies {
                 Some(axis) => frames.axes[axis].turn * body.center.coords + frames.axes[axis].shift,
                 None => body.center.coords,
             };
-            let apart = |place: Vector3<f64>, radius: f64| {
-                (place - point.coords).norm_squared() >= (distance + radius).powi(2)
-            };
+            let apart =
+                |place: Vector3<f64>, radius: f64| (place - point.coords).norm_squared() >= (distance + radius).powi(2);
             let place = |solid: &Solid| frame(frames, index) * Point3::from(solid.body_from_shape.translation.vector);
             apart(center, body.radius) || body.solids.iter().all(|solid| apart(place(solid).coords, solid.radius))
         })

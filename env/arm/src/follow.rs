@@ -206,9 +206,7 @@ impl Follower {
         let stop = self.stopping(state, period);
         for share in SHARES {
             let mut rates = stop;
-            for axis in 0..self.count() {
-                rates[axis] += share * (goal[axis] - stop[axis]);
-            }
+            rates.iter_mut().zip(&goal).for_each(|(rate, goal)| *rate += share * (goal - *rate));
             if self.can_stop(state, &rates, period, &mut motion, &mut is_free) {
                 return Next { rates, blocked: share < 1.0 };
             }
@@ -220,11 +218,10 @@ impl Follower {
     #[must_use]
     pub fn after(&self, state: &AxesState, rates: &Positions, period: f64) -> AxesState {
         let mut next = AxesState { positions: state.positions, rates: *rates };
-        for axis in 0..self.count() {
+        for (axis, position) in next.positions.iter_mut().enumerate().take(self.count()) {
             let [lower, upper] = self.chain.limits(axis);
-            let moved = next.positions[axis] + 0.5 * (state.rates[axis] + rates[axis]) * period;
-            // Rounding only: rates brake before a limit.
-            next.positions[axis] = moved.clamp(lower, upper);
+            // Beyond a limit by rounding only: rates brake before it.
+            *position = (*position + 0.5 * (state.rates[axis] + rates[axis]) * period).clamp(lower, upper);
         }
         next
     }
@@ -232,16 +229,16 @@ impl Follower {
     /// Changes rates towards others by the same share of all differences, within accelerations and ranges.
     fn towards(&self, state: &AxesState, wanted: &Positions, period: f64) -> Positions {
         let mut share = 1.0_f64;
-        for axis in 0..self.count() {
-            let (change, most) = ((wanted[axis] - state.rates[axis]).abs(), self.accelerations[axis] * period);
+        for ((wanted, rate), acceleration) in wanted.iter().zip(&state.rates).zip(&self.accelerations) {
+            let (change, most) = ((wanted - rate).abs(), acceleration * period);
             if change > most {
                 share = share.min(most / change);
             }
         }
         let mut rates = state.rates;
-        for axis in 0..self.count() {
+        for (axis, rate) in rates.iter_mut().enumerate().take(self.count()) {
             let [low, high] = self.range(state, axis, period);
-            rates[axis] = (rates[axis] + share * (wanted[axis] - rates[axis])).clamp(low, high);
+            *rate = (*rate + share * (wanted[axis] - *rate)).clamp(low, high);
         }
         rates
     }

@@ -188,7 +188,7 @@ impl Room {
             }
             Meeting::Surroundings(body) => {
                 let (own, at) = (&self.bodies.bodies[body], pose(body));
-                self.from_surroundings(own, &at, &(at * own.center), &mut least);
+                self.near_surroundings(own, &at, &(at * own.center), &mut least);
             }
         }
         least.max(0.0)
@@ -201,7 +201,7 @@ impl Room {
     }
 
     /// Lowers `least` to the distance of a body from the table and the walls.
-    fn from_surroundings(&self, body: &Body, at: &Isometry3<f64>, center: &Point3<f64>, least: &mut f64) {
+    fn near_surroundings(&self, body: &Body, at: &Isometry3<f64>, center: &Point3<f64>, least: &mut f64) {
         let height = (self.world_from_base * center).z - body.radius;
         let far = |wall: &Fixed| {
             (wall.at.inverse_transform_point(center).coords.abs() - half(&wall.shape)).max() - body.radius

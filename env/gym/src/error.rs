@@ -33,7 +33,9 @@ pub enum EnvError {
     NoGoals,
     #[error("the control mode `{control}` moves the joints of an arm, but there is none; name one as `arm`")]
     NoArm { control: &'static str },
-    #[error("an arm carries the hand in closed-loop control only, not in the control mode `{control}`; leave `arm` out")]
+    #[error(
+        "an arm carries the hand in closed-loop control only, not in the control mode `{control}`; leave `arm` out"
+    )]
     ArmDecides { control: &'static str },
     /// At home, the arm touches something.
     #[error(

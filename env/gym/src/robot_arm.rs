@@ -1,14 +1,12 @@
 //! The arm that carries the hand: at its place, with what it must keep away from, and its models for images.
 
 use crate::EnvError;
-use crate::actions::arm_controller::{ANGULAR_ACCELERATION, Limits, LINEAR_ACCELERATION};
+use crate::actions::arm_controller::{ANGULAR_ACCELERATION, LINEAR_ACCELERATION, Limits};
 use crate::actions::workspace::BASE_DISTANCE;
 use crate::pool::env_spec::EnvSpec;
 use graspbox_arm::chain::{Frames, Positions};
 use graspbox_arm::reach::Reacher;
-use graspbox_arm::{
-    ArmBodies, ArmError, Carried, Follower, Inverse, ReachParams, Room, Scene, carrier, reach,
-};
+use graspbox_arm::{ArmBodies, ArmError, Carried, Follower, Inverse, ReachParams, Room, Scene, carrier, reach};
 use graspbox_hand::{Arm, Hand, Shape};
 use graspbox_mesh::TriMesh;
 use graspbox_mesh::range::is_pose;
@@ -130,16 +128,17 @@ impl ArmSpec {
         let room = Room::new(chain, bodies, carried, *world_from_base, &boxes);
         let follower = Follower::new(arm, chain.clone());
         let least = (0..chain.len()).map(|axis| follower.acceleration(axis)).fold(f64::INFINITY, f64::min);
-        let limits = Limits {
-            linear: LINEAR_ACCELERATION.min(LEVER * least),
-            angular: ANGULAR_ACCELERATION.min(least),
-        };
+        let limits =
+            Limits { linear: LINEAR_ACCELERATION.min(LEVER * least), angular: ANGULAR_ACCELERATION.min(least) };
         let models = (0..bodies.count()).map(|body| model(&bodies.shapes(body))).collect::<Result<_, _>>();
         let object = || format!("the arm {}", arm.name);
         let models = models.map_err(|source: RenderError| EnvError::NotRenderable { object: object(), source })?;
         let made = Self { robot: Arc::clone(robot), follower, room, limits, walls: walls.to_vec(), models };
         if made.room.measure(&chain.frames(&robot.home())) < LINK_CLEARANCE {
-            return Err(EnvError::ArmInTheWay { arm: arm.name.clone(), base: robot.world_from_base.translation.vector.into() });
+            return Err(EnvError::ArmInTheWay {
+                arm: arm.name.clone(),
+                base: robot.world_from_base.translation.vector.into(),
+            });
         }
         Ok(made)
     }
@@ -147,6 +146,7 @@ impl ArmSpec {
     /// A posture in which the open hand is at a pose and the arm touches nothing; else the reason in words.
     ///
     /// * `world_from_hand`: as forward kinematics has it.
+    /// * `max_angle`: greatest angle to the rotation for an arm with fewer than six axes, rad.
     /// * `objects`: with their poses in the world.
     ///
     /// # Errors
@@ -156,6 +156,7 @@ impl ArmSpec {
         hand: &Hand,
         world_from_hand: &Isometry3<f64>,
         preshape: f64,
+        max_angle: f64,
         mut objects: Vec<(Arc<Obstacle>, Isometry3<f64>)>,
     ) -> Result<Result<Positions, String>, EnvError> {
         let RobotArm { arm, inverse, bodies, world_from_base, flange_from_base, .. } = &*self.robot;
@@ -163,14 +164,12 @@ impl ArmSpec {
             let solid = Obstacle::cuboid(&wall.half).map_err(|source| EnvError::Unusable { source })?;
             objects.push((Arc::new(solid), wall.world_from_wall));
         }
-        let params = ReachParams { clearance: START_CLEARANCE, ..ReachParams::default() };
+        let params = ReachParams { clearance: START_CLEARANCE, max_angle, ..ReachParams::default() };
         let scene = Scene::new(*world_from_base, &[], objects, params.clearance, 0.0)?;
         let reacher = Reacher { arm, inverse, bodies, scene: &scene, params };
         let answers = reach(&reacher, hand, flange_from_base, &[(*world_from_hand, preshape)])?;
         let Some(answer) = answers.into_iter().next() else { return Ok(Err(String::new())) };
-        let roomy = |positions: &Positions| {
-            self.room.measure(&inverse.chain().frames(positions)) >= START_CLEARANCE
-        };
+        let roomy = |positions: &Positions| self.room.measure(&inverse.chain().frames(positions)) >= START_CLEARANCE;
         let found = answer.solutions.iter().map(|solution| solution.positions).find(roomy);
         Ok(found.ok_or_else(|| match answer.solutions.is_empty() {
             true => answer.reason.sentence(arm, bodies, &[]),
@@ -183,7 +182,8 @@ impl ArmSpec {
     /// The bodies at their poses, for rendering.
     pub fn posed(&self, positions: &[f64], spec: &EnvSpec) -> impl Iterator<Item = ObjectPose<'_>> {
         let chain = self.robot.inverse.chain();
-        let frames = (positions.len() >= chain.len()).then(|| chain.frames(&self.robot.inverse.positions_of(positions)));
+        let frames =
+            (positions.len() >= chain.len()).then(|| chain.frames(&self.robot.inverse.positions_of(positions)));
         let label = arm_label(spec.hand().links.len(), spec.config.clutter.most_objects());
         let world_from_base = self.robot.world_from_base;
         let all = self.models.iter().enumerate().filter_map(|(body, model)| Some((body, model.as_ref()?)));

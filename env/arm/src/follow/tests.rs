@@ -107,7 +107,11 @@ fn limits_hold_for_random_wishes() {
                             let [lower, upper] = chain.limits(axis);
                             let change = (moved.rates[axis] - state.rates[axis]).abs();
                             let unclamped = state.positions[axis] + 0.5 * STEP * (state.rates[axis] + rates[axis]);
-                            assert!((lower - 1e-9..=upper + 1e-9).contains(&unclamped), "{}: position {axis}", asset.name);
+                            assert!(
+                                (lower - 1e-9..=upper + 1e-9).contains(&unclamped),
+                                "{}: position {axis}",
+                                asset.name
+                            );
                             assert!(moved.rates[axis].abs() <= follower.speed(axis) * (1.0 + 1e-9));
                             assert!(change <= follower.acceleration(axis) * STEP * (1.0 + 1e-9));
                         }
@@ -138,9 +142,10 @@ fn room_is_true_for_a_neighbourhood() {
             let here = room.measure(&chain.frames(&at));
             let frames = chain.frames(&near);
             let placed = room.bodies().place(&frames);
-            let low = room.bodies().moving(&placed).map(|(_, solid, at)| {
-                at.translation.z - crate::bodies::half_height(&solid.shape, &at.rotation)
-            });
+            let low = room
+                .bodies()
+                .moving(&placed)
+                .map(|(_, solid, at)| at.translation.z - crate::bodies::half_height(&solid.shape, &at.rotation));
             let touches = room.bodies().self_contact(&placed).is_some() || low.fold(f64::INFINITY, f64::min) < 0.0;
             let left = here - room.motion(&at, &near);
             assert!(!touches || left <= 1e-6, "{}: {left} m should be left", asset.name);

@@ -177,13 +177,7 @@ impl JointDrive {
     /// Decides the rates of the period that begins.
     ///
     /// * `lowest`: height of the palm above the table at a pose of the hand by forward kinematics, metres; it must stay positive.
-    pub fn decide(
-        &mut self,
-        arm: &ArmSpec,
-        mut rates: Positions,
-        dt: f64,
-        lowest: impl Fn(&Isometry3<f64>) -> f64,
-    ) {
+    pub fn decide(&mut self, arm: &ArmSpec, mut rates: Positions, dt: f64, lowest: impl Fn(&Isometry3<f64>) -> f64) {
         self.yielded(&mut rates);
         let chain = arm.follower.chain();
         let period = self.period(dt);

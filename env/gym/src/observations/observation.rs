@@ -50,9 +50,7 @@ impl Observation {
     fn readings(self, hand: &Hand, action: ActionSpec) -> Vec<Reading> {
         let table = |rows: &'static [Row]| {
             // A hand without a preshape coordinate, or without an arm, has no such row.
-            let there = |row: &&Row| {
-                !matches!(row.size, Size::Preshape | Size::Axes) || row.size.of(hand, action) > 0
-            };
+            let there = |row: &&Row| !matches!(row.size, Size::Preshape | Size::Axes) || row.size.of(hand, action) > 0;
             rows.iter().filter(there).map(Reading::Row).collect::<Vec<_>>()
         };
         let joints = |encoder: bool| {

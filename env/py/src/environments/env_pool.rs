@@ -12,7 +12,9 @@ use graspbox_gym::pool::env_pool::StepBatches;
 use graspbox_gym::rewards::goal_terms::{GOAL_TERMS, goal_terms};
 use graspbox_gym::starts::initial_samples::InitialSamples;
 use graspbox_gym::starts::random_stream::RandomStream;
-use graspbox_gym::{self as gym, Batch, EnvConfig, EnvError, ObjectDescription, ResetOptions, RobotArm, Source, Tables};
+use graspbox_gym::{
+    self as gym, Batch, EnvConfig, EnvError, ObjectDescription, ResetOptions, RobotArm, Source, Tables,
+};
 use graspbox_sim::PhysicsConfig;
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
