@@ -30,8 +30,8 @@ const DAMPING: f64 = 0.0016;
 const FEW_DAMPING: f64 = 1e-5;
 /// Shares of a change that are tried if the whole of it is refused.
 const SHARES: [f64; 3] = [1.0, 0.5, 0.25];
-/// Distance between postures that are checked on the way of a stop, metres.
-const CHECKED: f64 = 0.02;
+/// Longest motion between postures that are checked on the way of a stop, metres: twice the usual clearance, so nothing touches between them.
+const CHECKED: f64 = 0.01;
 /// Most periods that a stop takes: beyond, the axes count as stopped.
 const MOST_PERIODS: usize = 1000;
 
@@ -206,9 +206,7 @@ impl Follower {
         let stop = self.stopping(state, period);
         for share in SHARES {
             let mut rates = stop;
-            for axis in 0..self.count() {
-                rates[axis] += share * (goal[axis] - stop[axis]);
-            }
+            rates.iter_mut().zip(&goal).for_each(|(rate, goal)| *rate += share * (goal - *rate));
             if self.can_stop(state, &rates, period, &mut motion, &mut is_free) {
                 return Next { rates, blocked: share < 1.0 };
             }
@@ -220,11 +218,10 @@ impl Follower {
     #[must_use]
     pub fn after(&self, state: &AxesState, rates: &Positions, period: f64) -> AxesState {
         let mut next = AxesState { positions: state.positions, rates: *rates };
-        for axis in 0..self.count() {
+        for (axis, position) in next.positions.iter_mut().enumerate().take(self.count()) {
             let [lower, upper] = self.chain.limits(axis);
-            let moved = next.positions[axis] + 0.5 * (state.rates[axis] + rates[axis]) * period;
-            // Rounding only: rates brake before a limit.
-            next.positions[axis] = moved.clamp(lower, upper);
+            // Beyond a limit by rounding only: rates brake before it.
+            *position = (*position + 0.5 * (state.rates[axis] + rates[axis]) * period).clamp(lower, upper);
         }
         next
     }
@@ -232,16 +229,16 @@ impl Follower {
     /// Changes rates towards others by the same share of all differences, within accelerations and ranges.
     fn towards(&self, state: &AxesState, wanted: &Positions, period: f64) -> Positions {
         let mut share = 1.0_f64;
-        for axis in 0..self.count() {
-            let (change, most) = ((wanted[axis] - state.rates[axis]).abs(), self.accelerations[axis] * period);
+        for ((wanted, rate), acceleration) in wanted.iter().zip(&state.rates).zip(&self.accelerations) {
+            let (change, most) = ((wanted - rate).abs(), acceleration * period);
             if change > most {
                 share = share.min(most / change);
             }
         }
         let mut rates = state.rates;
-        for axis in 0..self.count() {
+        for (axis, rate) in rates.iter_mut().enumerate().take(self.count()) {
             let [low, high] = self.range(state, axis, period);
-            rates[axis] = (rates[axis] + share * (wanted[axis] - rates[axis])).clamp(low, high);
+            *rate = (*rate + share * (wanted[axis] - *rate)).clamp(low, high);
         }
         rates
     }
@@ -294,12 +291,16 @@ impl Follower {
         let mut checked = state.positions;
         for _ in 0..MOST_PERIODS {
             let stopped = at.rates.iter().all(|rate| *rate == 0.0);
-            if stopped || motion(&checked, &at.positions) > CHECKED {
-                if checked != at.positions && !is_free(&at.positions) {
+            let parts = (motion(&checked, &at.positions) / CHECKED).ceil() as usize;
+            for part in 1..=parts {
+                let mut between = checked;
+                let share = part as f64 / parts as f64;
+                between.iter_mut().zip(&at.positions).for_each(|(from, to)| *from += share * (to - *from));
+                if !is_free(&between) {
                     return false;
                 }
-                checked = at.positions;
             }
+            checked = at.positions;
             if stopped {
                 break;
             }

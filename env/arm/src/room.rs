@@ -7,7 +7,7 @@ use crate::bodies::{ArmBodies, Body, Carried, Solid, frame, half_height, library
 use crate::chain::{Chain, Frames, MAX_AXES, Positions};
 use graspbox_hand::Shape;
 use nalgebra::{Isometry3, Point3, Vector3};
-use parry3d_f64::query::distance;
+use parry3d_f64::query::details::distance_support_map_support_map;
 use parry3d_f64::shape::SharedShape;
 
 /// Greatest distance, metres: that of what no obstacle is near.
@@ -188,7 +188,7 @@ impl Room {
             }
             Meeting::Surroundings(body) => {
                 let (own, at) = (&self.bodies.bodies[body], pose(body));
-                self.from_surroundings(own, &at, &(at * own.center), &mut least);
+                self.near_surroundings(own, &at, &(at * own.center), &mut least);
             }
         }
         least.max(0.0)
@@ -201,7 +201,7 @@ impl Room {
     }
 
     /// Lowers `least` to the distance of a body from the table and the walls.
-    fn from_surroundings(&self, body: &Body, at: &Isometry3<f64>, center: &Point3<f64>, least: &mut f64) {
+    fn near_surroundings(&self, body: &Body, at: &Isometry3<f64>, center: &Point3<f64>, least: &mut f64) {
         let height = (self.world_from_base * center).z - body.radius;
         let far = |wall: &Fixed| {
             (wall.at.inverse_transform_point(center).coords.abs() - half(&wall.shape)).max() - body.radius
@@ -259,9 +259,15 @@ fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64) {
 type Placed<'a> = (&'a Shape, &'a SharedShape, &'a Isometry3<f64>);
 
 /// Distance of two shapes, metres; 0 where they overlap.
+///
+/// By supporting points for all pairs: the library's own query of two boxes jumps where the nearest features change.
 fn gap(a: Placed<'_>, b: Placed<'_>) -> f64 {
-    // Unsupported pairs do not occur: all shapes are convex.
-    distance(&library_pose(a.2, a.0), &*a.1.0, &library_pose(b.2, b.0), &*b.1.0).map_or(0.0, |found| found.distance)
+    let (from, to) = (library_pose(a.2, a.0), library_pose(b.2, b.0));
+    match (a.1.as_support_map(), b.1.as_support_map()) {
+        (Some(one), Some(two)) => distance_support_map_support_map(&from.inv_mul(&to), one, two),
+        // All shapes are convex.
+        _ => 0.0,
+    }
 }
 
 fn half(shape: &Shape) -> Vector3<f64> {

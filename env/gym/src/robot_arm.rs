@@ -146,6 +146,7 @@ impl ArmSpec {
     /// A posture in which the open hand is at a pose and the arm touches nothing; else the reason in words.
     ///
     /// * `world_from_hand`: as forward kinematics has it.
+    /// * `max_angle`: greatest angle to the rotation for an arm with fewer than six axes, rad.
     /// * `objects`: with their poses in the world.
     ///
     /// # Errors
@@ -155,6 +156,7 @@ impl ArmSpec {
         hand: &Hand,
         world_from_hand: &Isometry3<f64>,
         preshape: f64,
+        max_angle: f64,
         mut objects: Vec<(Arc<Obstacle>, Isometry3<f64>)>,
     ) -> Result<Result<Positions, String>, EnvError> {
         let RobotArm { arm, inverse, bodies, world_from_base, flange_from_base, .. } = &*self.robot;
@@ -162,7 +164,7 @@ impl ArmSpec {
             let solid = Obstacle::cuboid(&wall.half).map_err(|source| EnvError::Unusable { source })?;
             objects.push((Arc::new(solid), wall.world_from_wall));
         }
-        let params = ReachParams { clearance: START_CLEARANCE, ..ReachParams::default() };
+        let params = ReachParams { clearance: START_CLEARANCE, max_angle, ..ReachParams::default() };
         let scene = Scene::new(*world_from_base, &[], objects, params.clearance, 0.0)?;
         let reacher = Reacher { arm, inverse, bodies, scene: &scene, params };
         let answers = reach(&reacher, hand, flange_from_base, &[(*world_from_hand, preshape)])?;

@@ -11,6 +11,7 @@
 
 mod assemble;
 pub mod assets;
+pub mod carrier;
 mod table;
 
 use std::path::Path;

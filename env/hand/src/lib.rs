@@ -12,8 +12,7 @@
 //! | [`kinematics`] | from joint positions to the poses of links and shapes |
 //! | [`tendon`] | statics of tendons and springs |
 //! | [`actuator`] | position, velocity and force commands |
-//! | [`arm`] | what carries a hand: an arm, read from a URDF and an `arm.toml` |
-//! | [`carrier`] | that arm as bodies in a chain from the hand |
+//! | [`arm`] | what carries a hand: an arm, read from a URDF and an `arm.toml`; its bodies in a chain from the hand |
 //! | [`pose`] | the grasp pose: where the hand goes, and its preshape; rigid motions from matrices |
 //!
 //! The hand frame is the grasp frame: its origin is on the palm's surface, its z axis leaves the palm (`base_from_hand`).
@@ -38,7 +37,6 @@ pub mod actuator;
 pub mod arm;
 mod assemble;
 pub mod assets;
-pub mod carrier;
 pub mod chains;
 pub mod error;
 pub mod grasp;
@@ -52,8 +50,8 @@ pub mod tendon;
 pub mod urdf;
 
 pub use actuator::{ActuatorCommand, ActuatorState, Hold};
+pub use arm::carrier::{Carrier, CarrierAxis, CarrierBody};
 pub use arm::{Arm, Axis, Mount};
-pub use carrier::{Carrier, CarrierAxis, CarrierBody};
 pub use chains::Chain;
 pub use error::{HandError, Problem, ProblemKind, Problems};
 pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, QuarterTurn};

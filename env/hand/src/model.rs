@@ -3,7 +3,7 @@
 //! The independent joints (those that move and follow no other) are the coordinates of the hand. Springs and losses act on them, tendons
 //! pull them, actuators wind tendons or drive joints. How the hand is used to grasp is in [`crate::grasp`].
 
-use crate::carrier::Carrier;
+use crate::arm::carrier::Carrier;
 use crate::grasp::Grasp;
 use crate::urdf::assumption::Assumption;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};

@@ -96,10 +96,7 @@ def _record(arm: str, control: str, steps: int, seed: int) -> tuple[NDArray[np.f
     seen, _ = env.reset(seed=seed)
     for step in range(steps):
         numbers = seen.astype(np.float64)
-        hand_pose = np.eye(4)
-        hand_pose[:3, :2] = numbers[place["hand_rotation"]].reshape(2, 3).T
-        hand_pose[:3, 2] = np.cross(hand_pose[:3, 0], hand_pose[:3, 1])
-        hand_pose[:3, 3] = numbers[place["hand_position"]]
+        hand_pose = env.unwrapped._core.local_pool.poses()[1][0]
         rows.append((numbers[place["arm_q"]], numbers[place["arm_dq"]], base_from_world @ hand_pose @ hand_from_flange))
         if step % _HELD == 0:
             action = rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)

@@ -16,6 +16,9 @@ use std::sync::Arc;
 
 /// Most poses of the hand that are tried.
 const MOST_POSES: usize = 16;
+/// Greatest angle to the rotation of a requested and of a sampled pose, for an arm with fewer than six axes, rad: it meets few rotations.
+const GIVEN_ANGLE: f64 = 0.2;
+const SAMPLED_ANGLE: f64 = 1.0;
 /// Mixed into the seed of the further poses, so that cameras and light do not follow them.
 const FURTHER: u64 = 0x61_72_6d;
 
@@ -25,21 +28,46 @@ pub struct HandStart {
     pub joints: Option<Positions>,
 }
 
+impl HandStart {
+    /// The first pose of the hand, on an arm if there is one.
+    ///
+    /// * `hand_error`: the true hand in the one of forward kinematics.
+    /// * `prepared`: the objects of the scene.
+    ///
+    /// # Errors
+    /// As [`HandPlacement::place`] and [`OnArm::start`].
+    pub fn new(
+        placement: &HandPlacement<'_>,
+        hand_error: &Isometry3<f64>,
+        (prepared, scene): (&[Arc<Prepared>], &Scene),
+        (samples, options, preshape): (&InitialSamples, &ResetOptions, f64),
+    ) -> Result<Self, EnvError> {
+        match &placement.spec.arm {
+            None => Ok(Self { world_from_hand: placement.place(samples, options, preshape)?, joints: None }),
+            Some(arm) => {
+                let objects = start_obstacles(prepared, scene, placement.world_from_object);
+                let on_arm = OnArm { placement, arm, hand_error, objects };
+                on_arm.start(samples, options, preshape)
+            }
+        }
+    }
+}
+
 /// An object's shape and its pose in the world.
 type Placed = (Arc<Obstacle>, Isometry3<f64>);
 
 /// The first pose of a hand on an arm.
-pub struct OnArm<'a> {
-    pub placement: &'a HandPlacement<'a>,
-    pub arm: &'a ArmSpec,
+struct OnArm<'a> {
+    placement: &'a HandPlacement<'a>,
+    arm: &'a ArmSpec,
     /// The true hand in the one of forward kinematics.
-    pub hand_error: &'a Isometry3<f64>,
+    hand_error: &'a Isometry3<f64>,
     /// The objects of the scene.
-    pub objects: Vec<Placed>,
+    objects: Vec<Placed>,
 }
 
 /// The objects of a scene with their poses.
-pub fn start_obstacles(prepared: &[Arc<Prepared>], scene: &Scene, world_from_object: &Isometry3<f64>) -> Vec<Placed> {
+fn start_obstacles(prepared: &[Arc<Prepared>], scene: &Scene, world_from_object: &Isometry3<f64>) -> Vec<Placed> {
     let pose = |index: usize| if index == scene.target() { *world_from_object } else { scene.world_from(index) };
     prepared.iter().enumerate().map(|(index, one)| (Arc::clone(one.body().obstacle()), pose(index))).collect()
 }
@@ -50,20 +78,16 @@ impl OnArm<'_> {
     /// # Errors
     /// [`EnvError::BadOption`] for a requested pose that the arm does not reach; [`EnvError::NoStart`] if it reaches no sampled one and home is no start;
     /// else as [`HandPlacement::place`].
-    pub fn start(
-        &self,
-        samples: &InitialSamples,
-        options: &ResetOptions,
-        preshape: f64,
-    ) -> Result<HandStart, EnvError> {
+    fn start(&self, samples: &InitialSamples, options: &ResetOptions, preshape: f64) -> Result<HandStart, EnvError> {
         let mut samples = samples.clone();
         let mut further = RandomStream::new(samples.viewpoint ^ FURTHER);
         let mut why = String::new();
         for _ in 0..MOST_POSES {
             let wanted = self.placement.place(&samples, options, preshape)?;
-            match self.posture(&wanted, preshape)? {
+            let exact = options.world_from_hand.is_some();
+            match self.posture(&wanted, preshape, if exact { GIVEN_ANGLE } else { SAMPLED_ANGLE })? {
                 Ok(joints) => return Ok(self.at(joints)),
-                Err(reason) if options.world_from_hand.is_some() => {
+                Err(reason) if exact => {
                     let arm = &self.arm.robot.arm.name;
                     return Err(bad_option("world_from_hand", format!("arm `{arm}` does not reach it: {reason}")));
                 }
@@ -78,9 +102,14 @@ impl OnArm<'_> {
         })
     }
 
-    fn posture(&self, world_from_hand: &Isometry3<f64>, preshape: f64) -> Result<Result<Positions, String>, EnvError> {
+    fn posture(
+        &self,
+        world_from_hand: &Isometry3<f64>,
+        preshape: f64,
+        angle: f64,
+    ) -> Result<Result<Positions, String>, EnvError> {
         let estimated = world_from_hand * self.hand_error.inverse();
-        self.arm.posture(self.placement.spec.hand(), &estimated, preshape, self.objects.clone())
+        self.arm.posture(self.placement.spec.hand(), &estimated, preshape, angle, self.objects.clone())
     }
 
     fn at(&self, joints: Positions) -> HandStart {

@@ -12,7 +12,7 @@ use crate::actions::workspace::{LOST_DISTANCE, LOST_HEIGHT};
 use crate::config::Randomization;
 use crate::objects::{Need, Prepared, RestingChoice};
 use crate::pool::env_spec::EnvSpec;
-use crate::starts::arm_start::{HandStart, OnArm, start_obstacles};
+use crate::starts::arm_start::HandStart;
 use crate::starts::clutter::{ClutterSamples, check_options, scene_of};
 use crate::starts::goal_samples::{Resting, goal};
 use crate::starts::hand_placement::HandPlacement;
@@ -135,14 +135,8 @@ impl InitialState {
             world_from_object: &world_from_object,
         };
         let hand_error = hand_error(vary, &samples);
-        let HandStart { world_from_hand, joints } = match &spec.arm {
-            None => HandStart { world_from_hand: placement.place(&samples, options, preshape)?, joints: None },
-            Some(arm) => {
-                let objects = start_obstacles(&prepared, &scene, &world_from_object);
-                let on_arm = OnArm { placement: &placement, arm, hand_error: &hand_error, objects };
-                on_arm.start(&samples, options, preshape)?
-            }
-        };
+        let HandStart { world_from_hand, joints } =
+            HandStart::new(&placement, &hand_error, (&prepared, &scene), (&samples, options, preshape))?;
         let scene_kind = |kind| Mode::of_one(spec.config.control, kind);
         let mode = match objects {
             StartObjects::Single { resting } => scene_kind(SceneKind::Single { resting, dropped: dropped.is_some() }),
