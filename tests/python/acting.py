@@ -18,8 +18,8 @@ from graspbox.simulation.layouts import Arrangement
 OBJECTS = ("procedural:ball:0-1", "procedural:can:0-1", "procedural:box:0-1")
 #: Grasp-v0 with one number per actuator and an action each 0.05 s, as `pressing` acts.
 EACH: dict[str, Any] = {"fingers": "each", "control_freq": 20.0}
-#: Every meaning of an action of Grasp-v0: control mode and fingers.
-ACTING = tuple(itertools.product(get_args(Control), get_args(Fingers)))
+#: Every meaning of an action of Grasp-v0 without an arm: control mode and fingers.
+ACTING = tuple(itertools.product((mode for mode in get_args(Control) if mode != "joint_velocity"), get_args(Fingers)))
 #: Every kind of task: an id, and keywords of the environment.
 TASKS: dict[str, tuple[str, dict[str, Any]]] = {
     "Grasp": ("graspbox/Grasp-v0", EACH),

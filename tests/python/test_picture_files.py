@@ -33,6 +33,7 @@ WRITERS = {
     "grasp_image": lambda path: pictures.save_grasp_image(path, NOTHING),
     "rates": lambda path: pictures.save_rates(path, "title", NOTHING),
     "reliability": lambda path: pictures.save_reliability(path, "title", NOTHING),
+    "reach_map": lambda path: pictures.save_reach_map(path, NOTHING),
     "hand_frames": lambda path: pictures.save_hand_frames(path, NOTHING),
     "hand_motion": lambda path: pictures.save_hand_motion(path, NOTHING),
     "comparison": lambda path: comparison.save_comparison(path, NOTHING),

@@ -10,6 +10,7 @@
 //! | module | purpose |
 //! |---|---|
 //! | `motion` | a straight motion between two postures, checked by the distance that bodies move |
+//! | `params` | settings |
 //! | [`line`] | straight lines of the hand, from posture to posture |
 //! | `roadmap` | ways between postures: RRT-Connect, shortcuts |
 //!
@@ -18,15 +19,17 @@
 
 pub mod line;
 mod motion;
+mod params;
 mod roadmap;
 
 pub use motion::{Contact, Mover, With};
+pub use params::PathParams;
 
 use crate::bodies::{ArmBodies, Carried, library};
 use crate::chain::Positions;
 use crate::error::ArmError;
 use crate::inverse::Inverse;
-use crate::reach::{ReachParams, Reason};
+use crate::reach::Reason;
 use crate::scene::{Scene, Touched};
 use graspbox_hand::{Arm, Hand};
 use graspbox_plan::{Obstacle, OpenHand};
@@ -37,7 +40,6 @@ use parry3d_f64::shape::SharedShape;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use roadmap::Roadmap;
-use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -53,49 +55,6 @@ const OF_THING: f64 = 0.015;
 const SUNK: f64 = 0.003;
 /// Shares of its closing at which the hand is checked while it carries.
 const SHARES: [f64; 2] = [0.5, 1.0];
-
-/// Settings of [`path`].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PathParams {
-    pub reach: ReachParams,
-    /// Length of the straight approach and of the retreat, along the hand's z, metres.
-    pub standoff: f64,
-    /// Height of the lift, and of the lowering to a place, metres.
-    pub lift: f64,
-    /// Most samples of each search for a way.
-    pub iterations: usize,
-    pub seed: u64,
-}
-
-impl Default for PathParams {
-    fn default() -> Self {
-        Self { reach: ReachParams::default(), standoff: 0.1, lift: 0.1, iterations: 1000, seed: 0 }
-    }
-}
-
-impl PathParams {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// [`ArmError::OutOfRange`], which names the field.
-    pub fn check(&self) -> Result<(), ArmError> {
-        self.reach.check()?;
-        let distances = [("clearance", self.reach.clearance), ("point_radius", self.reach.point_radius)];
-        let lengths = [("standoff", self.standoff), ("lift", self.lift)];
-        // A motion is checked in steps of half the clearance.
-        for (name, value) in distances.into_iter().chain(lengths) {
-            if !(0.001..=1.0).contains(&value) {
-                return Err(ArmError::OutOfRange { name, value, must: "0.001 to 1 m" });
-            }
-        }
-        if self.iterations > 1_000_000 {
-            let value = self.iterations as f64;
-            return Err(ArmError::OutOfRange { name: "iterations", value, must: "at most 1000000" });
-        }
-        Ok(())
-    }
-}
 
 /// An arm with its hand.
 #[derive(Debug)]

@@ -103,10 +103,10 @@ fn limits_hold_for_random_wishes() {
                         let mut rates = state.rates;
                         (0..count).for_each(|axis| rates[axis] += share * (next.rates[axis] - rates[axis]));
                         let moved = follower.after(&state, &rates, STEP);
-                        for axis in 0..count {
+                        for (axis, rate) in rates.iter().enumerate().take(count) {
                             let [lower, upper] = chain.limits(axis);
                             let change = (moved.rates[axis] - state.rates[axis]).abs();
-                            let unclamped = state.positions[axis] + 0.5 * STEP * (state.rates[axis] + rates[axis]);
+                            let unclamped = state.positions[axis] + 0.5 * STEP * (state.rates[axis] + rate);
                             assert!(
                                 (lower - 1e-9..=upper + 1e-9).contains(&unclamped),
                                 "{}: position {axis}",
