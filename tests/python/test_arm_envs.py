@@ -22,11 +22,13 @@ WIDE = CameraConfig(name="wide", eye=(-0.6, -0.9, 0.8), target=(0.1, 0.0, 0.3), 
 
 
 def test_the_hand_is_where_the_joints_put_it() -> None:
-    env = gymnasium.make(GRASP, objects="procedural:box:1", hand=HAND, arm="fr3", obs="proprio").unwrapped
+    env: Any = gymnasium.make(GRASP, objects="procedural:box:1", hand=HAND, arm="fr3", obs="proprio").unwrapped
     arm, hand = arms.load_arm("fr3"), graspbox.load_hand(HAND)
     columns = spaces.tables(hand, arm)["observations"]["twist"]["synergy"]["proprio"]
     places = {row["name"]: slice(start, start + row["size"]) for row, start in _starts(columns)}
     seen, _ = env.reset(seed=3)
+    env.action_space.seed(3)
+    fastest = 0.0
     flange_from_hand = arm.flange_from_base_of(hand) @ describe(hand).base_from_hand
     for _ in range(6):
         q = seen[places["arm_q"]].astype(np.float64)
@@ -35,7 +37,8 @@ def test_the_hand_is_where_the_joints_put_it() -> None:
         np.testing.assert_allclose(seen[places["hand_position"]], expected[:3, 3], atol=1e-5)
         np.testing.assert_allclose(seen[places["hand_rotation"]], expected[:3, :2].T.ravel(), atol=1e-5)
         seen = env.step(env.action_space.sample())[0]
-    assert np.abs(seen[places["arm_dq"]]).max() > 0.01
+        fastest = max(fastest, float(np.abs(seen[places["arm_dq"]]).max()))
+    assert fastest > 0.01
 
 
 def _starts(columns: Any) -> Any:
@@ -100,7 +103,9 @@ def test_images_show_the_arm() -> None:
 
 
 def test_a_gripper_reaches_down_by_its_joints() -> None:
-    env = gymnasium.make(GRASP, objects="procedural:box:1", hand=HAND, arm="fr3", control="joint_velocity").unwrapped
+    env: Any = gymnasium.make(
+        GRASP, objects="procedural:box:1", hand=HAND, arm="fr3", control="joint_velocity"
+    ).unwrapped
     env.reset(seed=0)
     action = env.idle_action
     still, *_ = env.step(action)
@@ -111,7 +116,7 @@ def test_a_gripper_reaches_down_by_its_joints() -> None:
     turned, *_ = env.step(action)
     assert turned[15] - moved[15] > 0.05
     assert np.abs(turned[16:22] - moved[16:22]).max() < 1e-3
-    keys = env.get_keys_to_action()  # type: ignore[attr-defined]
+    keys = env.get_keys_to_action()
     assert all(action.shape == env.action_space.shape for action in keys.values())
 
 

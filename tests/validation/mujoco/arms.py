@@ -131,7 +131,9 @@ class _Simulated:
             mujoco.mj_forward(model, data)
             position = data.xpos[self._body] - flange[row, :3, 3]
             turn = data.xmat[self._body].reshape(3, 3).T @ flange[row, :3, :3]
-            sine = 0.5 * np.linalg.norm([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+            sine = 0.5 * float(
+                np.linalg.norm([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+            )
             most = [max(most[0], float(np.linalg.norm(position))), max(most[1], float(np.arcsin(min(sine, 1.0))))]
             change = (speeds[row + 1] - speeds[row]) * _RATE
             for step in range(_SUBSTEPS):
