@@ -342,6 +342,8 @@ impl Case {
             "fits" => InfoValue::Flag(self.i != 0),
             "touches" => InfoValue::Flag(self.touches),
             "protective_stop" => InfoValue::Flag(self.stopped),
+            // No arm carries the hand of the view; `a_blocked_arm_says_so` has one.
+            "arm_blocked" => InfoValue::Flag(false),
             "survives_shake" => InfoValue::Flag(self.i == 5),
             "infeasible" => InfoValue::Flag(self.failure == Some(FailureKind::Infeasible)),
             "attempts" => counted(self.count(30)),
