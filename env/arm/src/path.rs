@@ -11,7 +11,7 @@
 //! |---|---|
 //! | `motion` | a straight motion between two postures, checked by the distance that bodies move |
 //! | `params` | settings |
-//! | [`line`] | straight lines of the hand, from posture to posture |
+//! | [`mod@line`] | straight lines of the hand, from posture to posture |
 //! | `roadmap` | ways between postures: RRT-Connect, shortcuts |
 //!
 //! What hand and thing are nearer to than the clearance where the grasp is, they may touch on the lift, and what they are nearer to at the place

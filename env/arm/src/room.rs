@@ -194,7 +194,7 @@ impl Room {
         least.max(0.0)
     }
 
-    /// The least distance, metres, or less than it beyond [`ENOUGH`]; 0 where something touches.
+    /// The least distance, metres, or less than it beyond `ENOUGH`; 0 where something touches.
     #[must_use]
     pub fn measure(&self, frames: &Frames) -> f64 {
         self.meetings.iter().map(|meeting| self.distance(*meeting, frames)).fold(FAR, f64::min)

@@ -150,7 +150,7 @@ impl ArmSpec {
     /// * `objects`: with their poses in the world.
     ///
     /// # Errors
-    /// As [`reach`].
+    /// As [`reach()`].
     pub fn posture(
         &self,
         hand: &Hand,

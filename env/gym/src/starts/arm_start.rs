@@ -35,7 +35,7 @@ impl HandStart {
     /// * `prepared`: the objects of the scene.
     ///
     /// # Errors
-    /// As [`HandPlacement::place`] and [`OnArm::start`].
+    /// As [`HandPlacement::place`] and `OnArm::start`.
     pub fn new(
         placement: &HandPlacement<'_>,
         hand_error: &Isometry3<f64>,
