@@ -174,11 +174,6 @@ impl ArmBodies {
         self.bodies.len()
     }
 
-    /// All of them.
-    pub(crate) fn bodies(&self) -> &[Body] {
-        &self.bodies
-    }
-
     /// Name of a body: that of its first link.
     #[must_use]
     pub fn name(&self, body: usize) -> &str {
@@ -210,16 +205,6 @@ impl ArmBodies {
     #[must_use]
     pub fn by_design(&self) -> Vec<[&str; 2]> {
         self.by_design.iter().map(|pair| pair.map(|body| self.name(body))).collect()
-    }
-
-    /// Shapes of a body.
-    pub(crate) fn solids(&self, body: usize) -> &[Solid] {
-        &self.bodies[body].solids
-    }
-
-    /// Pairs of bodies that may touch.
-    pub(crate) fn pairs(&self) -> &[[usize; 2]] {
-        &self.pairs
     }
 
     /// Finds the pairs that may touch.
@@ -297,12 +282,20 @@ impl ArmBodies {
     }
 }
 
-impl Carried {
-    /// Shapes of the hand, in the frame of the last body.
-    pub(crate) fn solids(&self) -> &[Solid] {
-        &self.body.solids
+/// Checks that an arm may carry a hand.
+///
+/// # Errors
+/// [`ArmError::TooHeavy`], which names both.
+pub fn check_payload(arm: &Arm, hand: &Hand) -> Result<(), ArmError> {
+    let (mass, payload) = (hand.links.iter().map(|link| link.mass).sum::<f64>(), arm.payload);
+    if mass > payload {
+        let (hand, arm) = (hand.name.clone(), arm.name.clone());
+        return Err(ArmError::TooHeavy { hand, arm, mass, payload });
     }
+    Ok(())
+}
 
+impl Carried {
     /// Distance of the hand's farthest point from the flange, metres, or a little more.
     pub(crate) fn radius_about(&self, last_from_flange: &Isometry3<f64>) -> f64 {
         let far =
@@ -319,11 +312,6 @@ impl Carried {
             let high = self.body.solids.iter().map(|s| center(s)[axis] + reach(s)[axis]).fold(-f64::INFINITY, f64::max);
             (low..=high).contains(&point[axis])
         })
-    }
-
-    /// Bodies of the arm that the hand may touch.
-    pub(crate) fn meets(&self) -> &[usize] {
-        &self.meets
     }
 
     /// The open hand with a preshape.

@@ -50,7 +50,7 @@ pub mod reach;
 pub mod room;
 pub mod scene;
 
-pub use bodies::{ArmBodies, Carried};
+pub use bodies::{ArmBodies, Carried, check_payload};
 pub use carrier::carrier;
 pub use chain::Chain;
 pub use error::ArmError;

@@ -43,7 +43,7 @@ pub fn on_arm(
     let frames = inverse.chain().frames(&inverse.positions_of(positions));
     let held = hand.map(|mounted| swept(&mounted, inverse)).transpose()?;
     let of = |index: usize, body| Placed { body, body_from_world: (world_from_base * frame(&frames, index)).inverse() };
-    let mut placed: Vec<Placed<'_>> = bodies.bodies().iter().enumerate().map(|(index, body)| of(index, body)).collect();
+    let mut placed: Vec<Placed<'_>> = bodies.bodies.iter().enumerate().map(|(index, body)| of(index, body)).collect();
     placed.extend(held.iter().map(|body| of(bodies.count() - 1, body)));
     Ok(points
         .par_iter()

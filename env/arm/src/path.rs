@@ -25,7 +25,7 @@ mod roadmap;
 pub use motion::{Contact, Mover, With};
 pub use params::PathParams;
 
-use crate::bodies::{ArmBodies, Carried, library};
+use crate::bodies::{ArmBodies, Carried, check_payload, library};
 use crate::chain::Positions;
 use crate::error::ArmError;
 use crate::inverse::Inverse;
@@ -182,7 +182,7 @@ pub fn path(
     params: &PathParams,
 ) -> Result<Result<Path, Failure>, ArmError> {
     params.check()?;
-    robot.check_mass()?;
+    check_payload(robot.arm, robot.hand)?;
     let chain = robot.inverse.chain();
     let bad = || ArmError::Preshape { hand: robot.hand.name.clone(), preshape: task.preshape };
     let mount = &robot.flange_from_base;
@@ -212,17 +212,6 @@ pub fn path(
         scenes: &scenes,
     };
     Ok(planner.plan())
-}
-
-impl Robot<'_> {
-    fn check_mass(&self) -> Result<(), ArmError> {
-        let (mass, payload) = (self.hand.links.iter().map(|link| link.mass).sum::<f64>(), self.arm.payload);
-        if mass > payload {
-            let (hand, arm) = (self.hand.name.clone(), self.arm.name.clone());
-            return Err(ArmError::TooHeavy { hand, arm, mass, payload });
-        }
-        Ok(())
-    }
 }
 
 impl Scenes {

@@ -1,6 +1,6 @@
 //! Poses of a hand: which of them an arm reaches, by which postures, and why it does not reach the others.
 
-use crate::bodies::{ArmBodies, Carried};
+use crate::bodies::{ArmBodies, Carried, check_payload};
 use crate::chain::{MAX_AXES, Positions};
 use crate::error::ArmError;
 use crate::inverse::{Inverse, Solution, Unsolved};
@@ -148,11 +148,7 @@ pub fn reach(
 ) -> Result<Vec<Reach>, ArmError> {
     let Reacher { arm, inverse, bodies, params, .. } = *reacher;
     params.check()?;
-    let mass: f64 = hand.links.iter().map(|link| link.mass).sum();
-    if mass > arm.payload {
-        let (hand, arm_name) = (hand.name.clone(), arm.name.clone());
-        return Err(ArmError::TooHeavy { hand, arm: arm_name, mass, payload: arm.payload });
-    }
+    check_payload(arm, hand)?;
     let mut preshapes: Vec<f64> = poses.iter().map(|(_, preshape)| *preshape).collect();
     preshapes.sort_by(f64::total_cmp);
     preshapes.dedup();

@@ -116,9 +116,10 @@ fn what_is_in_the_way_is_named() {
     let lid = failure(vec![wall([0.5, 0.0, 0.18], [0.04, 0.04, 0.005])], &free);
     assert_eq!(lid.phase, Phase::Approach);
     assert_eq!(lid.cause, Cause::Touches((Mover::Hand, With::World(Touched::Obstacle(0)))));
-    // A shelf that only the lifted hand meets.
-    let shelf = failure(vec![wall([0.5, 0.07, 0.33], [0.2, 0.04, 0.005])], &free);
-    assert!(shelf.phase <= Phase::Lift, "{shelf:?}");
+    // A board over an end of the thing, beside the hand: only the lifted thing meets it.
+    let board = failure(vec![wall([0.5, 0.055, 0.145], [0.02, 0.005, 0.005])], &free);
+    assert_eq!(board.phase, Phase::Lift);
+    assert_eq!(board.cause, Cause::Touches((Mover::Thing, With::World(Touched::Obstacle(0)))));
     // A place in a wall, and one under the table.
     let there = parts.task(Some(brick(Some([0.4, 0.3]))));
     let place = failure(vec![wall([0.4, 0.3, 0.05], [0.03, 0.03, 0.05])], &there);

@@ -6,7 +6,7 @@ use crate::actions::workspace::BASE_DISTANCE;
 use crate::pool::env_spec::EnvSpec;
 use graspbox_arm::chain::{Frames, Positions};
 use graspbox_arm::reach::Reacher;
-use graspbox_arm::{ArmBodies, ArmError, Carried, Follower, Inverse, ReachParams, Room, Scene, carrier, reach};
+use graspbox_arm::{ArmBodies, Carried, Follower, Inverse, ReachParams, Room, Scene, carrier, check_payload, reach};
 use graspbox_hand::{Arm, Hand, Shape};
 use graspbox_mesh::TriMesh;
 use graspbox_mesh::range::is_pose;
@@ -62,11 +62,7 @@ impl RobotArm {
         hand: &Hand,
         world_from_base: Option<Isometry3<f64>>,
     ) -> Result<(Self, Arc<Hand>), EnvError> {
-        let mass: f64 = hand.links.iter().map(|link| link.mass).sum();
-        if mass > arm.payload {
-            let (hand, arm_name, payload) = (hand.name.clone(), arm.name.clone(), arm.payload);
-            return Err(ArmError::TooHeavy { hand, arm: arm_name, mass, payload }.into());
-        }
+        check_payload(&arm, hand)?;
         let inverse = Inverse::new(&arm);
         let bodies = ArmBodies::new(&arm, inverse.chain());
         let behind = Translation3::new(BASE_DISTANCE * inverse.chain().length(), 0.0, 0.0);

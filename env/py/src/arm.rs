@@ -72,10 +72,6 @@ pub(crate) fn prepared<'a>(cell: &'a OnceLock<Prepared>, arm: &Core) -> &'a Prep
 }
 
 impl Arm {
-    pub(crate) fn core(&self) -> &Arc<Core> {
-        &self.core
-    }
-
     fn read(texts: [String; 2], names: [String; 2], assumptions: Vec<String>) -> PyResult<Self> {
         let core = Core::from_strs(&texts[0], &texts[1], names.each_ref().map(String::as_str)).map_err(arm_error)?;
         let source = Arc::new(Source { texts, names, assumptions });

@@ -112,6 +112,13 @@ def rotation_about(axes: ArrayLike, angles: ArrayLike) -> Array:
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
 
 
+def upright_pose(position: ArrayLike, angle: float) -> Array:
+    """Return a pose (4, 4) at a position (3,), metres, turned by an angle about z, radians."""
+    made = np.eye(4)
+    made[:3, :3], made[:3, 3] = rotation_about([0.0, 0.0, 1.0], angle), position
+    return made
+
+
 def poses_from(positions: ArrayLike, rotations: ArrayLike) -> Array:
     """Assemble homogeneous matrices (n, 4, 4) from positions (n, 3) and rotations (n, 3, 3)."""
     p, r = _rows(positions, "positions", (3,)), _rows(rotations, "rotations", (3, 3))

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
 from graspbox._common.by_value import ByValue
+from graspbox._common.rotations import rotation_about, upright_pose
 from graspbox.arms.loading import ArmLike, load_arm
 from graspbox.arms.reaching import reachable
 from graspbox.configs import ReachConfig
@@ -47,10 +48,7 @@ class BasePlace(NamedTuple):
     @property
     def pose(self) -> NDArray[np.float64]:
         """Return ``table_from_base``, (4, 4)."""
-        made = np.eye(4)
-        made[:2, :2] = [[np.cos(self.yaw), -np.sin(self.yaw)], [np.sin(self.yaw), np.cos(self.yaw)]]
-        made[:3, 3] = self.x, self.y, self.height
-        return made
+        return upright_pose((self.x, self.y, self.height), self.yaw)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,8 +211,7 @@ def reach_map(
     angles = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(grasps))[:, None]
     angles = angles + 2 * np.pi * np.arange(turns) / turns
     turned = np.tile(np.eye(4), (len(grasps), turns, 1, 1))
-    turned[..., 0, 0], turned[..., 0, 1] = np.cos(angles), -np.sin(angles)
-    turned[..., 1, 0], turned[..., 1, 1] = np.sin(angles), np.cos(angles)
+    turned[..., :3, :3] = rotation_about([0.0, 0.0, 1.0], angles)
     around = (turned @ grasps[:, None]).reshape(-1, 4, 4)
     base, reached = np.eye(4), []
     base[2, 3] = height

@@ -7,7 +7,7 @@
 //! A point of a body moves, per rad of an axis, by its distance from the axis at most: that in the middle, and what later axes add to it until the
 //! ends.
 
-use crate::bodies::{ArmBodies, Carried, Solid, library, library_pose};
+use crate::bodies::{ArmBodies, Body, Carried, Solid, library, library_pose};
 use crate::chain::{Chain, MAX_AXES, Positions};
 use crate::scene::{Scene, Touched};
 use graspbox_plan::collision::distance_within;
@@ -116,19 +116,20 @@ impl<'a> Motions<'a> {
         thing: Option<(Vec<SharedShape>, Isometry3<f64>)>,
     ) -> Self {
         let last = bodies.count() - 1;
-        let mut groups: Vec<Group> = (0..=last)
-            .map(|body| Group::new(Mover::Arm(body), body, bodies.solids(body).iter().map(Convex::of).collect()))
-            .collect();
-        let mut pairs = bodies.pairs().to_vec();
+        let own = |(index, body): (usize, &Body)| {
+            Group::new(Mover::Arm(index), index, body.solids.iter().map(Convex::of).collect())
+        };
+        let mut groups: Vec<Group> = bodies.bodies.iter().enumerate().map(own).collect();
+        let mut pairs = bodies.pairs.clone();
         let mut solids: Vec<&Solid> = Vec::new();
-        for solid in hands.iter().flat_map(Carried::solids) {
+        for solid in hands.iter().flat_map(|hand| &hand.body.solids) {
             // The palm is the same in all configurations.
             if !solids.iter().any(|s| s.shape == solid.shape && s.body_from_shape == solid.body_from_shape) {
                 solids.push(solid);
             }
         }
         let hand: Vec<Convex> = solids.into_iter().map(Convex::of).collect();
-        let meets = hands.first().map_or(&[][..], Carried::meets);
+        let meets = hands.first().map_or(&[][..], |hand| &hand.meets);
         pairs.extend(meets.iter().map(|body| [*body, groups.len()]));
         groups.push(Group::new(Mover::Hand, last, hand));
         if let Some((parts, last_from_thing)) = thing {

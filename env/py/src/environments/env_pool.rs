@@ -60,7 +60,7 @@ impl Objects {
         let base = base.map(|pose| isometry(&pose, "base")).transpose()?;
         let mut objects = gym::Objects::new(sources, Arc::clone(&hand.0), physics, cache).map_err(CoreError::from)?;
         if let Some(arm) = arm {
-            objects = objects.on_arm(Arc::clone(arm.core()), base).map_err(CoreError::from)?;
+            objects = objects.on_arm(Arc::clone(&arm.core), base).map_err(CoreError::from)?;
         }
         Ok(Self(Arc::new(objects)))
     }
@@ -353,7 +353,7 @@ pub fn env_tables<'py>(py: Python<'py>, hand: &Hand, arm: Option<&Arm>) -> PyRes
 /// A hand as environments have it, on an arm if there is one.
 pub(crate) fn carried(hand: &Hand, arm: Option<&Arm>) -> Result<Arc<graspbox_hand::Hand>, CoreError> {
     match arm {
-        Some(arm) => Ok(RobotArm::new(Arc::clone(arm.core()), &hand.0, None)?.1),
+        Some(arm) => Ok(RobotArm::new(Arc::clone(&arm.core), &hand.0, None)?.1),
         None => Ok(Arc::clone(&hand.0)),
     }
 }

@@ -6,10 +6,9 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 import graspbox
-from graspbox._common.rotations import rotation_about
+from graspbox._common.rotations import upright_pose
 from graspbox.arms import Trajectory, load_arm
 from graspbox.arms.trajectories import FORMATS
 from graspbox.cli import common
@@ -86,10 +85,9 @@ def _made(
     there = None
     if place is not None:
         there = rest.copy()
-        there[:3, :3] = turned_about_z(place[2])[:3, :3] @ rest[:3, :3]
+        there[:3, :3] = upright_pose(np.zeros(3), np.radians(place[2]))[:3, :3] @ rest[:3, :3]
         there[:2, 3] += place[:2]
-    world_from_base = turned_about_z(base[3])
-    world_from_base[:3, 3] = base[:3]
+    world_from_base = upright_pose(base[:3], np.radians(base[3]))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AssumedWarning)
         config = graspbox.PathConfig(seed=seed)
@@ -98,13 +96,6 @@ def _made(
     for warning in caught:
         common.console.print(f"warning: {warning.message}", style="yellow", soft_wrap=True)
     return made
-
-
-def turned_about_z(degrees: float) -> NDArray[np.float64]:
-    """Return the pose (4, 4) of a turn about z."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), float(np.radians(degrees)))
-    return pose
 
 
 def _show(made: Trajectory, name: str, as_json: bool) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from graspbox._common.rotations import rotation_about
+from graspbox._common.rotations import upright_pose
 from graspbox.arms import load_arm
 from graspbox.captures.files import read_points, read_pose
 from graspbox.cli.common import Seed, hand_like
@@ -164,10 +164,7 @@ class SearchOptions:
             return read_pose(self.base_pose)
         if self.base is None:
             return None
-        pose = np.eye(4)
-        pose[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), float(np.radians(self.base[3])))
-        pose[:3, 3] = self.base[:3]
-        return pose
+        return upright_pose(self.base[:3], np.radians(self.base[3]))
 
     def pose(self) -> NDArray[np.float64] | None:
         """Return the camera's pose; None if the table is to be found in the image."""
