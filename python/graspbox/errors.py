@@ -54,7 +54,8 @@ class PathError(GraspboxError, RuntimeError):
     phase : str
         Where on the path, a name of `graspbox.arms.Trajectory.phases`; empty for a path that is too long.
     reason : str
-        ``touches``, ``not_reached``, ``at_limit``, ``singular``, ``no_way``, ``start_beyond_limit`` or ``too_long``.
+        ``touches``, ``not_reached``, ``at_limit``, ``singular``, ``no_way``, ``start_beyond_limit``, ``too_long`` or
+        ``no_object``.
     failures : tuple of str
         For each grasp that was tried, why no path leads to it.
     """

@@ -9,12 +9,14 @@ import typer
 
 from graspbox._common.options import flattened
 from graspbox.arms import Reach
+from graspbox.arms.trajectories import FORMATS
 from graspbox.captures import Capture, average, read_capture
 from graspbox.captures.averaging import check_count
+from graspbox.cli.arm.path_options import PathOptions, check_path_file, save_path, told_assumptions
 from graspbox.cli.camera.options import ReadingOptions, SearchOptions
 from graspbox.cli.common import Json, Rehearse, check_files, console, find_hand, print_json, print_table, write_json
 from graspbox.cli.recorders import CommandRecorder, Rerun, rerun_recorder
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, PathError
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
 
 SourceArgument = Annotated[
@@ -46,6 +48,13 @@ MaskOption = Annotated[
     typer.Option(
         help="Pixels of one of several objects, .npy or .png, not 0 where it is: grasps are of this one, and keep "
         "off the others."
+    ),
+]
+PathOption = Annotated[
+    Path | None,
+    typer.Option(
+        help=f"With --arm: write the path to the best grasp that has one ({', '.join(FORMATS)}; YAML is a ROS "
+        "message); --place, --speed, --hand-time, --max-duration and --hz are its."
     ),
 ]
 
@@ -93,6 +102,7 @@ def grasp_image_command(
     policy: PolicyOption,
     reading: ReadingOptions,
     search: SearchOptions,
+    following: PathOptions,
     time: TimeOption = None,
     frames: FramesOption = 1,
     mask: MaskOption = None,
@@ -101,6 +111,7 @@ def grasp_image_command(
     rehearse: Rehearse = None,
     out: Annotated[Path | None, typer.Option(help="Write the grasps into this JSON file.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Write a picture into this file.")] = None,
+    path: PathOption = None,
     rerun: Rerun = None,
     as_json: Json = False,
 ) -> None:
@@ -113,14 +124,19 @@ def grasp_image_command(
         raise ConfigError("--all writes no --picture and no --rerun, and takes no --rehearse and no --label")
     if label is not None and mask is None:
         raise ConfigError("--label chooses an object of --mask; pass both")
+    if path is not None and search.arm is None:
+        raise ConfigError("--path is that of an arm; pass --arm and --base too")
     marks = {"labels" if everything or label is not None else "mask": mask}
     seen = _capture(source, frames, {**reading.settings(), "time": time, **marks})
     check_files(out, picture)
+    check_path_file("--path", path)
     recorder = rerun_recorder(rerun)
     grasper = ImageGrasper(policy, hand=None if search.hand is None else find_hand(search.hand))
     place, options = (seen.depth, seen.intrinsics, search.pose()), search.find()
     if everything:
-        _report_all(grasper.find_all(*place, labels=seen.labels, **options), seen, out, as_json)
+        scene = grasper.find_all(*place, labels=seen.labels, **options)
+        _report_all(scene, seen, out, as_json)
+        _follow(scene, following, path)
         return
     chosen = None if mask is None else seen.mask(label)
     grasps = grasper.find(*place, mask=chosen, rehearsed=rehearse, **options)
@@ -140,6 +156,23 @@ def grasp_image_command(
     if grasps.reach is not None and not grasps.reach.reached.any():
         console.print(f"the arm {grasps.reach.arm} reaches no grasp of the object", style="red")
         raise typer.Exit(1)
+    _follow(grasps, following, path)
+
+
+def _follow(found: ImageGrasps | SceneGrasps, following: PathOptions, file: Path | None) -> None:
+    """Plan, print and write the path of the arm, if a file is named; exits with 1 if there is none."""
+    if file is None:
+        return
+    try:
+        with told_assumptions():
+            made = found.path(place=following.moved(), **following.timing())
+    except PathError as error:
+        console.print(str(error), style="red", soft_wrap=True)
+        raise typer.Exit(1) from None
+    thing, path = made if isinstance(made, tuple) else (None, made)
+    of = "" if thing is None else f" of object {thing}"
+    console.print(f"a path of {path.duration:.2f} s to grasp {path.grasp + 1}{of}")
+    save_path(path, file)
 
 
 def _warn(warnings: tuple[str, ...]) -> None:

@@ -1,6 +1,6 @@
 """The arm that carries out grasps of an image: where it stands, what of the image shows it, and what it reaches."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,14 +11,11 @@ from graspbox.arms.masking import checked_joints
 from graspbox.configs import ReachConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand
-from graspbox.policies.image_grasps import ImageGrasps
 
 __all__ = ["ArmAt"]
 
 #: Grasps among which reached ones are looked for, for each one that is returned, and in all.
 _AMONG, _MOST = 8, 100
-#: Points lower than this over the table are the table's, metres.
-_ABOVE = 0.012
 #: Pixels nearer to a link or the hand show the arm, metres: this, and a share of the squared depth, as noise grows.
 _MARGIN, _NOISE = 0.02, 0.01
 #: From so many pixels of the networks' image on, something where the arm at home would be is told.
@@ -76,7 +73,7 @@ class ArmAt:
         measured = None if joints is None else checked_joints(loaded, joints)
         made = cls(loaded, floats(base, "base"), mounted, measured)
         # Wrong arguments are no refusals of things.
-        made._reach(hand, np.zeros((0, 4, 4)), np.zeros(0))
+        made.reach(hand, np.zeros((0, 4, 4)), np.zeros(0))
         return made
 
     def shown(
@@ -102,22 +99,14 @@ class ArmAt:
         """Return among how many grasps those that are reached are looked for."""
         return max(count, min(_AMONG * count, _MOST))
 
-    def sorted(self, grasps: ImageGrasps, points: NDArray[np.float64], count: int) -> ImageGrasps:
-        """Put the grasps that the arm reaches first, with their postures, and keep `count`.
-
-        `points` (k, 3) is what is seen, in the table's frame, metres.
-        """
-        reach = self._reach(grasps.hand, grasps.table_from_hand, grasps.preshape, points[points[:, 2] > _ABOVE])
-        kept = reach.first()[:count]
-        return replace(grasps.kept(kept), reach=reach[kept], warnings=(*grasps.warnings, *_told(reach)))
-
-    def _reach(
+    def reach(
         self,
         hand: Hand,
         poses: NDArray[np.float64],
         preshapes: NDArray[np.float64],
         points: NDArray[np.float64] | None = None,
     ) -> Reach:
+        """Return which grasps (m, 4, 4), table's frame, it reaches among points (k, 3) that are seen, metres."""
         return reachable(
             self.arm,
             hand,
@@ -128,11 +117,3 @@ class ArmAt:
             points=points,
             config=self.config,
         )
-
-
-def _told(reach: Reach) -> tuple[str, ...]:
-    """Return a warning if no grasp is reached."""
-    if not len(reach) or reach.reached.any():
-        return ()
-    counts = ", ".join(f"{why} ({count})" for why, count in reach.counts().items())
-    return (f"the arm {reach.arm} reaches none of {len(reach)} grasps: {counts}; move its base or the thing",)

@@ -15,7 +15,7 @@ from graspbox.errors import ConfigError
 from graspbox.hands import Hand, HandLike, load_hand
 from graspbox.perception.captured import MOST_THINGS, Look, Survey, look
 from graspbox.perception.configs import EVERYTHING
-from graspbox.perception.depth_images import check_points, points_of
+from graspbox.perception.depth_images import check_points
 from graspbox.perception.finder import Query, grasps, sure
 from graspbox.perception.outputs import NONE_JUDGED
 from graspbox.perception.perturbations import PoseNoise
@@ -365,7 +365,7 @@ class ImageGrasper:
         )
         if chosen.arm is None:
             return found
-        return chosen.arm.sorted(found, np.concatenate([_seen(found), query.keep_off]), chosen.count)
+        return found.by_arm(chosen.arm, query.keep_off, chosen.count)
 
     def _lifts(self, ranked: Ranked, obstacles: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether the open hand touches no obstacle as it is lifted, (m,)."""
@@ -426,13 +426,6 @@ def grasp_image(
     `policy`, `hand` and `backend` are those of `ImageGrasper`, whose errors it raises too.
     """
     return ImageGrasper(policy, hand=hand, backend=backend).find(depth, intrinsics, table_from_camera, **options)
-
-
-def _seen(grasps: ImageGrasps) -> NDArray[np.float64]:
-    """Return all that the image shows, (k, 3), in the table's frame, metres."""
-    points = points_of(grasps.depth, grasps.intrinsics)
-    pose = grasps.table_from_camera
-    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _numbers(labels: NDArray[np.integer], shape: tuple[int, ...]) -> NDArray[np.int64]:

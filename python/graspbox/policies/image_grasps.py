@@ -1,16 +1,29 @@
 """Results of `graspbox.policies.grasp_image`: ranked grasps of the thing in an image, or of all its things."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from graspbox.arms import Reach
+from graspbox._common.arguments import floats
+from graspbox._common.rotations import upright_pose
+from graspbox.arms import Reach, Trajectory, plan_path
+from graspbox.configs import PathConfig
+from graspbox.errors import ConfigError, MeshError, PathError
 from graspbox.hands import Hand
+from graspbox.meshes import Mesh, mesh_from_arrays
+from graspbox.perception.depth_images import points_of
+from graspbox.perception.shapes import surface_of
+from graspbox.policies.arm_reach import ArmAt
 from graspbox.policies.published.configs import DepthPolicyConfig
 
 __all__ = ["EarlierGrasp", "EarlierScene", "ImageGrasps", "SceneGrasps"]
+
+#: Points lower than this over the table are the table's, metres.
+_ABOVE = 0.012
+#: Mass of a completed object, which no path depends on, kg.
+_ANY_MASS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +97,10 @@ class ImageGrasps:
         What was assumed of the image, and what may be wrong with it, as sentences.
     reach : Reach, optional
         With an arm: which grasps it reaches, by which joints, and why not; those that it reaches come first.
+    arm : ArmAt, optional
+        The arm, at its place.
+    keep_off : (m, 3) float64
+        With an arm: what it keeps off besides the object, seen above the table or given, table's frame, metres.
     """
 
     policy: DepthPolicyConfig
@@ -103,6 +120,8 @@ class ImageGrasps:
     lift_free: NDArray[np.bool_]
     warnings: tuple[str, ...]
     reach: Reach | None = None
+    arm: ArmAt | None = None
+    keep_off: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __len__(self) -> int:
         """Count the grasps."""
@@ -116,7 +135,98 @@ class ImageGrasps:
     def kept(self, rows: NDArray[np.int64]) -> "ImageGrasps":
         """Return some of the grasps, in this order."""
         names = ("table_from_hand", "preshape", "choice", "success", "secure", "free", "lift_free")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        reach = None if self.reach is None else self.reach[rows]
+        return replace(self, reach=reach, **{name: getattr(self, name)[rows] for name in names})
+
+    def by_arm(self, arm: ArmAt, keep_off: NDArray[np.float64], count: int) -> "ImageGrasps":
+        """Return `count` grasps, first those that an arm reaches: clear of all that is seen, and of points (m, 3)."""
+        seen, others = (self._points(self.depth > 0), self._points((self.depth > 0) & ~self.object))
+        seen, others = (np.concatenate([points, keep_off]) for points in (seen, others))
+        seen, others = (points[points[:, 2] > _ABOVE] for points in (seen, others))
+        reach = arm.reach(self.hand, self.table_from_hand, self.preshape, seen)
+        warnings = self.warnings
+        if len(reach) and not reach.reached.any():
+            counts = ", ".join(f"{why} ({number})" for why, number in reach.counts().items())
+            none = f"the arm {reach.arm} reaches none of {len(reach)} grasps: {counts}; move its base or the thing"
+            warnings = (*warnings, none)
+        known = replace(self, reach=reach, arm=arm, keep_off=others, warnings=warnings)
+        return known.kept(reach.first()[:count])
+
+    def path(self, *, place: ArrayLike | None = None, config: PathConfig | None = None, **options: Any) -> Trajectory:
+        """Plan and time a path of the arm to the best grasp that has one, and up with the object.
+
+        Only free grasps that the arm reaches are tried. The completed object is grasped and carried; all else that is
+        seen, and `keep_off`, are obstacles. What nothing has seen is taken to be free.
+
+        Parameters
+        ----------
+        place : (3,) array_like, optional
+            Where the object is then released: x and y from where it stands, metres, and its turn about z, rad.
+        config : PathConfig, optional
+            Settings; by default with the distances of the search.
+        **options
+            ``start`` (by default the joints that the search was given, else home), ``speed``, ``hand_time``,
+            ``max_duration``, ``hz`` and ``num_threads`` of `graspbox.arms.plan_path`. The number of the trajectory's
+            grasp counts the grasps here.
+
+        Raises
+        ------
+        PathError
+            If no grasp has a path.
+        ConfigError
+            Without an arm, or for a wrong argument.
+        MissingExtraError
+            Without the package ruckig, of the extra ``arm``.
+        """
+        if self.arm is None or self.reach is None:
+            raise ConfigError("a path needs an arm; pass arm and base to the search for grasps")
+        tried = np.flatnonzero(self.free & self.reach.reached)
+        if not len(tried):
+            raise PathError(
+                f"the arm {self.reach.arm} reaches none of the {int(self.free.sum())} free grasps", reason="not_reached"
+            )
+        found = self._completed()
+        options.setdefault("start", self.arm.joints)
+        path = plan_path(
+            self.arm.arm,
+            self.hand,
+            self.table_from_hand[tried],
+            self.preshape[tried],
+            self.arm.table_from_base,
+            target=(found, self.table_from_crop),
+            place=None if place is None else self._moved(place, found),
+            points=self.keep_off,
+            mount=self.arm.mount,
+            config=PathConfig(reach=self.arm.config) if config is None else config,
+            **options,
+        )
+        return replace(path, grasp=int(tried[path.grasp]))
+
+    def _points(self, pixels: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return what pixels show, (k, 3), table's frame, metres."""
+        points, pose = points_of(np.where(pixels, self.depth, 0.0), self.intrinsics), self.table_from_camera
+        return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+
+    def _completed(self) -> Mesh:
+        """Return the completed object in the frame of the crop; what is under the table is cut off."""
+        surface = surface_of(self.occupancy, self.policy.crop)
+        if surface is None:
+            raise PathError("the policy has completed no object to carry", reason="no_object")
+        vertices, faces = surface
+        vertices[:, 2] = np.maximum(vertices[:, 2], 0.0)
+        try:
+            return mesh_from_arrays(vertices, faces, mass=_ANY_MASS, name="the object", clean=None)
+        except MeshError as error:
+            raise PathError(f"the completed object cannot be carried: {error}", reason="no_object") from error
+
+    def _moved(self, place: ArrayLike, found: Mesh) -> NDArray[np.float64]:
+        """Return the pose of the crop's frame once its object is moved, and turned about its middle."""
+        x, y, angle = _three(place)
+        pose = self.table_from_crop
+        middle = found.vertices.mean(axis=0) @ pose[:3, :3].T + pose[:3, 3]
+        there = np.array([middle[0] + x, middle[1] + y, 0.0])
+        from_there = upright_pose([-middle[0], -middle[1], 0.0], 0.0)
+        return np.asarray(upright_pose(there, angle) @ from_there @ pose)
 
     def earlier(self) -> EarlierGrasp | None:
         """Return the best grasp, to be kept in later images; None without one."""
@@ -176,6 +286,20 @@ class SceneGrasps:
         best = {label: one.earlier() for label, one in self.grasps.items()}
         return EarlierScene(self.labels, {label: one for label, one in best.items() if one is not None})
 
+    def path(self, **options: Any) -> tuple[int, Trajectory]:
+        """Plan a path to the best grasp that has one; returns the number of its thing too.
+
+        Arguments and errors as of `ImageGrasps.path`.
+        """
+        failures: dict[int, str] = {}
+        for label in dict.fromkeys(label for label, _ in self.best()):
+            try:
+                return label, self.grasps[label].path(**options)
+            except PathError as error:
+                failures[label] = str(error)
+        counted = "; ".join(f"thing {label}: {why}" for label, why in failures.items())
+        raise PathError(f"no thing has a path: {counted or 'none has a grasp'}", reason="not_reached")
+
     def best(self) -> list[tuple[int, int]]:
         """Return thing and rank of all grasps: first those that an arm reaches, then free ones, then by success."""
         pairs = [
@@ -198,3 +322,10 @@ class SceneGrasps:
         refused = [{"thing": label, "pixels": sizes[label], "refused": why} for label, why in self.refused.items()]
         order = [{"thing": label, "rank": rank + 1} for label, rank in self.best()]
         return {"things": sorted([*things, *refused], key=lambda row: int(row["thing"])), "order": order}
+
+
+def _three(place: ArrayLike) -> NDArray[np.float64]:
+    numbers = floats(place, "place")
+    if numbers.shape != (3,):
+        raise ConfigError(f"place has the shape {numbers.shape}; give (3,): x and y in metres, and an angle in rad")
+    return numbers
