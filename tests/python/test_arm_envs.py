@@ -1,6 +1,7 @@
 """Environments in which an arm carries the hand: what Python adds to the core's."""
 
 import pickle
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -9,10 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 import graspbox
-from graspbox import arms
+from graspbox import arms, policies
 from graspbox.configs import CameraConfig, CamerasConfig
 from graspbox.envs import spaces
+from graspbox.envs.coding import Codec, encode_action, object_pose
 from graspbox.errors import ArmError, ConfigError
+from graspbox.evaluation import evaluate
 from graspbox.hands.description import describe
 
 GRASP = "graspbox/Grasp-v0"
@@ -138,6 +141,119 @@ def test_wrong_arms_are_refused(keywords: dict[str, Any], error: type[Exception]
         gymnasium.make(GRASP, **{"hand": HAND, "arm": "fr3", "objects": "procedural:box:1", **keywords}).reset(seed=0)
 
 
-def test_decisions_take_no_arm() -> None:
-    with pytest.raises(ConfigError, match="closed-loop"):
-        gymnasium.make("graspbox/GraspPose-v0", hand=HAND, arm="fr3")
+DECIDES = "graspbox/GraspPose-v0"
+DECIDED: dict[str, Any] = {"hand": HAND, "objects": "procedural:can:3"}
+
+
+def planned(world_from_object: NDArray[np.float64], base: NDArray[np.float64]) -> tuple[Any, Any]:
+    """Return actions for planned grasps of the can that an FR3 reaches, and for ones that it does not."""
+    mesh = graspbox.object_sets.load(DECIDED["objects"])[0].load()
+    plan = graspbox.plan(mesh, hand=HAND, seed=0, world_from_object=world_from_object).best(40)
+    reached = plan.reachable("fr3", base, mesh=mesh).reached
+    poses, shapes = world_from_object @ plan.poses, plan.preshape
+    actions = np.stack([encode_action(pose, shape, hand=HAND) for pose, shape in zip(poses, shapes, strict=True)])
+    return actions[reached], actions[~reached]
+
+
+def test_a_decision_on_an_arm_is_a_path_and_then_the_trial_of_a_hand_alone() -> None:
+    env: Any = gymnasium.make(DECIDES, arm="fr3", **DECIDED).unwrapped
+    free: Any = gymnasium.make(DECIDES, **DECIDED).unwrapped
+    successes, blocked = 0, 0
+    for seed in range(4):
+        state, _ = env.reset(seed=seed)
+        free.reset(seed=seed)
+        pose = object_pose(state, control="grasp_pose", hand=HAND)
+        good, bad = planned(pose, env.world_from_arm)
+        saved = env.get_state()
+        _, reward, ended, _, info = env.step(good[0])
+        _, alone, _, _, told = free.step(good[0])
+        assert ended
+        if info["arm_blocked"]:
+            blocked += 1
+            assert info["infeasible"]
+        else:
+            assert (reward, info["failure"]) == (alone, told["failure"])
+            successes += info["is_success"]
+        env.set_state(saved)
+        again = env.step(good[0])
+        assert (again[1], again[4]["arm_blocked"]) == (reward, info["arm_blocked"])
+        for action in bad[:2]:
+            env.set_state(saved)
+            _, reward, _, _, info = env.step(action)
+            assert info["arm_blocked"]
+            assert info["infeasible"]
+            assert info["failure"] == "infeasible"
+    assert successes >= 2
+    assert blocked <= 1
+
+
+def test_the_arm_waits_at_home_and_ends_where_the_object_is_lifted() -> None:
+    env: Any = gymnasium.make(DECIDES, arm="fr3", obs=("state", "proprio"), **DECIDED).unwrapped
+    arm, hand = arms.load_arm("fr3"), graspbox.load_hand(HAND)
+    columns = spaces.tables(hand, arm)["decision"]["observations"]["proprio"]
+    places = {row["name"]: slice(start, start + row["size"]) for row, start in _starts(columns)}
+    seen, _ = env.reset(seed=1)
+    np.testing.assert_allclose(seen["proprio"][places["arm_q"]], arm.home, atol=1e-6)
+    good, bad = planned(object_pose(seen["state"], control="grasp_pose", hand=HAND), env.world_from_arm)
+    seen, _, _, _, info = env.step(good[0])
+    assert not info["arm_blocked"]
+    q = seen["proprio"][places["arm_q"]].astype(np.float64)
+    flange_from_hand = arm.flange_from_base_of(hand) @ describe(hand).base_from_hand
+    lifted = env.world_from_arm @ arm.flange_poses(q[None])[0] @ flange_from_hand
+    grasp = Codec("grasp_pose", HAND).decode_grasp(good[0])[0].copy()
+    grasp[2, 3] += graspbox.TrialConfig().lift_height
+    np.testing.assert_allclose(lifted, grasp, atol=2e-4)
+    env.reset(seed=1)
+    seen, _, _, _, info = env.step(bad[0])
+    np.testing.assert_allclose(seen["proprio"][places["arm_q"]], arm.home, atol=1e-6)
+    with pytest.raises(ConfigError, match="an arm waits at home for a decision"):
+        env.reset(seed=1, options={"world_from_hand": np.eye(4)})
+
+
+def test_a_table_is_cleared_by_an_arm() -> None:
+    """After each attempt the arm is at home again; vector environments equal the single one."""
+    keywords: dict[str, Any] = {"objects": "procedural", "hand": HAND, "arm": "fr3", "objects_per_scene": 3}
+    keywords |= {"obs": "proprio", "layout": "packed"}
+    single: Any = gymnasium.make("graspbox/Clear-v0", **keywords).unwrapped
+    vector = gymnasium.make_vec("graspbox/Clear-v0", num_envs=2, **keywords)
+    home, _ = single.reset(seed=4)
+    assert (vector.reset(seed=3)[0][1] == home).all()
+    lying = single.arrangement()
+    picked, blocked, refused = 0, 0, encode_action(np.diag([1.0, 1.0, 1.0, 1.0]), 0.0, hand=HAND)
+    for mesh, pose in zip(lying.meshes, lying.world_from_objects, strict=True):
+        plan = graspbox.plan(mesh, hand=HAND, seed=0, world_from_object=pose).best(60)
+        others = [(m, p) for m, p in zip(lying.meshes, lying.world_from_objects, strict=True) if m is not mesh]
+        reached = plan.reachable("fr3", single.world_from_arm, mesh=mesh, objects=others).reached
+        above = (pose @ plan.poses)[:, 2, 2] < -0.5
+        chosen = np.flatnonzero(reached & above)
+        action = refused
+        if len(chosen):
+            action = encode_action(pose @ plan.poses[chosen[0]], plan.preshape[chosen[0]], hand=HAND)
+        seen, _, over, _, info = single.step(action)
+        both, *_ = vector.step(np.stack([action, action]))
+        picked, blocked = picked + info["is_success"], blocked + info["arm_blocked"]
+        if over:
+            break
+        np.testing.assert_array_equal(seen, home)
+        assert (both[1] == seen).all()
+    assert picked >= 1
+    assert blocked <= 2
+
+
+def test_a_depth_policy_chooses_grasps_to_which_the_arm_has_a_path() -> None:
+    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
+    pytest.importorskip("ruckig", reason="timing needs the extra 'arm'")
+    folder = Path(__file__).parents[2] / "policies/panda"
+    given: dict[str, Any] = {"objects": "procedural:can:3", "trials": 8, "seed": 3, "arm": "fr3"}
+    carried = evaluate(policies.load(folder), DECIDES, **given)
+    assert carried.succeeded >= 6
+    # From here only some of the grasps are reached.
+    aside = np.eye(4)
+    aside[:3, 3] = -0.75, 0.0, 0.0
+    farther = evaluate(policies.load(folder), DECIDES, base=aside.tolist(), **given)
+    assert farther.failures.get("infeasible", 0) <= 2
+    assert farther.succeeded >= 5
+    away = aside.copy()
+    away[0, 3] = -3.0
+    none = evaluate(policies.load(folder), DECIDES, base=away.tolist(), **{**given, "trials": 2})
+    assert none.failures == {"infeasible": 2}

@@ -224,12 +224,11 @@ impl Scenes {
             let carrying = scene.without_points(|point| open.encloses(&(last_from_world * point), 2.0 * OF_THING));
             return Self { before: scene.clone(), carrying, after: None };
         };
-        let ball = SharedShape::ball(1e-6);
         let from_world = thing.world_from_thing.inverse();
         let is_thing = |point: &Point3<f64>| {
-            let place = Isometry3::from((from_world * point).coords);
-            thing.obstacle.is_near(&place.translation.vector, OF_THING)
-                && thing.obstacle.gap(&ball, &library(&place), 2.0 * OF_THING) < OF_THING
+            let place = from_world * point;
+            thing.obstacle.is_near(&place.coords, OF_THING)
+                && thing.obstacle.distance(&place, 2.0 * OF_THING) < OF_THING
         };
         let carrying = scene.without_points(is_thing);
         Self {

@@ -33,10 +33,6 @@ pub enum EnvError {
     NoGoals,
     #[error("the control mode `{control}` moves the joints of an arm, but there is none; name one as `arm`")]
     NoArm { control: &'static str },
-    #[error(
-        "an arm carries the hand in closed-loop control only, not in the control mode `{control}`; leave `arm` out"
-    )]
-    ArmDecides { control: &'static str },
     /// At home, the arm touches something.
     #[error(
         "arm `{arm}` with its base at {base:?} m touches itself, the table or a wall at home; give another `base`, or another home in its arm.toml"

@@ -4,9 +4,14 @@ use crate::EnvError;
 use crate::actions::arm_controller::{ANGULAR_ACCELERATION, LINEAR_ACCELERATION, Limits};
 use crate::actions::workspace::BASE_DISTANCE;
 use crate::pool::env_spec::EnvSpec;
-use graspbox_arm::chain::{Frames, Positions};
+use graspbox_arm::chain::{Frames, MAX_AXES, Positions};
+use graspbox_arm::path::Phase;
 use graspbox_arm::reach::Reacher;
-use graspbox_arm::{ArmBodies, Carried, Follower, Inverse, ReachParams, Room, Scene, carrier, check_payload, reach};
+use graspbox_arm::{
+    ArmBodies, Carried, Follower, Inverse, Path, PathParams, ReachParams, Robot, Room, Scene, Task, Thing,
+};
+use graspbox_arm::{carrier, check_payload, path, reach};
+use graspbox_episode::trial::TrialConfig;
 use graspbox_hand::{Arm, Hand, Shape};
 use graspbox_mesh::TriMesh;
 use graspbox_mesh::range::is_pose;
@@ -31,6 +36,15 @@ const COLUMNS: usize = 32;
 /// Colour of the links, and of the base.
 pub const LINK_COLOR: [f32; 3] = [0.88, 0.88, 0.86];
 pub const BASE_COLOR: [f32; 3] = [0.40, 0.42, 0.45];
+
+/// An object's shape and its pose in the world.
+pub type PlacedObstacle = (Arc<Obstacle>, Isometry3<f64>);
+
+/// Postures on a path to a grasp: at the grasp, and once the object is lifted.
+pub struct Way {
+    pub grasp: Positions,
+    pub lifted: Positions,
+}
 
 /// An arm at its place, with the hand on it.
 pub struct RobotArm {
@@ -153,15 +167,11 @@ impl ArmSpec {
         world_from_hand: &Isometry3<f64>,
         preshape: f64,
         max_angle: f64,
-        mut objects: Vec<(Arc<Obstacle>, Isometry3<f64>)>,
+        objects: Vec<PlacedObstacle>,
     ) -> Result<Result<Positions, String>, EnvError> {
-        let RobotArm { arm, inverse, bodies, world_from_base, flange_from_base, .. } = &*self.robot;
-        for wall in &self.walls {
-            let solid = Obstacle::cuboid(&wall.half).map_err(|source| EnvError::Unusable { source })?;
-            objects.push((Arc::new(solid), wall.world_from_wall));
-        }
+        let RobotArm { arm, inverse, bodies, flange_from_base, .. } = &*self.robot;
         let params = ReachParams { clearance: START_CLEARANCE, max_angle, ..ReachParams::default() };
-        let scene = Scene::new(*world_from_base, &[], objects, params.clearance, 0.0)?;
+        let scene = self.scene(objects, params.clearance)?;
         let reacher = Reacher { arm, inverse, bodies, scene: &scene, params };
         let answers = reach(&reacher, hand, flange_from_base, &[(*world_from_hand, preshape)])?;
         let Some(answer) = answers.into_iter().next() else { return Ok(Err(String::new())) };
@@ -171,6 +181,47 @@ impl ArmSpec {
             true => answer.reason.sentence(arm, bodies, &[]),
             false => "the arm would be too near itself, the table or a wall".to_owned(),
         }))
+    }
+
+    /// Plans a path from `start` to a grasp of an object, and up with it; `None` without one.
+    ///
+    /// * `world_from_hand`, `preshape`: the grasp, as forward kinematics has it.
+    /// * `objects`: with their poses in the world; `object` is the index of the one that is grasped.
+    ///
+    /// # Errors
+    /// As [`path()`].
+    pub fn way(
+        &self,
+        hand: &Hand,
+        start: &Positions,
+        (world_from_hand, preshape): (&Isometry3<f64>, f64),
+        (mut objects, object): (Vec<PlacedObstacle>, usize),
+        trial: &TrialConfig,
+    ) -> Result<Option<Way>, EnvError> {
+        let RobotArm { arm, inverse, bodies, flange_from_base, .. } = &*self.robot;
+        let [standoff, lift] = [trial.standoff, trial.lift_height].map(|length| length.clamp(0.001, 1.0));
+        let params = PathParams { standoff, lift, ..PathParams::default() };
+        let (obstacle, world_from_thing) = objects.swap_remove(object);
+        let scene = self.scene(objects, params.reach.clearance)?;
+        let mut accelerations = [0.0; MAX_AXES];
+        let all = accelerations.iter_mut().enumerate().take(inverse.chain().len());
+        all.for_each(|(axis, own)| *own = self.follower.acceleration(axis));
+        let flange_from_base = *flange_from_base;
+        let robot = Robot { arm, inverse, bodies, hand, flange_from_base, accelerations };
+        let thing = Some(Thing { obstacle, world_from_thing, place: None });
+        let task = Task { start: *start, world_from_hand: *world_from_hand, preshape, thing };
+        let Ok(Path { pieces }) = path(&robot, &scene, &task, &params)? else { return Ok(None) };
+        let end = |phase| pieces.iter().find(|piece| piece.phase == phase).and_then(|piece| piece.postures.last());
+        Ok(end(Phase::Approach).zip(end(Phase::Lift)).map(|(grasp, lifted)| Way { grasp: *grasp, lifted: *lifted }))
+    }
+
+    /// Objects, walls and table, which the arm keeps away from.
+    fn scene(&self, mut objects: Vec<PlacedObstacle>, clearance: f64) -> Result<Scene, EnvError> {
+        for wall in &self.walls {
+            let solid = Obstacle::cuboid(&wall.half).map_err(|source| EnvError::Unusable { source })?;
+            objects.push((Arc::new(solid), wall.world_from_wall));
+        }
+        Ok(Scene::new(self.robot.world_from_base, &[], objects, clearance, 0.0)?)
     }
 }
 

@@ -1,11 +1,13 @@
 """``graspbox evaluate``: the success of a policy on seeded trials."""
 
+from math import radians
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import typer
 
 from graspbox._common.files import dumps, write_text
+from graspbox._common.rotations import upright_pose
 from graspbox.cli import common
 from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
 from graspbox.cli.recorders import CommandRecorder, Rerun, RerunEpisodes, rerun_recorder
@@ -31,6 +33,20 @@ IncludeLearned = Annotated[
     bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
 ]
 Condition = Annotated[str, typer.Option(help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
+Arm = Annotated[
+    str | None,
+    typer.Option(
+        help="The arm that carries the hand: a name such as fr3, or URDF,TOML. A depth policy then decides for grasps "
+        "to which it has a path."
+    ),
+]
+Base = Annotated[
+    tuple[float, float, float, float] | None,
+    typer.Option(
+        metavar="X Y Z YAW",
+        help="Where the arm's base stands upright: metres, and degrees about z; by default behind the objects.",
+    ),
+]
 Lies = Annotated[
     str,
     typer.Option(
@@ -107,6 +123,8 @@ def evaluate(
     condition: Condition = "nominal",
     rehearse: common.Rehearse = None,
     hand: common.HandOfPolicy = None,
+    arm: Arm = None,
+    base: Base = None,
     layout: Lies = "single",
     objects_per_scene: common.PerScene = None,
     seed: common.Seed = 0,
@@ -151,7 +169,7 @@ def evaluate(
             num_threads=threads,
             remote=_servers(remote, mass, token_file, ca_file),
             progress=lambda done: bar.update(task, completed=done),
-            **_keywords(hand, layout, objects_per_scene),
+            **_keywords(hand, arm, base, layout, objects_per_scene),
         )
     _print(result, as_json)
     if out is not None:
@@ -169,9 +187,17 @@ def _recorder(rerun: Path | None, remote: list[str] | None, layout: str) -> Comm
     return rerun_recorder(rerun)
 
 
-def _keywords(hand: str | None, layout: str, objects_per_scene: int | None) -> dict[str, Any]:
+def _keywords(
+    hand: str | None,
+    arm: str | None,
+    base: tuple[float, float, float, float] | None,
+    layout: str,
+    objects_per_scene: int | None,
+) -> dict[str, Any]:
     """Collect the keywords of the environment that are not its defaults."""
     keywords: dict[str, Any] = {} if hand is None else {"hand": common.hand_like(hand)}
+    keywords |= {} if arm is None else {"arm": common.hand_like(arm)}
+    keywords |= {} if base is None else {"base": upright_pose(base[:3], radians(base[3])).tolist()}
     keywords |= {} if layout == "single" else {"layout": layout}
     return keywords | ({} if objects_per_scene is None else {"objects_per_scene": objects_per_scene})
 

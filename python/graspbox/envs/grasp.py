@@ -289,11 +289,11 @@ stands at ``base``: by default on the table opposite the camera ``front``, 0.55 
 
 | entry | type | unit | meaning |
 |---|---|---|---|
-| arm_blocked | bool |  | the arm stopped before itself, its hand, the table or a wall, or an object pressed on its links, at some time in the last step |
+| arm_blocked | bool |  | the arm stopped before itself, its hand, the table or a wall, or an object pressed on its links, at some time in the last step; after a decision: it found no path |
 
 <!-- end -->
 
-Decisions (``GraspPose-v0``, ``Clear-v0``) and the engine ``rapier`` take no arm.
+The engine ``rapier`` takes no arm.
 
 Options of a reset
 ------------------

@@ -95,6 +95,10 @@ one overhead sees the hand. ``proprio`` and ``tactile`` describe this waiting ha
 fingers and often misses an object at that distance; a hand camera that sees it from there is
 ``CameraConfig("wrist", "hand", eye=(0, 0.075, 0), target=(0, 0, 0.6), up=(-1, 0, 0), fov=1.2)`` in ``cameras``.
 
+With ``arm`` (as in `graspbox.envs.grasp`) the arm waits at home instead. It runs a path of `graspbox.arms.plan_path` to the
+grasp and up with the object, on which neither arm nor hand come near anything else: so the trial is that of a hand alone.
+Without a path the attempt is infeasible, ``arm_blocked`` is true, and the arm stays; the hand pushes nothing aside.
+
 Images (``rgb``, ``depth``, ``rgbd``, ``segmentation``, ``amodal``, ``points``, ``voxels``, and those of one camera, such as
 ``depth_palm``; `graspbox.envs.grasp` has the table of shapes, units and bounds) do not contain the object's pose. The
 last observation of an episode shows the scene after the attempt.
@@ -142,7 +146,7 @@ runs in a copy of the world: the reward, the other infos and the last observatio
 Options of a reset
 ------------------
 As in `graspbox.envs.grasp`, except that an object dropped at ``world_from_object`` comes to rest before it is observed,
-and ``world_from_hand`` (within 1 m) and ``preshape`` apply to the waiting hand, not to the grasp. The randomization is
+and ``world_from_hand`` (within 1 m, not with an arm) and ``preshape`` apply to the waiting hand, not to the grasp. The randomization is
 also the same: a calibration error moves the hand away from the pose of the action.
 
 Version history

@@ -113,7 +113,7 @@ class EnvironmentConfig:
     hand : str, Hand or pair of paths
         See `graspbox.load_hand`.
     arm : str, Arm or pair of paths, optional
-        Arm that carries the hand, in closed-loop control: see `graspbox.arms.load_arm`, and the module of ``Grasp-v0``.
+        Arm that carries the hand: see `graspbox.arms.load_arm`, and the module of ``Grasp-v0``.
         By default the hand moves freely.
     base : (4, 4) array_like, optional
         Pose of the arm's base in the world; by default on the table, opposite the camera ``front``, at 0.55 of the

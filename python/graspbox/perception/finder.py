@@ -43,6 +43,8 @@ __all__ = [
 
 #: From channels (n, 3, N, N, N) of crops to occupancies (n, N, N, N), all uint8.
 Complete = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
+#: Best grasps among which one is looked for that an arm can carry out.
+_CARRIED = 100
 #: Candidates of a head that are checked, for each that may be added.
 LOOKED_AT = 4
 #: Occupancy, of 255, that noise does not make; surface, of 255, of voxels in whose middle a pixel sees something.
@@ -163,6 +165,9 @@ class Query:
         As `FinderConfig.rehearsing`; by default as the finder is configured.
     known : (k, 4, 4) and (k,) float64, optional
         ``world_from_hand``, metres, and preshapes of grasps that are scored too where the open hand is free.
+    carried : callable, optional
+        Of the best grasps, ``world_from_hand`` (m, 4, 4) and preshapes (m,), returns the index of the first that an arm
+        can carry out, or None: `Finder.find` then chooses that one instead of the best.
     """
 
     seed: int = 0
@@ -172,6 +177,7 @@ class Query:
     hand_error: PoseNoise | None = None
     rehearsed: int | None = None
     known: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    carried: Callable[[NDArray[np.float64], NDArray[np.float64]], int | None] | None = None
 
     def settings(self, config: FinderConfig) -> FinderConfig:
         """Return a finder's settings with those of the query."""
@@ -290,6 +296,10 @@ class Finder(ABC):
         if ranked is None or not len(ranked.scores):
             return None
         best, crops = int(np.argmax(ranked.scores)), seen.crops
+        if query.carried is not None:
+            first = ranked.best(_CARRIED)
+            carried = query.carried(crops.world_from_crop[0] @ ranked.poses[first], ranked.preshapes[first])
+            best = best if carried is None else int(first[carried])
         return FoundGrasp(
             best, self.crop, crops.world_from_crop[0], crops.object[0], seconds=seconds, **ranked._asdict()
         )

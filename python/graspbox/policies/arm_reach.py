@@ -1,21 +1,28 @@
 """The arm that carries out grasps of an image: where it stands, what of the image shows it, and what it reaches."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspbox._common.arguments import floats
-from graspbox.arms import Arm, ArmLike, Reach, load_arm, on_arm, reachable
+from graspbox.arms import Arm, ArmLike, Reach, load_arm, on_arm, plan_path, reachable
 from graspbox.arms.masking import checked_joints
-from graspbox.configs import ReachConfig
-from graspbox.errors import ConfigError
+from graspbox.configs import PathConfig, ReachConfig
+from graspbox.errors import ConfigError, PathError
 from graspbox.hands import Hand
+from graspbox.perception.depth_images import points_of
+from graspbox.perception.depth_views import DepthView
 
-__all__ = ["ArmAt"]
+__all__ = ["ABOVE", "ArmAt"]
+
+#: Points lower than this over the table are the table's, metres.
+ABOVE = 0.012
 
 #: Grasps among which reached ones are looked for, for each one that is returned, and in all.
 _AMONG, _MOST = 8, 100
+#: Reached grasps to which a path is planned.
+_TRIED = 20
 #: Pixels nearer to a link or the hand show the arm, metres: this, and a share of the squared depth, as noise grows.
 _MARGIN, _NOISE = 0.02, 0.01
 #: From so many pixels of the networks' image on, something where the arm at home would be is told.
@@ -98,6 +105,45 @@ class ArmAt:
     def among(self, count: int) -> int:
         """Return among how many grasps those that are reached are looked for."""
         return max(count, min(_AMONG * count, _MOST))
+
+    def hidden(self, hand: Hand, view: DepthView) -> DepthView:
+        """Return an image of the table without the pixels that show the arm or its hand."""
+        depth = view.metres().copy()
+        lens, pose = floats(view.intrinsics, "intrinsics"), floats(view.world_from_camera, "world_from_camera")
+        points = points_of(depth, lens) @ pose[:3, :3].T + pose[:3, 3]
+        pixels = np.nonzero(depth)
+        joints = self.arm.home if self.joints is None else self.joints
+        shown = self.shown(hand, points, depth[pixels], joints)
+        depth[pixels] = np.where(shown, 0.0, depth[pixels])
+        return replace(view, depth=depth)
+
+    def carried(
+        self,
+        hand: Hand,
+        points: NDArray[np.float64],
+        lift: float,
+        poses: NDArray[np.float64],
+        preshapes: NDArray[np.float64],
+    ) -> int | None:
+        """Return the first of some grasps (m, 4, 4) to which a path leads, and up by `lift`, among points (k, 3)."""
+        tried = np.flatnonzero(self.reach(hand, poses, preshapes, points).reached)[:_TRIED]
+        if not len(tried):
+            return None
+        try:
+            path = plan_path(
+                self.arm,
+                hand,
+                poses[tried],
+                preshapes[tried],
+                self.table_from_base,
+                points=points,
+                mount=self.mount,
+                start=self.joints,
+                config=PathConfig(reach=self.config, lift=lift),
+            )
+        except PathError:
+            return None
+        return int(tried[path.grasp])
 
     def reach(
         self,

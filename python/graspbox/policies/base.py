@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from graspbox import object_sets
 from graspbox._common.arguments import config_of
+from graspbox.arms import Arm
+from graspbox.configs import TrialConfig
 from graspbox.configs.cameras import CamerasConfig
 from graspbox.envs import GOAL_IDS, IDS, SINGLE_OBJECT_IDS
 from graspbox.envs.settings import (
@@ -52,9 +54,13 @@ class Task:
         Keyword ``obs`` of the environments: names of the observations. Several names make a mapping.
     sets : str, Path, ObjectSet or sequence of str
         Keyword ``objects`` of the environments.
-    scale, mass, split, control, fingers, control_freq, hand, cameras, layout, bin_size
+    scale, mass, split, control, fingers, control_freq, hand, cameras, layout, bin_size, trial
         Keywords of the environments; `cameras` with the size of their images, `bin_size` None for layouts without a
         bin.
+    arm : Arm, optional
+        The arm that carries the hand.
+    world_from_arm : (4, 4) float64, optional
+        Pose of its base.
     scenes : callable, optional
         Returns the scene of each environment by its index, for **privileged** policies; None for a single object in
         ``GraspPose-v0`` or ``Grasp-v0``, and for observations that come from a client.
@@ -76,6 +82,9 @@ class Task:
     cameras: CamerasConfig
     layout: SceneLayout = "single"
     bin_size: Sequence[float] | None = None
+    trial: TrialConfig = TrialConfig()  # noqa: RUF009 (frozen)
+    arm: Arm | None = None
+    world_from_arm: NDArray[np.float64] | None = field(default=None, compare=False)
     scenes: Callable[[int], Arrangement] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -110,6 +119,11 @@ class Task:
         layout = values["layout"] = spec.kwargs.get("layout", kinds[0].layout)
         if layout == "bin":
             values["bin_size"] = spec.kwargs.get("bin_size", ClearConfig.bin_size)
+        if isinstance(trial := spec.kwargs.get("trial"), TrialConfig):
+            values["trial"] = trial
+        if spec.kwargs.get("arm") is not None:
+            own: Any = envs.unwrapped
+            values |= {"arm": own.arm, "world_from_arm": own.world_from_arm}
         scenes = _Scenes(envs) if clears or layout != "single" else None
         return cls(spec.id, num_envs, observation_space, action_space, **values, scenes=scenes)
 

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from graspbox._common.arguments import floats
 from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
 from graspbox.captures import Capture
@@ -14,11 +15,13 @@ from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike
 from graspbox.perception.configs import DepthNoise, FinderConfig
+from graspbox.perception.depth_images import points_of
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder, Query
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies._executor import Executor, GraspExecutor, executor_of
 from graspbox.policies._hand_view import HandView
 from graspbox.policies._observer import Observer
+from graspbox.policies.arm_reach import ABOVE, ArmAt
 from graspbox.policies.base import SCRIPTED, Actions, SeededPolicy, Task
 from graspbox.policies.finders import check_backend, load_finder
 from graspbox.policies.grasp_image import ImageGrasper, ImageGrasps, SceneGrasps
@@ -43,7 +46,8 @@ class DepthPolicy(SeededPolicy):
     are
     known, and grasps keep off its walls if any can. It looks once per episode, and before every attempt in
     ``Clear-v0``.
-    There and in ``GraspPose-v0`` the grasp is the action. In ``Grasp-v0`` the hand first leaves the image, and then
+    There and in ``GraspPose-v0`` the grasp is the action: on an arm, the best to which it has a path among what is seen
+    (extra ``arm``). In ``Grasp-v0`` the hand first leaves the image, and then
     moves
     to the grasp as the scripted expert does. Without an object or a grasp, its actions are zeros.
 
@@ -97,6 +101,9 @@ class DepthPolicy(SeededPolicy):
         self._waiting: list[int | None] = [None] * task.num_envs
         self._failed: list[tuple[FoundGrasp, ...]] = [()] * task.num_envs
         self._clears = task.env_id == IDS[2]
+        self._arm = None
+        if task.arm is not None and task.world_from_arm is not None and not task.closed_loop:
+            self._arm = ArmAt(task.arm, task.world_from_arm)
         self._needed = (*self.obs, *(self.target_obs if task.has_target else ()))
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
@@ -132,8 +139,14 @@ class DepthPolicy(SeededPolicy):
         `seed` is that of the camera's noise and of the refinement, `row` the environment's row of the observations.
         """
         target = row["segmentation"][..., 0] == _TARGET if self.task.has_target else None
-        query = Query(seed, target, self._walls, self._failed[env])
-        return self.finder.find(self.observer.look(row, seed), query)
+        query, view = Query(seed, target, self._walls, self._failed[env]), self.observer.look(row, seed)
+        if self._arm is None:
+            return self.finder.find(view, query)
+        view = self._arm.hidden(self.hand, view)
+        pose = floats(view.world_from_camera, "world_from_camera")
+        points = points_of(view.metres(), floats(view.intrinsics, "intrinsics")) @ pose[:3, :3].T + pose[:3, 3]
+        carried = partial(self._arm.carried, self.hand, points[points[:, 2] > ABOVE], self.task.trial.lift_height)
+        return self.finder.find(view, replace(query, carried=carried))
 
     def _look(self, env: int, row: Mapping[str, Any]) -> FoundGrasp | None:
         """Look with the pending seed."""

@@ -15,13 +15,11 @@ from graspbox.hands import Hand
 from graspbox.meshes import Mesh, mesh_from_arrays
 from graspbox.perception.depth_images import points_of
 from graspbox.perception.shapes import surface_of
-from graspbox.policies.arm_reach import ArmAt
+from graspbox.policies.arm_reach import ABOVE, ArmAt
 from graspbox.policies.published.configs import DepthPolicyConfig
 
 __all__ = ["EarlierGrasp", "EarlierScene", "ImageGrasps", "SceneGrasps"]
 
-#: Points lower than this over the table are the table's, metres.
-_ABOVE = 0.012
 #: Mass of a completed object, which no path depends on, kg.
 _ANY_MASS = 0.1
 
@@ -142,7 +140,7 @@ class ImageGrasps:
         """Return `count` grasps, first those that an arm reaches: clear of all that is seen, and of points (m, 3)."""
         seen, others = (self._points(self.depth > 0), self._points((self.depth > 0) & ~self.object))
         seen, others = (np.concatenate([points, keep_off]) for points in (seen, others))
-        seen, others = (points[points[:, 2] > _ABOVE] for points in (seen, others))
+        seen, others = (points[points[:, 2] > ABOVE] for points in (seen, others))
         reach = arm.reach(self.hand, self.table_from_hand, self.preshape, seen)
         warnings = self.warnings
         if len(reach) and not reach.reached.any():

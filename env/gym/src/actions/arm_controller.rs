@@ -5,7 +5,7 @@
 
 use crate::actions::guard::{Brake, Guard, ProtectiveStop, TABLE_CLEARANCE};
 use crate::actions::joint_drive::JointDrive;
-use crate::robot_arm::ArmSpec;
+use crate::robot_arm::{ArmSpec, RobotArm};
 use graspbox_arm::AxesState;
 use graspbox_arm::chain::{MAX_AXES, Positions};
 use graspbox_mesh::range::{OutOfRange, all_within, is_pose};
@@ -167,6 +167,16 @@ impl ArmController {
     /// Resets the controller to a hand moved externally to `world_from_hand`.
     pub fn sync(&mut self, world_from_hand: &Isometry3<f64>) {
         *self = Self::new(world_from_hand, &self.error);
+    }
+
+    /// Puts the arm at rest at `positions`, and the hand where they put it.
+    pub fn rest_at(&mut self, positions: &Positions, robot: &RobotArm) {
+        *self = Self::new(&(robot.world_from_hand(positions) * self.error), &self.error).on_arm(positions);
+    }
+
+    /// Notes that the arm found no path.
+    pub fn block(&mut self) {
+        self.drive.iter_mut().for_each(|drive| drive.blocked = true);
     }
 
     /// Estimated pose of the hand in the world.

@@ -151,7 +151,7 @@ pub const INFO: &[InfoRow] = &[
     InfoRow {
         name: "arm_blocked",
         unit: "",
-        meaning: "the arm stopped before itself, its hand, the table or a wall, or an object pressed on its links, at some time in the last step",
+        meaning: "the arm stopped before itself, its hand, the table or a wall, or an object pressed on its links, at some time in the last step; after a decision: it found no path",
         modes: Modes::Arm,
         read: Reader::Flag(|view| view.arm.blocked()),
     },

@@ -29,7 +29,7 @@ impl ClearState {
         let attempt = outcome.attempt;
         if !outcome.moved {
             self.nothing_moved();
-            body.arm.sync(&self.waiting);
+            body.wait(&self.waiting, spec);
             return Ok(attempt);
         }
         body.record.object = self.objects[outcome.episode.world().target()].object;
@@ -42,7 +42,7 @@ impl ClearState {
         body.episode = Episode::reset_at(&scene, &self.waiting, object, body.record.preshape, factors, criterion);
         body.record.first_center = body.episode.world().object_center();
         body.prepared = prepared;
-        body.arm.sync(&self.waiting);
+        body.wait(&self.waiting, spec);
         Ok(attempt)
     }
 

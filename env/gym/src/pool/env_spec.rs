@@ -64,10 +64,8 @@ impl EnvSpec {
         }
         let action = config.action().size(&hand);
         let control = config.control.name();
-        match objects.arm() {
-            Some(_) if config.control.decides() => return Err(EnvError::ArmDecides { control }),
-            None if config.control == Control::JointVelocity => return Err(EnvError::NoArm { control }),
-            _ => {}
+        if objects.arm().is_none() && config.control == Control::JointVelocity {
+            return Err(EnvError::NoArm { control });
         }
         let walls = config.clutter.walls()?;
         let observations =

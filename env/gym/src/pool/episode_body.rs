@@ -6,10 +6,12 @@ use crate::actions::arm_controller::{ArmController, Motion};
 use crate::actions::decision::{Decision, Outcome};
 use crate::objects::Prepared;
 use crate::pool::env_spec::EnvSpec;
+use crate::robot_arm::{ArmSpec, PlacedObstacle, Way};
 use crate::state::{DecisionResult, GoalConfig, Record};
+use graspbox_arm::chain::MAX_AXES;
 use graspbox_episode::{Episode, FailureKind};
 use graspbox_sim::HandLoad;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use std::sync::Arc;
 
 /// The parts of an episode that every mode has.
@@ -62,6 +64,16 @@ impl EpisodeBody {
         let Some((estimated, preshape)) = pose_and_preshape(spec.config.control, action, spec.hand()) else {
             return Ok(None);
         };
+        let way = match &spec.arm {
+            Some(arm) => match self.way(arm, (&estimated, preshape), spec)? {
+                Some(way) => Some((arm, way)),
+                None => {
+                    self.arm.block();
+                    return Ok(None);
+                }
+            },
+            None => None,
+        };
         let hand = self.arm.teleport(&estimated);
         let decision = Decision {
             spec,
@@ -74,12 +86,53 @@ impl EpisodeBody {
         self.record.touched = outcome.touched;
         self.record.potentials = outcome.attempt.potentials;
         *result = DecisionResult { failure: outcome.failure, survives_shake: outcome.survives_shake };
+        if let Some((arm, Way { grasp, lifted })) = &way {
+            let rose = !matches!(outcome.failure, Some(FailureKind::Infeasible | FailureKind::NoContact));
+            self.arm.rest_at(if rose { lifted } else { grasp }, &arm.robot);
+        }
         Ok(Some(outcome))
     }
 
-    /// Continues with `episode`; the arm takes the pose of its hand.
+    /// Plans the path of the arm from where it is to a grasp, and up with the object; `None` without one.
+    fn way(
+        &self,
+        arm: &ArmSpec,
+        (world_from_hand, preshape): (&Isometry3<f64>, f64),
+        spec: &EnvSpec,
+    ) -> Result<Option<Way>, EnvError> {
+        let world = self.episode.world();
+        let shapes = self.prepared.iter().map(|one| Arc::clone(one.body().obstacle()));
+        let objects: Vec<PlacedObstacle> = shapes.zip(world.world_from_objects()).collect();
+        let object = match self.episode.scene().is_any_target() {
+            true => nearest(&objects, &(world_from_hand * spec.hand().grasp.center)),
+            false => world.target(),
+        };
+        let mut start = [0.0; MAX_AXES];
+        start.copy_from_slice(self.arm.joints().0);
+        arm.way(spec.hand(), &start, (world_from_hand, preshape), (objects, object), &spec.config.trial)
+    }
+
+    /// Continues with `episode`; a hand without an arm stays where it is in it.
     pub fn go_on(&mut self, episode: Episode) {
         self.episode = episode;
-        self.arm.sync(&self.episode.world().world_from_hand());
+        if self.arm.joints().0.is_empty() {
+            self.arm.sync(&self.episode.world().world_from_hand());
+        }
     }
+
+    /// Puts the hand where it waits for a decision, `waiting` (world), or its arm home.
+    pub fn wait(&mut self, waiting: &Isometry3<f64>, spec: &EnvSpec) {
+        match &spec.arm {
+            Some(arm) => self.arm.rest_at(&arm.robot.home(), &arm.robot),
+            None => self.arm.sync(waiting),
+        }
+    }
+}
+
+/// Index of the object nearest to a point in the world.
+fn nearest(objects: &[PlacedObstacle], point: &Point3<f64>) -> usize {
+    let distance =
+        |(obstacle, pose): &PlacedObstacle| obstacle.distance(&pose.inverse_transform_point(point), f64::INFINITY);
+    let distances = objects.iter().map(distance).enumerate();
+    distances.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index)
 }

@@ -1,16 +1,16 @@
-//! The posture of an arm in which an episode begins: the first sampled pose of the hand that the arm reaches, else home.
+//! The posture of an arm in which an episode begins: the first sampled pose of the hand that the arm reaches, else home. Before a decision the arm
+//! waits at home.
 
 use crate::EnvError;
 use crate::actions::workspace::{WORKSPACE_HIGH, WORKSPACE_LOW};
 use crate::objects::Prepared;
-use crate::robot_arm::ArmSpec;
+use crate::robot_arm::{ArmSpec, PlacedObstacle};
 use crate::starts::hand_placement::HandPlacement;
 use crate::starts::initial_samples::InitialSamples;
 use crate::starts::random_stream::RandomStream;
 use crate::starts::reset_options::{ResetOptions, bad_option};
 use graspbox_arm::chain::Positions;
 use graspbox_episode::Scene;
-use graspbox_plan::Obstacle;
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
@@ -47,14 +47,14 @@ impl HandStart {
             Some(arm) => {
                 let objects = start_obstacles(prepared, scene, placement.world_from_object);
                 let on_arm = OnArm { placement, arm, hand_error, objects };
-                on_arm.start(samples, options, preshape)
+                match placement.spec.config.control.decides() {
+                    true => on_arm.wait(options, preshape),
+                    false => on_arm.start(samples, options, preshape),
+                }
             }
         }
     }
 }
-
-/// An object's shape and its pose in the world.
-type Placed = (Arc<Obstacle>, Isometry3<f64>);
 
 /// The first pose of a hand on an arm.
 struct OnArm<'a> {
@@ -63,11 +63,15 @@ struct OnArm<'a> {
     /// The true hand in the one of forward kinematics.
     hand_error: &'a Isometry3<f64>,
     /// The objects of the scene.
-    objects: Vec<Placed>,
+    objects: Vec<PlacedObstacle>,
 }
 
 /// The objects of a scene with their poses.
-fn start_obstacles(prepared: &[Arc<Prepared>], scene: &Scene, world_from_object: &Isometry3<f64>) -> Vec<Placed> {
+fn start_obstacles(
+    prepared: &[Arc<Prepared>],
+    scene: &Scene,
+    world_from_object: &Isometry3<f64>,
+) -> Vec<PlacedObstacle> {
     let pose = |index: usize| if index == scene.target() { *world_from_object } else { scene.world_from(index) };
     prepared.iter().enumerate().map(|(index, one)| (Arc::clone(one.body().obstacle()), pose(index))).collect()
 }
@@ -95,11 +99,28 @@ impl OnArm<'_> {
             }
             samples.place_hand(&mut further);
         }
-        self.home(preshape).ok_or_else(|| {
-            let (arm, object) = (self.arm.robot.arm.name.clone(), self.placement.object.to_owned());
-            let base = self.arm.robot.world_from_base.translation.vector.into();
-            EnvError::NoStart { arm, object, base, why }
-        })
+        let home = self.at(self.arm.robot.home());
+        let at = home.world_from_hand.translation.vector;
+        let inside = (0..3).all(|axis| (WORKSPACE_LOW[axis]..=WORKSPACE_HIGH[axis]).contains(&at[axis]));
+        self.free(home, preshape).filter(|_| inside).ok_or_else(|| self.no_start(why))
+    }
+
+    /// Home, in which the arm waits for a decision.
+    ///
+    /// # Errors
+    /// [`EnvError::BadOption`] for a requested pose; [`EnvError::NoStart`] if the hand touches something at home.
+    fn wait(&self, options: &ResetOptions, preshape: f64) -> Result<HandStart, EnvError> {
+        if options.world_from_hand.is_some() {
+            return Err(bad_option("world_from_hand", "an arm waits at home for a decision; leave it out"));
+        }
+        let why = || self.no_start("the hand touches something at home".to_owned());
+        self.free(self.at(self.arm.robot.home()), preshape).ok_or_else(why)
+    }
+
+    fn no_start(&self, why: String) -> EnvError {
+        let (arm, object) = (self.arm.robot.arm.name.clone(), self.placement.object.to_owned());
+        let base = self.arm.robot.world_from_base.translation.vector.into();
+        EnvError::NoStart { arm, object, base, why }
     }
 
     fn posture(
@@ -117,11 +138,8 @@ impl OnArm<'_> {
         HandStart { world_from_hand, joints: Some(joints) }
     }
 
-    /// Home, if the hand is in the workspace there and touches nothing.
-    fn home(&self, preshape: f64) -> Option<HandStart> {
-        let start = self.at(self.arm.robot.home());
-        let at = start.world_from_hand.translation.vector;
-        let inside = (0..3).all(|axis| (WORKSPACE_LOW[axis]..=WORKSPACE_HIGH[axis]).contains(&at[axis]));
-        (inside && self.placement.is_free(&start.world_from_hand, preshape)).then_some(start)
+    /// A start, if the hand touches nothing there.
+    fn free(&self, start: HandStart, preshape: f64) -> Option<HandStart> {
+        self.placement.is_free(&start.world_from_hand, preshape).then_some(start)
     }
 }

@@ -4,6 +4,7 @@
 
 use super::{COVERED, Obstacle};
 use crate::open_hand::{convex, vector};
+use nalgebra::Point3;
 use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query;
@@ -123,6 +124,13 @@ impl Obstacle {
     /// The object's convex parts, object frame; a mesh that is convex itself is its own part. Empty for any other without parts.
     pub fn convex_parts(&self) -> impl Iterator<Item = &SharedShape> {
         self.solids().parts.iter().map(|(part, _)| part)
+    }
+
+    /// Distance of a point in the object's frame, or `most` if it is farther, metres: as [`Obstacle::gap`].
+    pub fn distance(&self, point: &Point3<f64>, most: f64) -> f64 {
+        /// Radius of a ball that stands for a point, metres.
+        const POINT: f64 = 1e-6;
+        self.gap(&SharedShape::ball(POINT), &Pose::from_translation(vector(&point.coords)), most)
     }
 
     /// Distance of a convex shape of the collision library at `place` in the object's frame, or `most` if it is farther, metres.
