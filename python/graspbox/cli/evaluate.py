@@ -1,5 +1,6 @@
 """``graspbox evaluate``: the success of a policy on seeded trials."""
 
+from dataclasses import dataclass
 from math import radians
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -7,6 +8,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from graspbox._common.files import dumps, write_text
+from graspbox._common.options import flattened
 from graspbox._common.rotations import upright_pose
 from graspbox.cli import common
 from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
@@ -33,20 +35,6 @@ IncludeLearned = Annotated[
     bool, typer.Option("--include-learned", help="Sample from objects from which the policy learned, too.")
 ]
 Condition = Annotated[str, typer.Option(help=f"Condition of the trials: {', '.join(CONDITIONS)}.")]
-Arm = Annotated[
-    str | None,
-    typer.Option(
-        help="The arm that carries the hand: a name such as fr3, or URDF,TOML. A depth policy then decides for grasps "
-        "to which it has a path."
-    ),
-]
-Base = Annotated[
-    tuple[float, float, float, float] | None,
-    typer.Option(
-        metavar="X Y Z YAW",
-        help="Where the arm's base stands upright: metres, and degrees about z; by default behind the objects.",
-    ),
-]
 Lies = Annotated[
     str,
     typer.Option(
@@ -56,6 +44,35 @@ Lies = Annotated[
 Remote = Annotated[
     list[str] | None, typer.Option(help="Server that steps the environments: ws://HOST:PORT; repeatable.")
 ]
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """What carries the hand."""
+
+    hand: common.HandOfPolicy = None
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            help="The arm that carries the hand: a name such as fr3, or URDF,TOML. A depth policy then decides for "
+            "grasps to which it has a path."
+        ),
+    ] = None
+    base: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z YAW",
+            help="Where the arm's base stands upright: metres, and degrees about z; by default behind the objects.",
+        ),
+    ] = None
+
+    def keywords(self) -> dict[str, Any]:
+        """Return the keywords of environments that are given."""
+        keywords = {} if self.hand is None else {"hand": common.hand_like(self.hand)}
+        keywords |= {} if self.arm is None else {"arm": common.hand_like(self.arm)}
+        if self.base is None:
+            return keywords
+        return {**keywords, "base": upright_pose(self.base[:3], radians(self.base[3])).tolist()}
 
 
 def _print(result: Evaluation, as_json: bool) -> None:
@@ -111,8 +128,10 @@ def _servers(
     return RemoteConfig(tuple(remote), token_file, ca_file)
 
 
+@flattened
 def evaluate(
     policy: common.PolicyName,
+    carrier: Carrier,
     env: EnvId = None,
     objects: common.ObjectsOfPolicy = None,
     trials: Annotated[int, typer.Option(min=1, max=MAX_TRIALS, help="Number of trials.")] = 200,
@@ -122,9 +141,6 @@ def evaluate(
     include_learned: IncludeLearned = False,
     condition: Condition = "nominal",
     rehearse: common.Rehearse = None,
-    hand: common.HandOfPolicy = None,
-    arm: Arm = None,
-    base: Base = None,
     layout: Lies = "single",
     objects_per_scene: common.PerScene = None,
     seed: common.Seed = 0,
@@ -169,7 +185,8 @@ def evaluate(
             num_threads=threads,
             remote=_servers(remote, mass, token_file, ca_file),
             progress=lambda done: bar.update(task, completed=done),
-            **_keywords(hand, arm, base, layout, objects_per_scene),
+            **carrier.keywords(),
+            **_keywords(layout, objects_per_scene),
         )
     _print(result, as_json)
     if out is not None:
@@ -187,18 +204,9 @@ def _recorder(rerun: Path | None, remote: list[str] | None, layout: str) -> Comm
     return rerun_recorder(rerun)
 
 
-def _keywords(
-    hand: str | None,
-    arm: str | None,
-    base: tuple[float, float, float, float] | None,
-    layout: str,
-    objects_per_scene: int | None,
-) -> dict[str, Any]:
+def _keywords(layout: str, objects_per_scene: int | None) -> dict[str, Any]:
     """Collect the keywords of the environment that are not its defaults."""
-    keywords: dict[str, Any] = {} if hand is None else {"hand": common.hand_like(hand)}
-    keywords |= {} if arm is None else {"arm": common.hand_like(arm)}
-    keywords |= {} if base is None else {"base": upright_pose(base[:3], radians(base[3])).tolist()}
-    keywords |= {} if layout == "single" else {"layout": layout}
+    keywords: dict[str, Any] = {} if layout == "single" else {"layout": layout}
     return keywords | ({} if objects_per_scene is None else {"objects_per_scene": objects_per_scene})
 
 
