@@ -369,10 +369,15 @@ impl Carried {
 
 /// Half the height of a shape, metres.
 pub(crate) fn half_height(shape: &Shape, rotation: &UnitQuaternion<f64>) -> f64 {
-    let up = rotation.inverse() * Vector3::z();
+    half_extent(shape, rotation, &Vector3::z())
+}
+
+/// Half of the extent of a rotated shape along a direction of length 1, metres.
+pub(crate) fn half_extent(shape: &Shape, rotation: &UnitQuaternion<f64>, direction: &Vector3<f64>) -> f64 {
+    let along = rotation.inverse_transform_vector(direction);
     match *shape {
-        Shape::Cuboid(half) => up.abs().dot(&half),
-        Shape::Cylinder { radius, half_length } => half_length * up.z.abs() + radius * up.xy().norm(),
+        Shape::Cuboid(half) => along.abs().dot(&half),
+        Shape::Cylinder { radius, half_length } => half_length * along.z.abs() + radius * along.xy().norm(),
         Shape::Sphere { radius } => radius,
     }
 }

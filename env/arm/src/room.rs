@@ -1,13 +1,15 @@
 //! How much room a posture leaves: the distances between links that may touch, and from the links to table and walls.
 //!
 //! One distance is true for a neighbourhood: it shrinks by no more than what moves, and that is bounded by the change of each axis between the two
-//! bodies times the length beyond it. So a motion in steps measures a distance anew only where the two come near each other.
+//! bodies times the length beyond it. So a motion in steps measures a distance anew only where the two come near each other. And two
+//! shapes are most often still apart along the direction in which they were nearest: that costs no query.
 
-use crate::bodies::{ArmBodies, Body, Carried, Solid, frame, half_height, library_pose, library_shape};
+use crate::bodies::{ArmBodies, Body, Carried, Solid, frame, half_extent, half_height, library_pose, library_shape};
 use crate::chain::{Chain, Frames, MAX_AXES, Positions};
 use graspbox_hand::Shape;
 use nalgebra::{Isometry3, Point3, Vector3};
-use parry3d_f64::query::details::distance_support_map_support_map;
+use parry3d_f64::query::details::closest_points_support_map_support_map_with_params as closest_points;
+use parry3d_f64::query::gjk::{GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::SharedShape;
 
 /// Greatest distance, metres: that of what no obstacle is near.
@@ -18,6 +20,8 @@ const ENOUGH: f64 = 0.03;
 const PROOF: usize = 4000;
 /// Distance that is kept by what never meets, metres: more than is ever asked for.
 const NEVER: f64 = 0.011;
+/// A distance along a known direction is enough from this share of the distance there on.
+const NEARLY: f64 = 0.7;
 /// Rounding of distances and bounds, metres.
 const ROUNDING: f64 = 1e-6;
 
@@ -60,7 +64,37 @@ impl std::fmt::Debug for Room {
 
 /// Distances that were measured, each with the posture; they change no answer, but the time that it takes.
 #[derive(Clone, Debug, Default)]
-pub struct Measured(Vec<(Positions, f64)>);
+pub struct Measured(Vec<Known>);
+
+/// What is known of a meeting.
+#[derive(Clone, Debug)]
+struct Known {
+    at: Positions,
+    room: f64,
+    /// Of each pair of shapes of the two bodies.
+    pairs: Vec<Pair>,
+}
+
+/// Two shapes as they were measured.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    /// From one to the other where they were nearest, of length 1, in the frame of the first body.
+    direction: Vector3<f64>,
+    /// Metres; infinite before the first measurement.
+    distance: f64,
+}
+
+impl Default for Pair {
+    fn default() -> Self {
+        Self { direction: Vector3::zeros(), distance: f64::INFINITY }
+    }
+}
+
+/// The pairs of shapes of two bodies, and the distance that is asked for, metres.
+struct Asked<'a> {
+    pairs: &'a mut Vec<Pair>,
+    least: f64,
+}
 
 impl Room {
     /// * `walls`: half sides and poses in the world of boxes that do not move.
@@ -120,7 +154,7 @@ impl Room {
             let mut middle = [0.0; MAX_AXES];
             axes.iter().zip(&part).for_each(|(axis, [low, high])| middle[*axis] = 0.5 * (low + high));
             let moved = |at: usize| 0.5 * (part[at][1] - part[at][0]) * levers[axes[at]];
-            let room = self.distance(meeting, &chain.frames(&middle));
+            let room = self.distance(meeting, &chain.frames(&middle), None);
             if room < NEVER {
                 return false;
             }
@@ -153,25 +187,27 @@ impl Room {
     /// True if a posture leaves at least `least` metres.
     pub fn leaves(&self, chain: &Chain, positions: &Positions, least: f64, known: &mut Measured) -> bool {
         if known.0.len() != self.meetings.len() {
-            known.0 = vec![([0.0; MAX_AXES], f64::NEG_INFINITY); self.meetings.len()];
+            let nothing = Known { at: [0.0; MAX_AXES], room: f64::NEG_INFINITY, pairs: Vec::new() };
+            known.0 = vec![nothing; self.meetings.len()];
         }
         let mut frames: Option<Frames> = None;
-        for ((meeting, levers), (at, room)) in self.meetings.iter().zip(&self.levers).zip(&mut known.0) {
-            let moved: f64 = (0..self.count).map(|axis| (at[axis] - positions[axis]).abs() * levers[axis]).sum();
-            if *room - moved - ROUNDING >= least {
+        for ((meeting, levers), own) in self.meetings.iter().zip(&self.levers).zip(&mut known.0) {
+            let moved: f64 = (0..self.count).map(|axis| (own.at[axis] - positions[axis]).abs() * levers[axis]).sum();
+            if own.room - moved - ROUNDING >= least {
                 continue;
             }
             let frames = frames.get_or_insert_with(|| chain.frames(positions));
-            (*at, *room) = (*positions, self.distance(*meeting, frames));
-            if *room < least {
+            own.at = *positions;
+            own.room = self.distance(*meeting, frames, Some(Asked { pairs: &mut own.pairs, least }));
+            if own.room < least {
                 return false;
             }
         }
         true
     }
 
-    /// Distance of a meeting, metres, or less than it beyond [`ENOUGH`]; 0 where they touch.
-    fn distance(&self, meeting: Meeting, frames: &Frames) -> f64 {
+    /// Distance of a meeting, metres, or less than it beyond [`ENOUGH`] or what is asked for; 0 where they touch.
+    fn distance(&self, meeting: Meeting, frames: &Frames, asked: Option<Asked<'_>>) -> f64 {
         let mut least = FAR;
         let pose = |body: usize| frame(frames, body);
         let last = self.bodies.bodies.len() - 1;
@@ -179,12 +215,12 @@ impl Room {
             Meeting::Bodies(a, b) => {
                 let (one, two) = (pose(a), pose(b));
                 let [one, two] = [(a, &one), (b, &two)].map(|(body, at)| Posed { body: &self.bodies.bodies[body], at });
-                apart(&one, &two, &mut least);
+                apart(&one, &two, &mut least, asked);
             }
             Meeting::Hand(body) => {
                 let (own, other) = (pose(last), pose(body));
                 let hand = Posed { body: &self.hand.body, at: &own };
-                apart(&hand, &Posed { body: &self.bodies.bodies[body], at: &other }, &mut least);
+                apart(&hand, &Posed { body: &self.bodies.bodies[body], at: &other }, &mut least, asked);
             }
             Meeting::Surroundings(body) => {
                 let (own, at) = (&self.bodies.bodies[body], pose(body));
@@ -197,7 +233,7 @@ impl Room {
     /// The least distance, metres, or less than it beyond `ENOUGH`; 0 where something touches.
     #[must_use]
     pub fn measure(&self, frames: &Frames) -> f64 {
-        self.meetings.iter().map(|meeting| self.distance(*meeting, frames)).fold(FAR, f64::min)
+        self.meetings.iter().map(|meeting| self.distance(*meeting, frames, None)).fold(FAR, f64::min)
     }
 
     /// Lowers `least` to the distance of a body from the table and the walls.
@@ -218,7 +254,7 @@ impl Room {
                 *least = least.min(world.translation.z - half_height(&solid.shape, &world.rotation));
             }
             for wall in self.walls.iter().filter(|wall| far(wall) < ENOUGH) {
-                *least = least.min(gap((&solid.shape, &solid.solid, &own), (&wall.shape, &wall.solid, &wall.at)));
+                *least = least.min(gap((&solid.shape, &solid.solid, &own), (&wall.shape, &wall.solid, &wall.at)).0);
             }
         }
         // What is not near, but not nothing.
@@ -235,39 +271,64 @@ struct Posed<'a> {
 }
 
 /// Lowers `least` to the distance of two bodies.
-fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64) {
+fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64, mut asked: Option<Asked<'_>>) {
     let between = (one.at * one.body.center - two.at * two.body.center).norm();
     let beyond = between - one.body.radius - two.body.radius;
     if beyond >= ENOUGH {
         *least = least.min(beyond);
         return;
     }
-    for a in &one.body.solids {
+    let (rows, columns) = (one.body.solids.len(), two.body.solids.len());
+    if let Some(asked) = &mut asked {
+        asked.pairs.resize(rows * columns, Pair::default());
+    }
+    for (row, a) in one.body.solids.iter().enumerate() {
         let own = one.at * a.body_from_shape;
-        for b in &two.body.solids {
+        for (column, b) in two.body.solids.iter().enumerate() {
             let other = two.at * b.body_from_shape;
-            let near = (own.translation.vector - other.translation.vector).norm() - a.radius - b.radius;
+            let between = other.translation.vector - own.translation.vector;
+            let near = between.norm() - a.radius - b.radius;
             if near >= ENOUGH {
                 *least = least.min(near);
-            } else if near < *least {
-                *least = least.min(gap((&a.shape, &a.solid, &own), (&b.shape, &b.solid, &other)));
+                continue;
             }
+            if near >= *least {
+                continue;
+            }
+            let pair = asked.as_mut().map(|asked| (&mut asked.pairs[row * columns + column], asked.least));
+            if let Some((pair, wanted)) = &pair {
+                let along = one.at.rotation * pair.direction;
+                let [a, b] = [(&a.shape, &own), (&b.shape, &other)].map(|(s, at)| half_extent(s, &at.rotation, &along));
+                let apart = along.dot(&between) - a - b;
+                if apart >= NEARLY * pair.distance && apart - ROUNDING >= *wanted {
+                    *least = least.min(apart);
+                    continue;
+                }
+            }
+            let (distance, direction) = gap((&a.shape, &a.solid, &own), (&b.shape, &b.solid, &other));
+            if let Some((pair, _)) = pair {
+                *pair = Pair { direction: one.at.rotation.inverse() * direction, distance };
+            }
+            *least = least.min(distance);
         }
     }
 }
 
 type Placed<'a> = (&'a Shape, &'a SharedShape, &'a Isometry3<f64>);
 
-/// Distance of two shapes, metres; 0 where they overlap.
+/// Distance of two shapes, metres, 0 where they overlap; and the direction, of length 1, from one to the other where they are nearest.
 ///
 /// By supporting points for all pairs: the library's own query of two boxes jumps where the nearest features change.
-fn gap(a: Placed<'_>, b: Placed<'_>) -> f64 {
+fn gap(a: Placed<'_>, b: Placed<'_>) -> (f64, Vector3<f64>) {
     let (from, to) = (library_pose(a.2, a.0), library_pose(b.2, b.0));
-    match (a.1.as_support_map(), b.1.as_support_map()) {
-        (Some(one), Some(two)) => distance_support_map_support_map(&from.inv_mul(&to), one, two),
-        // All shapes are convex.
-        _ => 0.0,
-    }
+    // All shapes are convex.
+    let (Some(one), Some(two)) = (a.1.as_support_map(), b.1.as_support_map()) else { return (0.0, Vector3::zeros()) };
+    let found = closest_points(&from.inv_mul(&to), one, two, f64::MAX, &mut VoronoiSimplex::new(), None);
+    let GJKResult::ClosestPoints(first, second, _) = found else { return (0.0, Vector3::zeros()) };
+    let way = from.rotation * (second - first);
+    let way = Vector3::new(way.x, way.y, way.z);
+    let distance = (first - second).length();
+    (distance, way.try_normalize(0.0).unwrap_or_default())
 }
 
 fn half(shape: &Shape) -> Vector3<f64> {
