@@ -34,6 +34,8 @@ LEAST = {"steps in contact": 30.0, "pixels of the object": 10.0}
 #: Objects on which trials are timed.
 _MIX = ("procedural:box:0-1", "procedural:can:0-1", "procedural:mug:0-1", "procedural:bottle:0-1")
 _POSES = 10
+#: Arms whose rates are compared with that of the hand alone.
+_ARMS, _ARM_HAND, _ARM_STEPS = ("fr3", "ur5e", "xarm7"), "panda_gripper", 60
 #: Environments and repeats of the call whose overhead is measured.
 _WIDE, _CALLS = 64, 201
 #: Goals on two cores, by the beginning of their rows: upper bounds for times, lower bounds for rates and shares.
@@ -52,6 +54,7 @@ _GOALS = {
     "rgb frames, 224": 600.0,
     "env-steps, state": 1500.0,
     "env-steps, depth": 1200.0,
+    "env-steps on an arm": 60.0,
     **LEAST,
 }
 
@@ -116,7 +119,7 @@ def measure(threads: int | None, seed: int = 0) -> list[dict[str, Any]]:
         tried += len(best)
     rows.append((f"grasp trials, {threads or _core.num_threads()} threads, procedural mix", tried / seconds, "1/s"))
     rows.append((f"vector call without physics, {_WIDE} envs, for each", call_overhead(threads, seed), "us"))
-    rows += [*frame_rates(threads), *step_rates(threads, seed)]
+    rows += [*frame_rates(threads), *step_rates(threads, seed), *arm_shares(threads, seed)]
     return [{"work": work, "value": value, "unit": unit, **against(work, value, unit)} for work, value, unit in rows]
 
 
@@ -213,6 +216,26 @@ def step_rates(threads: int | None, seed: int = 0) -> list[Row]:
     for obs, image in (("state", ""), ("depth", " 64 x 64")):
         rows.append((f"env-steps, {obs}{image}, {setting}", _ENVS * _STEPS / seconds[obs], "1/s"))
     return rows
+
+
+def arm_shares(threads: int | None, seed: int = 0) -> list[Row]:
+    """Measure the rate of environments on arms, as shares of that without, under random actions and by turns."""
+    arms = (None, *_ARMS)
+    envs = {
+        arm: GraspVectorEnv(_ENVS, "procedural:box:0-19", hand=_ARM_HAND, arm=arm, num_threads=threads) for arm in arms
+    }
+    seconds, random = dict.fromkeys(envs, 0.0), np.random.default_rng(seed)
+    for env in envs.values():
+        env.reset(seed=seed)
+    for _ in range(_ARM_STEPS):
+        actions = random.uniform(-1, 1, envs[None].action_space.shape).astype(np.float32)
+        for arm, env in envs.items():
+            started = time.perf_counter()
+            env.step(actions)
+            seconds[arm] += time.perf_counter() - started
+    setting = f"{_ENVS} envs, {_ARM_HAND}, random actions"
+    shares = {arm: 100 * seconds[None] / seconds[arm] for arm in _ARMS}
+    return [(f"env-steps on an arm, {arm}, of those without, {setting}", share, "%") for arm, share in shares.items()]
 
 
 def idle(rows: list[dict[str, Any]]) -> list[str]:
