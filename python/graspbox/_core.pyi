@@ -299,6 +299,8 @@ class Arm:
         """``base_from_flange`` (n, 4, 4), with the joints at `positions` (n, k): forward kinematics."""
     def link_frames(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """``base_from_link`` (l, 4, 4), with the joints at `positions` (k,)."""
+    def link_surfaces(self) -> list[tuple[int, NDArray[np.float64], NDArray[np.uint32]]]:
+        """Surfaces of collision shapes: index of the link, vertices (n, 3) in its frame, metres, and faces (m, 3)."""
     def jacobian(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Jacobian of the flange in the base's frame, (6, k): velocity (m), then angular velocity, per rad or m."""
     def inverse(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from numpy.typing import NDArray
+from PIL import Image
 
 import graspbox
 from command_line import invoke
@@ -81,6 +82,26 @@ def test_a_path_goes_from_home_to_the_grasp_and_on_to_the_place(path: Trajectory
     assert (path.hand[path.phases == "carry"] == 1).all()
     low, high = arm.joint_limits.T
     assert ((path.positions >= low) & (path.positions <= high)).all()
+
+
+def test_a_video_shows_the_path(path: Trajectory, plan: graspbox.Plan, can: graspbox.Mesh, tmp_path: Path) -> None:
+    from graspbox import pictures
+
+    file, given = tmp_path / "path.webp", {"target": (can, plan.world_from_object)}
+    with pytest.raises(errors.ConfigError, match=r"extension '\.png'; use one of \.gif"):
+        pictures.save_path(tmp_path / "a.png", path, "fr3", "panda_gripper", BASE, **given)  # type: ignore[arg-type]
+    pictures.save_path(file, path, "fr3", "panda_gripper", BASE, **given)  # type: ignore[arg-type]
+    with Image.open(file) as video:
+        frames, lasts = [], 0.0
+        for frame in range(video.n_frames):
+            video.seek(frame)
+            frames.append(np.asarray(video.convert("RGB"), dtype=int))
+            lasts += 0.001 * video.info["duration"]
+    assert lasts == pytest.approx(path.duration + 1.0, abs=0.3)
+    # The object, which alone has its colour, ends elsewhere.
+    brown = [frame[60:, :, 0] - frame[60:, :, 2] > 45 for frame in frames]
+    places = [np.argwhere(mask).mean(axis=0) for mask in (brown[0], brown[-1])]
+    assert np.linalg.norm(places[0] - places[1]) > 20
 
 
 @pytest.mark.parametrize("phase", ["approach", "lift", "lower", "retreat"])

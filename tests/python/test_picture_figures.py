@@ -25,7 +25,7 @@ from graspbox.pictures import (
     episodes,
     files,
     hand_frames,
-    hand_motion,
+    motions,
     plans,
     sweeps,
     trials,
@@ -46,7 +46,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
         kept.append(figure)
         write(figure, path, **settings)
 
-    for module in (episodes, hand_frames, hand_motion, plans, sweeps, trials):
+    for module in (episodes, hand_frames, motions, plans, sweeps, trials):
         monkeypatch.setattr(module, "write", kept_and_written)
     return kept
 

@@ -247,6 +247,14 @@ impl ArmSpec {
 
 /// One model of all shapes of a body; `None` without shapes.
 fn model(of: &[(Shape, Isometry3<f64>)]) -> Result<Option<Model>, RenderError> {
+    surface(of)?.map(|mesh| Model::new(&mesh)).transpose()
+}
+
+/// One surface of shapes in a frame; `None` without shapes.
+///
+/// # Errors
+/// [`RenderError`] for a shape out of range.
+pub fn surface(of: &[(Shape, Isometry3<f64>)]) -> Result<Option<TriMesh>, RenderError> {
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     for (shape, body_from_shape) in of {
         let mesh = match *shape {
@@ -258,5 +266,5 @@ fn model(of: &[(Shape, Isometry3<f64>)]) -> Result<Option<Model>, RenderError> {
         vertices.extend(mesh.vertices().iter().map(|v| body_from_shape * v));
         faces.extend(mesh.faces().iter().map(|face| face.map(|vertex| vertex + first)));
     }
-    if faces.is_empty() { Ok(None) } else { Ok(Some(Model::new(&TriMesh::new(vertices, faces)?)?)) }
+    if faces.is_empty() { Ok(None) } else { Ok(Some(TriMesh::new(vertices, faces)?)) }
 }

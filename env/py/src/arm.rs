@@ -13,6 +13,7 @@ use crate::plan::Obstacles;
 use graspbox_arm::chain::Positions;
 use graspbox_arm::reach::Reacher;
 use graspbox_arm::{ArmBodies, Inverse, Mounted, Reach, ReachParams, Reason, Scene, Solution, Touched, on_arm, reach};
+use graspbox_gym::robot_arm::surface;
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
 use graspbox_hand::{Arm as Core, HandError};
 use nalgebra::Isometry3;
@@ -104,6 +105,9 @@ impl Arm {
         array(py, self.core.axes.iter().map(number).collect(), &[self.core.axes.len()])
     }
 }
+
+/// A link, and its surface.
+type LinkSurface<'py> = (usize, Array<'py, f64>, Array<'py, u32>);
 
 /// The arguments of [`Arm::new`].
 type NewArguments<'a> = (&'a str, &'a str, (&'a str, &'a str), &'a [String]);
@@ -250,6 +254,18 @@ impl Arm {
     fn link_frames<'py>(&self, py: Python<'py>, positions: Floats<'py>) -> PyResult<Array<'py, f64>> {
         let frames = self.core.forward_kinematics(&vector(&positions, "positions")?).map_err(arm_error)?;
         matrices(py, frames.into_iter())
+    }
+
+    /// Surfaces of the collision shapes: for each link with some, its index, vertices (n, 3) in its frame, metres, and faces (m, 3).
+    fn link_surfaces<'py>(&self, py: Python<'py>) -> PyResult<Vec<LinkSurface<'py>>> {
+        let mut found = Vec::new();
+        for (index, link) in self.core.links.iter().enumerate() {
+            let shapes: Vec<_> = link.colliders.iter().map(|one| (one.shape, one.link_from_shape)).collect();
+            let Some(mesh) = surface(&shapes).map_err(CoreError::from)? else { continue };
+            let vertices = crate::convert::table(py, mesh.vertices().iter().map(|p| [p.x, p.y, p.z]))?;
+            found.push((index, vertices, crate::convert::table(py, mesh.faces().iter().copied())?));
+        }
+        Ok(found)
     }
 
     /// Jacobian of the flange, (6, k), base frame: velocity (m) and angular velocity (rad) per rad or m, with the joints at `positions` (k,).

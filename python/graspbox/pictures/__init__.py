@@ -12,6 +12,7 @@
 | `save_grasp_image` | a depth image with the grasps that a policy detects in it, and the best one in 3D |
 | `save_hand_frames` | hands with their grasp frame and the frames of formats of grasps |
 | `save_hand_motion` | a hand open, half closed and closed, with its pads and grasp frame |
+| `save_path`     | a video of an arm on its path to a grasp |
 | `save_episode`  | an episode of ``graspbox/Grasp-v0`` solved by the scripted expert, with images observed in it |
 | `save_video`    | a video of pictures with captions |
 | `save_rates`    | success and secure holds of policies, with confidence intervals |
@@ -57,8 +58,8 @@ from graspbox.pictures.evaluations import save_rates, save_reach_map, save_relia
 from graspbox.pictures.files import SUFFIXES, check_path  # noqa: E402
 from graspbox.pictures.grasp_images import save_grasp_image  # noqa: E402
 from graspbox.pictures.hand_frames import save_hand_frames  # noqa: E402
-from graspbox.pictures.hand_motion import save_hand_motion  # noqa: E402
 from graspbox.pictures.hands import PosedHand  # noqa: E402
+from graspbox.pictures.motions import save_hand_motion, save_path  # noqa: E402
 from graspbox.pictures.plans import GraspExample, save_gallery, save_plan  # noqa: E402
 from graspbox.pictures.solids import Solid  # noqa: E402
 from graspbox.pictures.sweeps import AREA_GAINS, MIN_VOLUMES, save_sweep  # noqa: E402
@@ -87,6 +88,7 @@ __all__ = [
     "save_hand_frames",
     "save_hand_motion",
     "save_kindness",
+    "save_path",
     "save_plan",
     "save_rates",
     "save_reach_map",

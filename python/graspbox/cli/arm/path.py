@@ -5,8 +5,10 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 import graspbox
+from graspbox import pictures
 from graspbox._common.options import flattened
 from graspbox._common.rotations import upright_pose
 from graspbox.arms import Trajectory, load_arm
@@ -34,6 +36,7 @@ def path_command(
     out: Annotated[
         Path | None, typer.Option(help=f"Write the trajectory here: {', '.join(FORMATS)} (YAML is a ROS message).")
     ] = None,
+    video: Annotated[Path | None, typer.Option(help="Write a video here: .webp, .gif or .mp4.")] = None,
     grasps: Annotated[int, typer.Option(min=1, max=10_000, help="Grasps that are tried, the best first.")] = 50,
     seed: common.Seed = 0,
     scale: common.Scale = 1.0,
@@ -45,10 +48,14 @@ def path_command(
     Ends with exit status 1 if there is none. Nothing drives a robot.
     """
     check_path_file("--out", out)
+    if video is not None:
+        pictures.check_video(video)
     spec, with_hand, with_arm = common.find_one(mesh, scale), common.find_hand(hand), load_arm(common.hand_like(arm))
     try:
         with common.console.status("planning"):
-            made = _made(spec, with_hand, with_arm, base, grasps, seed, threads, following)
+            world_from_base = upright_pose(base[:3], np.radians(base[3]))
+            rest = graspbox.Scene(spec.load(), hand=with_hand).world_from_object
+            made = _made(spec.load(), rest, with_hand, with_arm, world_from_base, grasps, seed, threads, following)
     except (ArmError, PathError) as error:
         common.console.print(f"graspbox: {error}", soft_wrap=True)
         raise typer.Exit(1 if isinstance(error, PathError) else 2) from None
@@ -58,28 +65,29 @@ def path_command(
         _show(made, spec.name)
     if out is not None:
         save_path(made, out)
+    if video is not None:
+        pictures.save_path(video, made, with_arm, with_hand, world_from_base, target=(spec.load(), rest))
+        common.console.print(f"wrote {video}")
 
 
 def _made(
-    spec: graspbox.object_sets.ObjectSpec,
+    mesh: graspbox.Mesh,
+    rest: NDArray[np.float64],
     hand: graspbox.Hand,
     arm: graspbox.arms.Arm,
-    base: tuple[float, float, float, float],
+    world_from_base: NDArray[np.float64],
     grasps: int,
     seed: int,
     threads: int | None,
     following: PathOptions,
 ) -> Trajectory:
     """Plan grasps and the path; what was assumed of the arm is told on standard error."""
-    mesh = spec.load()
-    rest = graspbox.Scene(mesh, hand=hand).world_from_object
     planned = graspbox.plan(mesh, hand=hand, seed=seed, world_from_object=rest, num_threads=threads).best(grasps)
     there = None
     if (moved := following.moved()) is not None:
         there = rest.copy()
         there[:3, :3] = upright_pose(np.zeros(3), moved[2])[:3, :3] @ rest[:3, :3]
         there[:2, 3] += moved[:2]
-    world_from_base = upright_pose(base[:3], np.radians(base[3]))
     given = {"place": there, "config": graspbox.PathConfig(seed=seed), "num_threads": threads}
     with told_assumptions():
         return planned.path(arm, world_from_base, hand=hand, mesh=mesh, **given, **following.timing())
