@@ -58,7 +58,7 @@ class Task:
         Keywords of the environments; `cameras` with the size of their images, `bin_size` None for layouts without a
         bin.
     arm : Arm, optional
-        The arm that carries the hand.
+        The arm that carries the hand in decisions.
     world_from_arm : (4, 4) float64, optional
         Pose of its base.
     scenes : callable, optional
@@ -121,9 +121,9 @@ class Task:
             values["bin_size"] = spec.kwargs.get("bin_size", ClearConfig.bin_size)
         if isinstance(trial := spec.kwargs.get("trial"), TrialConfig):
             values["trial"] = trial
-        if spec.kwargs.get("arm") is not None:
-            own: Any = envs.unwrapped
-            values |= {"arm": own.arm, "world_from_arm": own.world_from_arm}
+        if spec.kwargs.get("arm") is not None and not is_closed_loop(spec.id):
+            own, base = cast(Any, envs.unwrapped), spec.kwargs.get("base")
+            values |= {"arm": own.arm, "world_from_arm": own.world_from_arm if base is None else np.asarray(base)}
         scenes = _Scenes(envs) if clears or layout != "single" else None
         return cls(spec.id, num_envs, observation_space, action_space, **values, scenes=scenes)
 

@@ -102,7 +102,7 @@ class DepthPolicy(SeededPolicy):
         self._failed: list[tuple[FoundGrasp, ...]] = [()] * task.num_envs
         self._clears = task.env_id == IDS[2]
         self._arm = None
-        if task.arm is not None and task.world_from_arm is not None and not task.closed_loop:
+        if task.arm is not None and task.world_from_arm is not None:
             self._arm = ArmAt(task.arm, task.world_from_arm)
         self._needed = (*self.obs, *(self.target_obs if task.has_target else ()))
 
