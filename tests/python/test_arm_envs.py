@@ -240,6 +240,14 @@ def test_a_table_is_cleared_by_an_arm() -> None:
     assert blocked <= 2
 
 
+def test_the_planner_chooses_the_first_grasp_to_which_the_arm_has_a_path() -> None:
+    pytest.importorskip("ruckig", reason="timing needs the extra 'arm'")
+    given: dict[str, Any] = {"objects": "procedural:can:3", "trials": 8, "seed": 3, "arm": "fr3", "hand": HAND}
+    carried = evaluate(policies.load("planner"), DECIDES, **given)
+    assert carried.succeeded >= 6
+    assert carried.failures.get("infeasible", 0) <= 1
+
+
 def test_a_depth_policy_chooses_grasps_to_which_the_arm_has_a_path() -> None:
     pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
     pytest.importorskip("ruckig", reason="timing needs the extra 'arm'")

@@ -1,5 +1,6 @@
 """Privileged baselines: the planner's first pose, and the scripted expert."""
 
+import contextlib
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 
 from graspbox import planning
 from graspbox._core import Mesh
+from graspbox.configs import PathConfig
 from graspbox.envs import GOAL_IDS, SINGLE_OBJECT_IDS, expert
 from graspbox.envs.coding import encode_action, hand_pose, object_pose
 from graspbox.envs.scripted import MotionOptions
-from graspbox.errors import ConfigError
+from graspbox.errors import ConfigError, PathError
 from graspbox.policies.base import SCRIPTED, Actions, Policy, Task
 from graspbox.simulation import load_hand
 from graspbox.simulation.layouts import Arrangement
@@ -24,6 +26,8 @@ MAX_PRESS = 0.005
 
 #: Among how many of the planner's best poses the expert chooses.
 _CHOICES = 40
+#: Among how many an arm looks for one to which it has a path.
+_CARRIED = 50
 #: A horizontal distance of a pose from the object that costs the expert as much as a turn of the hand by one radian,
 #: metres.
 _ASIDE = 0.05
@@ -67,8 +71,9 @@ class Planner(Policy):
     """Grasps at the planner's first-ranked pose of the object as it lies; **privileged**.
 
     It plans once per episode, with the object's mesh and the observation ``state``, and among others with their meshes
-    and poses too (`Task.scenes`). In ``GraspPose-v0`` the pose is the action; in ``Grasp-v0`` the scripted expert
-    (`graspbox.envs.expert`) moves the hand there. Without a feasible pose its actions are zeros.
+    and poses too (`Task.scenes`). In ``GraspPose-v0`` the pose is the action, on an arm the first one to which it has a
+    path (extra ``arm``); in ``Grasp-v0`` the scripted expert (`graspbox.envs.expert`) moves the hand there. Without a
+    feasible pose its actions are zeros.
     """
 
     name = "planner"
@@ -118,15 +123,27 @@ class Planner(Policy):
         return KnownObject(scene.meshes[scene.target], scene.without(scene.target))
 
     def _decide(self, subject: KnownObject, state: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """Encode the first-ranked pose as an action of ``GraspPose-v0``; None without one."""
+        """Encode the first-ranked pose, on an arm the first with a path, as an action; None without one."""
         pose = object_pose(state, hand=self._hand)
         mesh, around = subject
         plan = planning.plan(
             mesh, hand=self._hand, world_from_object=pose, neighbours=around, max_press=MAX_PRESS
-        ).best(1)
+        ).best(1 if self.task.arm is None else _CARRIED)
         if not len(plan):
             return None
-        return encode_action(pose @ plan.poses[0], plan.preshape[0], hand=self._hand)
+        chosen = self._carried(plan, subject)
+        return encode_action(pose @ plan.poses[chosen], plan.preshape[chosen], hand=self._hand)
+
+    def _carried(self, plan: planning.Plan, subject: KnownObject) -> int:
+        """Return the first grasp to which the arm has a path; without an arm or a path, the first."""
+        arm, base = self.task.arm, self.task.world_from_arm
+        if arm is None or base is None:
+            return 0
+        config = PathConfig(lift=self.task.trial.lift_height)
+        with contextlib.suppress(PathError):
+            mesh, around = subject
+            return plan.path(arm, base, hand=self._hand, mesh=mesh, neighbours=around, config=config).grasp
+        return 0
 
     def _expert(self, subject: KnownObject, state: NDArray[np.float32]) -> expert.ExpertGrasp | None:
         """Make the expert of an episode of ``Grasp-v0``."""
