@@ -52,7 +52,8 @@ class PathError(GraspboxError, RuntimeError):
     Attributes
     ----------
     phase : str
-        Where on the path, a name of `graspbox.arms.Trajectory.phases`; empty for a path that is too long.
+        Where on the path, a name of `graspbox.arms.Trajectory.phases`; empty for a path that is too long, and if none
+        was planned.
     reason : str
         ``touches``, ``not_reached``, ``at_limit``, ``singular``, ``no_way``, ``start_beyond_limit``, ``too_long`` or
         ``no_object``.

@@ -13,10 +13,11 @@ import graspbox
 from graspbox import arms, policies
 from graspbox.configs import CameraConfig, CamerasConfig
 from graspbox.envs import spaces
-from graspbox.envs.coding import Codec, encode_action, object_pose
+from graspbox.envs.coding import Codec, encode_action, object_pose, rotation_from_columns
 from graspbox.errors import ArmError, ConfigError
 from graspbox.evaluation import evaluate
 from graspbox.hands.description import describe
+from graspbox.policies.baselines.planner import Planner
 
 GRASP = "graspbox/Grasp-v0"
 HAND = "panda_gripper"
@@ -210,6 +211,74 @@ def test_the_arm_waits_at_home_and_ends_where_the_object_is_lifted() -> None:
         env.reset(seed=1, options={"world_from_hand": np.eye(4)})
 
 
+def sensed(proprio: NDArray[np.float32], hand: Any, arm: Any) -> NDArray[np.float64]:
+    """Return the pose of the hand by the proprioception of decisions."""
+    rows = spaces.tables(hand, arm)["decision"]["observations"]["proprio"]
+    places = {row["name"]: slice(start, start + row["size"]) for row, start in _starts(rows)}
+    pose = np.eye(4)
+    columns = proprio[places["hand_rotation"]].astype(np.float64)
+    pose[:3, :3] = rotation_from_columns(columns[:3], columns[3:])
+    pose[:3, 3] = proprio[places["hand_position"]]
+    return pose
+
+
+def test_the_arm_is_where_the_hand_of_a_failed_grasp_is() -> None:
+    """A hand that touches nothing rises, and stops as soon as success is out of reach."""
+    given: dict[str, Any] = {"obs": ("state", "proprio"), **DECIDED}
+    envs: list[Any] = [gymnasium.make(DECIDES, arm=arm, **given).unwrapped for arm in ("fr3", None)]
+    hand = graspbox.load_hand(HAND)
+    ends = []
+    for env in envs:
+        seen, _ = env.reset(seed=1)
+        pose = object_pose(seen["state"], control="grasp_pose", hand=HAND)
+        beside = np.diag([1.0, -1.0, -1.0, 1.0])
+        beside[:3, 3] = pose[0, 3], pose[1, 3] + 0.1, 0.09
+        seen, _, _, _, info = env.step(encode_action(beside, 0.0, hand=HAND))
+        assert info["failure"] == "no_contact"
+        ends.append(sensed(seen["proprio"], hand, env.arm))
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-3)
+
+
+def test_an_arm_of_five_joints_tries_the_pose_that_it_meets(tmp_path: Path) -> None:
+    """It meets a rotation only nearly: what is simulated is where its joints put the hand."""
+    folder = Path(__file__).parents[2] / "env/hand/assets/panda_gripper"
+    urdf, toml = (tmp_path / name for name in ("panda_gripper.urdf", "hand.toml"))
+    urdf.write_text((folder / urdf.name).read_text().replace('value="0.73"', 'value="0.12"'))
+    toml.write_text((folder / toml.name).read_text())
+    near = np.eye(4)
+    near[0, 3] = -0.25
+    hand = graspbox.load_hand((urdf, toml))
+    envs: list[Any] = [
+        gymnasium.make(
+            DECIDES, arm=arm, base=base, hand=(str(urdf), str(toml)), objects="procedural:box:1",
+            obs=("state", "proprio"), trial={"standoff": 0.02, "lift_height": 0.06}, success={"lift_height": 0.05},
+        ).unwrapped
+        for arm, base in (("so101", near.tolist()), (None, None))
+    ]  # fmt: skip
+    env, free = envs
+    compared = 0
+    for seed in range(6):
+        seen, _ = env.reset(seed=seed)
+        pose, mesh = object_pose(seen["state"], control="grasp_pose", hand=hand), env.objects[0].load()
+        plan = graspbox.plan(mesh, hand=hand, seed=0, world_from_object=pose).best(60)
+        reach = plan.reachable("so101", near, mesh=mesh, hand=hand)
+        for index in np.flatnonzero(reach.reached & (reach.angle > 0.03)):
+            env.reset(seed=seed)
+            free.reset(seed=seed)
+            wanted = pose @ plan.poses[index]
+            seen, reward, _, _, info = env.step(encode_action(wanted, plan.preshape[index], hand=hand))
+            if info["infeasible"]:
+                continue
+            met = sensed(seen["proprio"], hand, env.arm)
+            angle = np.arccos(np.clip((np.trace(met[:3, :3].T @ wanted[:3, :3]) - 1) / 2, -1, 1))
+            assert 0.01 < angle < 0.21
+            met[:3, 3] = wanted[:3, 3]
+            _, alone, _, _, told = free.step(encode_action(met, plan.preshape[index], hand=hand))
+            assert (reward, info["failure"]) == (alone, told["failure"])
+            compared += 1
+    assert compared >= 1
+
+
 def test_a_table_is_cleared_by_an_arm() -> None:
     """After each attempt the arm is at home again; vector environments equal the single one."""
     keywords: dict[str, Any] = {"objects": "procedural", "hand": HAND, "arm": "fr3", "objects_per_scene": 3}
@@ -240,12 +309,46 @@ def test_a_table_is_cleared_by_an_arm() -> None:
     assert blocked <= 2
 
 
-def test_the_planner_chooses_the_first_grasp_to_which_the_arm_has_a_path() -> None:
+@pytest.mark.parametrize("standoff", [0.1, 0.3])
+def test_the_planner_chooses_the_first_grasp_to_which_the_arm_has_a_path(
+    standoff: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("ruckig", reason="timing needs the extra 'arm'")
+    aside = np.eye(4)
+    aside[0, 3] = -0.8
     given: dict[str, Any] = {"objects": "procedural:can:3", "trials": 8, "seed": 3, "arm": "fr3", "hand": HAND}
+    given |= {"trial": {"standoff": standoff}, "base": aside.tolist()}
     carried = evaluate(policies.load("planner"), DECIDES, **given)
-    assert carried.succeeded >= 6
-    assert carried.failures.get("infeasible", 0) <= 1
+    monkeypatch.setattr(Planner, "_carried", lambda *_: 0)
+    first = evaluate(policies.load("planner"), DECIDES, **given)
+    assert carried.failures.get("infeasible", 0) + 2 <= first.failures["infeasible"]
+    assert carried.succeeded > first.succeeded
+
+
+def test_policies_are_told_of_arms_whose_place_is_unknown() -> None:
+    envs = gymnasium.make_vec(DECIDES, num_envs=2, vectorization_mode="sync", arm="fr3", **DECIDED)
+    policies.load("random").bind(policies.Task.of(envs))
+    with pytest.raises(ConfigError, match="do not tell where the arm stands; pass base"):
+        policies.load("planner").bind(policies.Task.of(envs))
+    with pytest.raises(ConfigError, match="bounds what a hand without an arm can do"):
+        evaluate(policies.load("robust_oracle"), DECIDES, arm="fr3", trials=1, **DECIDED)
+
+
+def test_an_error_of_the_hand_pushes_nothing_on_the_way_to_a_grasp() -> None:
+    env: Any = gymnasium.make(
+        DECIDES, arm="fr3", hand=HAND, objects="procedural", layout="packed",
+        randomization=graspbox.Randomization(hand_position=0.02, hand_rotation=0.1),
+    ).unwrapped  # fmt: skip
+    infeasible = 0
+    for seed in range(12):
+        state, _ = env.reset(seed=seed)
+        pose = object_pose(state, control="grasp_pose", hand=HAND)
+        above = np.diag([1.0, -1.0, -1.0, 1.0])
+        above[:3, 3] = pose[0, 3], pose[1, 3], max(pose[2, 3], 0.03)
+        info = env.step(encode_action(above, 0.0, hand=HAND))[4]
+        infeasible += info["infeasible"]
+        assert not (info["infeasible"] and info["touches"])
+    assert infeasible >= 2
 
 
 def test_a_depth_policy_chooses_grasps_to_which_the_arm_has_a_path() -> None:

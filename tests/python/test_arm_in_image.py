@@ -79,9 +79,9 @@ def camera() -> NDArray[np.float64]:
     return pose
 
 
-def image(joints: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Render the depth of table and thing, and of the arm with its hand, metres."""
-    arm, hand = Arm.named("fr3"), graspbox.load_hand(HAND)
+def image(joints: NDArray[np.float64] | None, name: str = HAND) -> NDArray[np.float64]:
+    """Render the depth of table and thing, and of the arm with a hand, metres."""
+    arm, hand = Arm.named("fr3"), graspbox.load_hand(name)
     table = prism(np.array([[-1.5, -1.5], [1.5, -1.5], [1.5, 1.5], [-1.5, 1.5]]), -0.05, 0.0)
     thing = object_sets.load("procedural:can:3")[0].load()
     solids = [(table, np.eye(4)), (thing, THING @ thing.resting_poses()[0][0])]

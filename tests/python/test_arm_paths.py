@@ -90,6 +90,13 @@ def test_a_video_shows_the_path(path: Trajectory, plan: graspbox.Plan, can: gras
     file, given = tmp_path / "path.webp", {"target": (can, plan.world_from_object)}
     with pytest.raises(errors.ConfigError, match=r"extension '\.png'; use one of \.gif"):
         pictures.save_path(tmp_path / "a.png", path, "fr3", "panda_gripper", BASE, **given)  # type: ignore[arg-type]
+    for arm, hand, base, message in (
+        ("xarm7", "panda_gripper", BASE, "arm is 'xarm7', but the trajectory is that of 'fr3'"),
+        ("fr3", "reflex", BASE, "hand is 'reflex', but the trajectory is that of 'panda_gripper'"),
+        ("fr3", "panda_gripper", BASE[:3, 3], "world_from_base has the shape"),
+    ):
+        with pytest.raises(errors.ConfigError, match=message):
+            pictures.save_path(file, path, arm, hand, base, **given)  # type: ignore[arg-type]
     pictures.save_path(file, path, "fr3", "panda_gripper", BASE, **given)  # type: ignore[arg-type]
     with Image.open(file) as video:
         frames, lasts = [], 0.0

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from command_line import invoke
-from graspbox import errors
+from graspbox import errors, policies
 from graspbox.arms import Arm, Trajectory
+from graspbox.captures import Capture
 from graspbox.hands.conventions import mechanism_of
 from graspbox.policies.image_grasps import ImageGrasps, SceneGrasps
 from test_arm_in_image import BASE, LENS, NEAR, camera, image, measured
@@ -27,7 +28,7 @@ def found() -> ImageGrasps:
     from graspbox.policies.grasp_image import ImageGrasper
 
     arm: dict[str, Any] = {"arm": "fr3", "base": BASE, "joints": NEAR}
-    return ImageGrasper(POLICY).find(measured(image(NEAR)), LENS, camera(), count=10, **arm)
+    return ImageGrasper(POLICY).find(measured(image(NEAR, "panda_gripper")), LENS, camera(), count=10, **arm)
 
 
 def hand_poses(grasps: ImageGrasps, path: Trajectory, phase: str) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -64,6 +65,15 @@ def test_what_is_seen_besides_the_object_is_an_obstacle(found: ImageGrasps) -> N
         replace(found, keep_off=wall).path()
 
 
+def test_a_pose_of_the_camera_may_be_given_beside_an_image_without_one() -> None:
+    policy, given = policies.load(POLICY), {"arm": "fr3", "base": BASE, "joints": NEAR}
+    seen = Capture(measured(image(NEAR, "panda_gripper")), LENS)
+    with pytest.raises(errors.ConfigError, match="pass table_from_camera"):
+        policy.grasps(seen, **given)  # type: ignore[attr-defined]
+    found = policy.grasps(seen, table_from_camera=camera(), **given)  # type: ignore[attr-defined]
+    assert found.path(place=PLACE).phases[-1] == "retreat"
+
+
 def test_no_grasp_no_arm_or_no_object_are_told(found: ImageGrasps) -> None:
     with pytest.raises(errors.ConfigError, match="a path needs an arm; pass arm and base"):
         replace(found, arm=None).path()
@@ -90,7 +100,7 @@ def test_of_several_things_the_first_with_a_path_is_taken(found: ImageGrasps) ->
 
 
 def test_the_command_writes_the_path(tmp_path: Path) -> None:
-    np.save(tmp_path / "depth.npy", measured(image(NEAR)))
+    np.save(tmp_path / "depth.npy", measured(image(NEAR, "panda_gripper")))
     np.save(tmp_path / "pose.npy", camera())
     words = ["grasp-image", str(tmp_path / "depth.npy"), "--intrinsics", "420", "420", "240", "180"]
     words += ["--policy", str(POLICY), "--camera-pose", str(tmp_path / "pose.npy"), "--json"]
@@ -109,6 +119,7 @@ def test_the_command_writes_the_path(tmp_path: Path) -> None:
     for wrong, message in [
         (["--path", str(file)], "--path is that of an arm; pass --arm and --base too"),
         ([*placed, "--path", str(tmp_path / "path.txt")], "has none of the suffixes"),
+        ([*placed, "--place", "0", "0.3", "0"], "are those of --path; pass it too"),
     ]:
         refused = invoke([*words, *wrong])
         assert isinstance(refused.exception, errors.ConfigError)

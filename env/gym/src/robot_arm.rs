@@ -40,10 +40,29 @@ pub const BASE_COLOR: [f32; 3] = [0.40, 0.42, 0.45];
 /// An object's shape and its pose in the world.
 pub type PlacedObstacle = (Arc<Obstacle>, Isometry3<f64>);
 
-/// Postures on a path to a grasp: at the grasp, and once the object is lifted.
-pub struct Way {
-    pub grasp: Positions,
-    pub lifted: Positions,
+/// The end of a path to a grasp: the postures of the lift, from the grasp on.
+pub struct Way(Vec<Positions>);
+
+impl Way {
+    /// The posture at the grasp.
+    pub fn grasp(&self) -> Positions {
+        self.0.first().copied().unwrap_or_default()
+    }
+
+    /// The posture of the lift at which the hand is at a height, metres, or the nearest to it.
+    ///
+    /// Between two postures the hand moves straight, if the axes do.
+    pub fn at(&self, height: f64, robot: &RobotArm) -> Positions {
+        let z = |positions: &Positions| robot.world_from_hand(positions).translation.z;
+        for pair in self.0.windows(2) {
+            let [low, high] = [z(&pair[0]), z(&pair[1])];
+            if height <= high {
+                let share = ((height - low) / (high - low).max(f64::EPSILON)).clamp(0.0, 1.0);
+                return std::array::from_fn(|axis| pair[0][axis] + share * (pair[1][axis] - pair[0][axis]));
+            }
+        }
+        self.0.last().copied().unwrap_or_default()
+    }
 }
 
 /// An arm at its place, with the hand on it.
@@ -211,8 +230,8 @@ impl ArmSpec {
         let thing = Some(Thing { obstacle, world_from_thing, place: None });
         let task = Task { start: *start, world_from_hand: *world_from_hand, preshape, thing };
         let Ok(Path { pieces }) = path(&robot, &scene, &task, &params)? else { return Ok(None) };
-        let end = |phase| pieces.iter().find(|piece| piece.phase == phase).and_then(|piece| piece.postures.last());
-        Ok(end(Phase::Approach).zip(end(Phase::Lift)).map(|(grasp, lifted)| Way { grasp: *grasp, lifted: *lifted }))
+        let lift = pieces.into_iter().find(|piece| piece.phase == Phase::Lift);
+        Ok(lift.map(|piece| Way(piece.postures)))
     }
 
     /// Objects, walls and table, which the arm keeps away from.
@@ -223,9 +242,7 @@ impl ArmSpec {
         }
         Ok(Scene::new(self.robot.world_from_base, &[], objects, clearance, 0.0)?)
     }
-}
 
-impl ArmSpec {
     /// The bodies at their poses, for rendering.
     pub fn posed(&self, positions: &[f64], spec: &EnvSpec) -> impl Iterator<Item = ObjectPose<'_>> {
         let chain = self.robot.inverse.chain();

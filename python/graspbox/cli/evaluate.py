@@ -11,6 +11,7 @@ from graspbox._common.files import dumps, write_text
 from graspbox._common.options import flattened
 from graspbox._common.rotations import upright_pose
 from graspbox.cli import common
+from graspbox.cli.arm.path_options import told_assumptions
 from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
 from graspbox.cli.recorders import CommandRecorder, Rerun, RerunEpisodes, rerun_recorder
 from graspbox.envs import EVALUATED_IDS
@@ -75,7 +76,7 @@ class Carrier:
         return {**keywords, "base": upright_pose(self.base[:3], radians(self.base[3])).tolist()}
 
 
-def _print(result: Evaluation, as_json: bool) -> None:
+def _print(result: Evaluation, as_json: bool, arm: str | None) -> None:
     if as_json:
         common.print_json(result.to_json())
         return
@@ -87,6 +88,7 @@ def _print(result: Evaluation, as_json: bool) -> None:
     rows = [(o.name, str(o.trials), str(o.succeeded), str(o.secure)) for o in result.objects]
     sums = ("total", str(len(result.trials)), str(result.succeeded), str(result.secure))
     where = result.env_id if result.condition == "nominal" else f"{result.env_id}, {result.condition}"
+    where += f" on {arm}" if arm else ""
     common.print_table(f"{result.policy} in {where}", ("object", "trials", "succeeded", "secure"), [*rows, sums])
     secure, (low, high) = result.secure / len(result.trials), result.secure_ci95
     typer.echo(
@@ -169,7 +171,7 @@ def evaluate(
     log = ActionLog(servers.load(policy, rehearse))
     objects, split = (objects, split) if objects else log.default_objects(split)
     object_set = None if remote else common.find(objects, split, scale, mass)  # a server uses its own names
-    with common.progress() as bar:
+    with common.progress() as bar, told_assumptions():
         task = bar.add_task(policy, total=trials)
         result = run(
             log,
@@ -188,7 +190,7 @@ def evaluate(
             **carrier.keywords(),
             **_keywords(layout, objects_per_scene),
         )
-    _print(result, as_json)
+    _print(result, as_json, carrier.arm)
     if out is not None:
         _write(out, result, seed, log, object_set)
     if object_set is not None and recorder is not None:

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from graspbox._common.options import flattened
-from graspbox.arms import Reach
+from graspbox.arms import Reach, Trajectory
 from graspbox.arms.trajectories import FORMATS
 from graspbox.captures import Capture, average, read_capture
 from graspbox.captures.averaging import check_count
@@ -126,6 +126,8 @@ def grasp_image_command(
         raise ConfigError("--label chooses an object of --mask; pass both")
     if path is not None and search.arm is None:
         raise ConfigError("--path is that of an arm; pass --arm and --base too")
+    if path is None and following != PathOptions():
+        raise ConfigError("--place, --speed, --hand-time, --max-duration and --hz are those of --path; pass it too")
     marks = {"labels" if everything or label is not None else "mask": mask}
     seen = _capture(source, frames, {**reading.settings(), "time": time, **marks})
     check_files(out, picture)
@@ -171,8 +173,19 @@ def _follow(found: ImageGrasps | SceneGrasps, following: PathOptions, file: Path
         raise typer.Exit(1) from None
     thing, path = made if isinstance(made, tuple) else (None, made)
     of = "" if thing is None else f" of object {thing}"
-    console.print(f"a path of {path.duration:.2f} s to grasp {path.grasp + 1}{of}")
+    console.print(f"a path of {path.duration:.2f} s to grasp {path.grasp + 1}{of}{_passed_over(found, made)}")
     save_path(path, file)
+
+
+def _passed_over(found: ImageGrasps | SceneGrasps, made: Trajectory | tuple[int, Trajectory]) -> str:
+    """Say why better grasps than that of a path have none."""
+    label, path = made if isinstance(made, tuple) else (None, made)
+    grasps = found.grasps[label] if isinstance(found, SceneGrasps) and label is not None else found
+    assert isinstance(grasps, ImageGrasps)
+    blocked = [str(rank + 1) for rank in range(path.grasp) if not grasps.free[rank]]
+    without = [str(rank + 1) for rank in range(path.grasp) if grasps.free[rank]]
+    told = {"the hand would touch something at": blocked, "no path leads to": without}
+    return "".join(f"; {why} {', '.join(ranks)}" for why, ranks in told.items() if ranks)
 
 
 def _warn(warnings: tuple[str, ...]) -> None:

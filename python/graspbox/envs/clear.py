@@ -20,7 +20,8 @@ As in `graspbox.envs.grasp_pose`.
 The open hand reaches its pose on a straight approach of 0.10 m along its z, at 0.2 m/s, and pushes aside what it
 touches.
 An attempt is ``infeasible`` if the rotation is degenerate, if the hand collides with something where the approach begins
-(both move nothing), or if the protective stop of 60 N ends the approach, as on the table or a wall.
+(both move nothing), or if the protective stop of 60 N ends the approach, as on the table or a wall. On an ``arm`` the hand
+pushes nothing aside, and an attempt without a path is infeasible (`graspbox.envs.grasp_pose`).
 
 Observation
 -----------

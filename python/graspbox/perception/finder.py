@@ -147,7 +147,7 @@ class FoundGrasp:
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """What to grasp in one depth image, and how. Only `GraspFinder` reads what follows `keep_off`.
+    """What to grasp in one depth image, and how. Only `GraspFinder` reads what follows `keep_off`, but for `carried`.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class Query:
         ``world_from_hand``, metres, and preshapes of grasps that are scored too where the open hand is free.
     carried : callable, optional
         Of the best grasps, ``world_from_hand`` (m, 4, 4) and preshapes (m,), returns the index of the first that an arm
-        can carry out, or None: `Finder.find` then chooses that one instead of the best.
+        can carry out, or None: `Finder.find` returns that one.
     """
 
     seed: int = 0
@@ -299,7 +299,9 @@ class Finder(ABC):
         if query.carried is not None:
             first = ranked.best(_CARRIED)
             carried = query.carried(crops.world_from_crop[0] @ ranked.poses[first], ranked.preshapes[first])
-            best = best if carried is None else int(first[carried])
+            if carried is None:
+                return None
+            best = int(first[carried])
         return FoundGrasp(
             best, self.crop, crops.world_from_crop[0], crops.object[0], seconds=seconds, **ranked._asdict()
         )

@@ -1,6 +1,5 @@
 """A hand open, half closed and closed, with its pads and its grasp frame; and a video of an arm on its path."""
 
-import contextlib
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from graspbox._common.arguments import floats
 from graspbox._common.colors import OBJECT
 from graspbox.arms import ArmLike, Trajectory, load_arm
 from graspbox.configs import TrialConfig
-from graspbox.errors import GraspboxError
+from graspbox.errors import ConfigError
 from graspbox.hands import HandLike, load_hand
 from graspbox.hands.conventions import mechanism_of
 from graspbox.hands.geometry import corners_of
@@ -100,12 +99,18 @@ def save_path(
     Raises
     ------
     ConfigError, FileError, MissingExtraError
-        As `check_video`, `graspbox.arms.load_arm` and `graspbox.load_hand`.
+        As `check_video`, `graspbox.arms.load_arm` and `graspbox.load_hand`; and for another arm or hand than the
+        trajectory's, or a pose of another shape.
+    SimulationError
+        If the grasp cannot be simulated.
     """
     file, loaded, with_hand = check_video(path), load_arm(arm), load_hand(hand)
-    base, mesh, first = floats(world_from_base, "world_from_base"), as_mesh(target[0]), floats(target[1], "target")
-    around = [] if neighbours is None else solids_of(neighbours)
-    flange_from_base = loaded.flange_from_base_of(with_hand) if mount is None else floats(mount, "mount")
+    for given, own, argument in ((loaded, trajectory.arm, "arm"), (with_hand, trajectory.hand_name, "hand")):
+        if given.name != own:
+            raise ConfigError(f"{argument} is {given.name!r}, but the trajectory is that of {own!r}; pass that one")
+    base, mesh = _pose(world_from_base, "world_from_base"), as_mesh(target[0])
+    first, around = _pose(target[1], "the pose of the target"), [] if neighbours is None else solids_of(neighbours)
+    flange_from_base = loaded.flange_from_base_of(with_hand) if mount is None else _pose(mount, "mount")
     flange_from_hand = flange_from_base @ mechanism_of(with_hand).base_from_hand
     times = np.append(np.arange(0.0, trajectory.duration, 1 / _RATE), trajectory.duration)
     sample = trajectory.sample(times)
@@ -132,14 +137,23 @@ def save_path(
 def _closing(
     hand: Hand, mesh: Mesh, world_from_object: Floats, world_from_hand: Floats, preshape: float, command: Floats
 ) -> Floats:
-    """Return the joints (m, c) by the command (m,), from open to where a simulation of the grasp stops them."""
+    """Return the joints (m, c) by the command (m,), from open to where a simulation of the grasp stops them.
+
+    If the open hand cannot be at the grasp, they close without resistance.
+    """
     opened, held = hand.open(preshape), hand.closed(preshape, 1.0)
-    with contextlib.suppress(GraspboxError):
-        scene = Scene(mesh, hand=hand, world_from_object=world_from_object)
-        _, trace = scene.trace(np.linalg.inv(scene.world_from_object) @ world_from_hand, preshape)
-        if len(trace.time):
-            held = trace.joints[np.searchsorted(trace.time[:-1], TrialConfig().close_time)]
+    scene = Scene(mesh, hand=hand, world_from_object=world_from_object)
+    _, trace = scene.trace(np.linalg.inv(scene.world_from_object) @ world_from_hand, preshape)
+    if len(trace.time):
+        held = trace.joints[np.searchsorted(trace.time[:-1], TrialConfig().close_time)]
     return np.asarray(opened + command[:, None] * (held - opened))
+
+
+def _pose(values: ArrayLike, name: str) -> Floats:
+    pose = floats(values, name)
+    if pose.shape != (4, 4):
+        raise ConfigError(f"{name} has the shape {pose.shape}; give (4, 4)")
+    return pose
 
 
 def _carried(first: Floats, hands: Floats, grasp: Floats, phases: NDArray[np.str_]) -> list[Floats]:

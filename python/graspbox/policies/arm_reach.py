@@ -121,11 +121,11 @@ class ArmAt:
         self,
         hand: Hand,
         points: NDArray[np.float64],
-        lift: float,
+        config: PathConfig,
         poses: NDArray[np.float64],
         preshapes: NDArray[np.float64],
     ) -> int | None:
-        """Return the first of some grasps (m, 4, 4) to which a path leads, and up by `lift`, among points (k, 3)."""
+        """Return the first of some grasps (m, 4, 4) to which a path leads, and up, among points (k, 3)."""
         tried = np.flatnonzero(self.reach(hand, poses, preshapes, points).reached)[:_TRIED]
         if not len(tried):
             return None
@@ -139,7 +139,7 @@ class ArmAt:
                 points=points,
                 mount=self.mount,
                 start=self.joints,
-                config=PathConfig(reach=self.config, lift=lift),
+                config=replace(config, reach=self.config),
             )
         except PathError:
             return None

@@ -1,5 +1,6 @@
 """`Policy`, the interface of all policies, and `Task`, the environments that one acts in."""
 
+import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,9 +15,9 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from graspbox import object_sets
-from graspbox._common.arguments import config_of
-from graspbox.arms import Arm
-from graspbox.configs import TrialConfig
+from graspbox._common.arguments import config_of, floats
+from graspbox.arms import Arm, load_arm
+from graspbox.configs import PathConfig, TrialConfig
 from graspbox.configs.cameras import CamerasConfig
 from graspbox.envs import GOAL_IDS, IDS, SINGLE_OBJECT_IDS
 from graspbox.envs.settings import (
@@ -32,6 +33,8 @@ from graspbox.simulation.layouts import Arrangement, SceneLayout
 
 __all__ = ["SCRIPTED", "Actions", "Policy", "SeededPolicy", "Task", "cameras_of", "is_closed_loop"]
 
+#: Least length of a straight line of a path, metres.
+_SHORTEST = 0.001
 #: (num_envs, k) float32.
 Actions = NDArray[np.float32]
 #: Keywords of ``Grasp-v0`` for policies that move the hand by scripted motions: `Policy.closed_loop_settings`.
@@ -54,13 +57,15 @@ class Task:
         Keyword ``obs`` of the environments: names of the observations. Several names make a mapping.
     sets : str, Path, ObjectSet or sequence of str
         Keyword ``objects`` of the environments.
-    scale, mass, split, control, fingers, control_freq, hand, cameras, layout, bin_size, trial
+    scale, mass, split, control, fingers, control_freq, hand, cameras, layout, bin_size
         Keywords of the environments; `cameras` with the size of their images, `bin_size` None for layouts without a
         bin.
     arm : Arm, optional
         The arm that carries the hand in decisions.
     world_from_arm : (4, 4) float64, optional
-        Pose of its base.
+        Pose of its base; None if neither the environments nor their keywords tell it.
+    trial : TrialConfig
+        The trial that follows its decisions.
     scenes : callable, optional
         Returns the scene of each environment by its index, for **privileged** policies; None for a single object in
         ``GraspPose-v0`` or ``Grasp-v0``, and for observations that come from a client.
@@ -82,9 +87,9 @@ class Task:
     cameras: CamerasConfig
     layout: SceneLayout = "single"
     bin_size: Sequence[float] | None = None
-    trial: TrialConfig = TrialConfig()  # noqa: RUF009 (frozen)
     arm: Arm | None = None
     world_from_arm: NDArray[np.float64] | None = field(default=None, compare=False)
+    trial: TrialConfig = TrialConfig()  # noqa: RUF009 (frozen)
     scenes: Callable[[int], Arrangement] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -119,11 +124,10 @@ class Task:
         layout = values["layout"] = spec.kwargs.get("layout", kinds[0].layout)
         if layout == "bin":
             values["bin_size"] = spec.kwargs.get("bin_size", ClearConfig.bin_size)
-        if isinstance(trial := spec.kwargs.get("trial"), TrialConfig):
-            values["trial"] = trial
-        if spec.kwargs.get("arm") is not None and not is_closed_loop(spec.id):
-            own, base = cast(Any, envs.unwrapped), spec.kwargs.get("base")
-            values |= {"arm": own.arm, "world_from_arm": own.world_from_arm if base is None else np.asarray(base)}
+        if (arm := spec.kwargs.get("arm")) is not None and not is_closed_loop(spec.id):
+            values |= {"arm": load_arm(arm), "world_from_arm": _base_of(envs, spec.kwargs.get("base"))}
+            trial = spec.kwargs.get("trial") or TrialConfig()
+            values["trial"] = config_of(TrialConfig, trial, "trial") if isinstance(trial, Mapping) else trial
         scenes = _Scenes(envs) if clears or layout != "single" else None
         return cls(spec.id, num_envs, observation_space, action_space, **values, scenes=scenes)
 
@@ -145,6 +149,18 @@ class Task:
             )
         return self.scenes(env)
 
+    def arm_at(self) -> tuple[Arm, NDArray[np.float64], PathConfig] | None:
+        """Return the arm of decisions, the pose of its base, and settings of its paths to them; None without an arm.
+
+        Raises ConfigError if the base is not known.
+        """
+        if self.arm is None:
+            return None
+        if self.world_from_arm is None:
+            raise ConfigError("the environments do not tell where the arm stands; pass base, the pose of its base")
+        standoff, lift = (min(max(x, _SHORTEST), 1.0) for x in (self.trial.standoff, self.trial.lift_height))
+        return self.arm, self.world_from_arm, PathConfig(standoff=standoff, lift=lift)
+
     @property
     def closed_loop(self) -> bool:
         """Whether an episode is many actions (``Grasp-v0``, goal tasks), not one decision (``GraspPose-v0``)."""
@@ -154,6 +170,15 @@ class Task:
 def is_closed_loop(env_id: str) -> bool:
     """Whether an episode of these environments is many actions, not one decision or several."""
     return not env_id.removeprefix("graspbox:").startswith(("graspbox/GraspPose-", "graspbox/Clear-"))
+
+
+def _base_of(envs: Any, base: Any) -> NDArray[np.float64] | None:
+    """Return the pose of an arm's base, as given, or as the environments tell it."""
+    if base is not None:
+        return floats(base, "base")
+    with contextlib.suppress(AttributeError, ConfigError):  # of gymnasium's own vector environments, and remote ones
+        return cast(NDArray[np.float64] | None, envs.unwrapped.world_from_arm)
+    return None
 
 
 @dataclass(frozen=True)

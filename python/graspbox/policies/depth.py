@@ -16,6 +16,7 @@ from graspbox.errors import ConfigError
 from graspbox.hands import HandLike
 from graspbox.perception.configs import DepthNoise, FinderConfig
 from graspbox.perception.depth_images import points_of
+from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder, Query
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.policies._executor import Executor, GraspExecutor, executor_of
@@ -101,9 +102,7 @@ class DepthPolicy(SeededPolicy):
         self._waiting: list[int | None] = [None] * task.num_envs
         self._failed: list[tuple[FoundGrasp, ...]] = [()] * task.num_envs
         self._clears = task.env_id == IDS[2]
-        self._arm = None
-        if task.arm is not None and task.world_from_arm is not None:
-            self._arm = ArmAt(task.arm, task.world_from_arm)
+        self._arm = task.arm_at()
         self._needed = (*self.obs, *(self.target_obs if task.has_target else ()))
 
     def _begin(self, env: int, seed: int | None, info: dict[str, Any]) -> None:
@@ -139,14 +138,20 @@ class DepthPolicy(SeededPolicy):
         `seed` is that of the camera's noise and of the refinement, `row` the environment's row of the observations.
         """
         target = row["segmentation"][..., 0] == _TARGET if self.task.has_target else None
-        query, view = Query(seed, target, self._walls, self._failed[env]), self.observer.look(row, seed)
+        view, query = self._asked(row, Query(seed, target, self._walls, self._failed[env]))
+        return self.finder.find(view, query)
+
+    def _asked(self, row: Mapping[str, Any], query: Query) -> tuple[DepthView, Query]:
+        """Take the image that a row of the observations holds, and complete a query by what an arm can carry out."""
+        view = self.observer.look(row, query.seed)
         if self._arm is None:
-            return self.finder.find(view, query)
-        view = self._arm.hidden(self.hand, view)
+            return view, query
+        arm, base, config = self._arm
+        at = ArmAt(arm, base)
+        view = at.hidden(self.hand, view)
         pose = floats(view.world_from_camera, "world_from_camera")
         points = points_of(view.metres(), floats(view.intrinsics, "intrinsics")) @ pose[:3, :3].T + pose[:3, 3]
-        carried = partial(self._arm.carried, self.hand, points[points[:, 2] > ABOVE], self.task.trial.lift_height)
-        return self.finder.find(view, replace(query, carried=carried))
+        return view, replace(query, carried=partial(at.carried, self.hand, points[points[:, 2] > ABOVE], config))
 
     def _look(self, env: int, row: Mapping[str, Any]) -> FoundGrasp | None:
         """Look with the pending seed."""
@@ -244,7 +249,8 @@ class DepthGrasp(DepthPolicy):
         hand : str, Hand or pair of paths, optional
             The hand, for a policy that grasps with any.
         **options
-            Those of `graspbox.policies.grasp_image.ImageOptions`, but for the mask.
+            Those of `graspbox.policies.grasp_image.ImageOptions`, but for the mask; and ``table_from_camera`` instead
+            of the capture's.
 
         Raises
         ------
@@ -252,13 +258,13 @@ class DepthGrasp(DepthPolicy):
             As `graspbox.policies.grasp_image.ImageGrasper.find`, or if the label is unknown.
         """
         mask = None if capture.labels is None else capture.mask(label)
-        place = (capture.depth, capture.intrinsics, capture.table_from_camera)
+        place = (capture.depth, capture.intrinsics, options.pop("table_from_camera", capture.table_from_camera))
         found = self._grasper(hand).find(*place, mask=mask, **options)
         return replace(found, warnings=(*capture.warnings, *found.warnings))
 
     def grasps_of_things(self, capture: Capture, *, hand: HandLike | None = None, **options: Any) -> SceneGrasps:
         """Find grasps of every thing in a depth image, those of its labels if it has some; otherwise as `grasps`."""
-        place = (capture.depth, capture.intrinsics, capture.table_from_camera)
+        place = (capture.depth, capture.intrinsics, options.pop("table_from_camera", capture.table_from_camera))
         return self._grasper(hand).find_all(*place, labels=capture.labels, **options)
 
     def _bind(self, task: Task) -> None:

@@ -1,7 +1,7 @@
 """Results of `graspbox.policies.grasp_image`: ranked grasps of the thing in an image, or of all its things."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,10 +18,22 @@ from graspbox.perception.shapes import surface_of
 from graspbox.policies.arm_reach import ABOVE, ArmAt
 from graspbox.policies.published.configs import DepthPolicyConfig
 
-__all__ = ["EarlierGrasp", "EarlierScene", "ImageGrasps", "SceneGrasps"]
+__all__ = ["EarlierGrasp", "EarlierScene", "ImageGrasps", "PathSettings", "SceneGrasps"]
 
 #: Mass of a completed object, which no path depends on, kg.
 _ANY_MASS = 0.1
+
+
+class PathSettings(TypedDict, total=False):
+    """Arguments of `graspbox.arms.plan_path` that `ImageGrasps.path` takes too."""
+
+    start: ArrayLike | None
+    config: PathConfig
+    speed: float
+    hand_time: float
+    max_duration: float | None
+    hz: float
+    num_threads: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +162,7 @@ class ImageGrasps:
         known = replace(self, reach=reach, arm=arm, keep_off=others, warnings=warnings)
         return known.kept(reach.first()[:count])
 
-    def path(self, *, place: ArrayLike | None = None, config: PathConfig | None = None, **options: Any) -> Trajectory:
+    def path(self, *, place: ArrayLike | None = None, **options: Unpack[PathSettings]) -> Trajectory:
         """Plan and time a path of the arm to the best grasp that has one, and up with the object.
 
         Only free grasps that the arm reaches are tried. The completed object is grasped and carried; all else that is
@@ -160,12 +172,14 @@ class ImageGrasps:
         ----------
         place : (3,) array_like, optional
             Where the object is then released: x and y from where it stands, metres, and its turn about z, rad.
-        config : PathConfig, optional
-            Settings; by default with the distances of the search.
         **options
-            ``start`` (by default the joints that the search was given, else home), ``speed``, ``hand_time``,
-            ``max_duration``, ``hz`` and ``num_threads`` of `graspbox.arms.plan_path`. The number of the trajectory's
-            grasp counts the grasps here.
+            Further arguments of `graspbox.arms.plan_path`: `PathSettings`. By default ``start`` is the joints that the
+            search was given, else home, and ``config`` keeps the distances of the search.
+
+        Returns
+        -------
+        Trajectory
+            Its ``grasp`` is an index of these grasps.
 
         Raises
         ------
@@ -184,7 +198,7 @@ class ImageGrasps:
                 f"the arm {self.reach.arm} reaches none of the {int(self.free.sum())} free grasps", reason="not_reached"
             )
         found = self._completed()
-        options.setdefault("start", self.arm.joints)
+        given: PathSettings = {"start": self.arm.joints, "config": PathConfig(reach=self.arm.config), **options}
         path = plan_path(
             self.arm.arm,
             self.hand,
@@ -195,8 +209,7 @@ class ImageGrasps:
             place=None if place is None else self._moved(place, found),
             points=self.keep_off,
             mount=self.arm.mount,
-            config=PathConfig(reach=self.arm.config) if config is None else config,
-            **options,
+            **given,
         )
         return replace(path, grasp=int(tried[path.grasp]))
 
@@ -296,7 +309,8 @@ class SceneGrasps:
             except PathError as error:
                 failures[label] = str(error)
         counted = "; ".join(f"thing {label}: {why}" for label, why in failures.items())
-        raise PathError(f"no thing has a path: {counted or 'none has a grasp'}", reason="not_reached")
+        failed = tuple(failures.values())
+        raise PathError(f"no thing has a path: {counted or 'none has a grasp'}", "", "not_reached", failed)
 
     def best(self) -> list[tuple[int, int]]:
         """Return thing and rank of all grasps: first those that an arm reaches, then free ones, then by success."""

@@ -110,6 +110,11 @@ impl ArmController {
         Self { drive: Some(Box::new(JointDrive::new(positions))), ..self }
     }
 
+    /// Positions of the joints of the arm; `None` without one.
+    pub fn positions(&self) -> Option<&Positions> {
+        self.drive.as_ref().map(|drive| &drive.axes().positions)
+    }
+
     /// Positions and speeds of the joints of the arm; empty without one.
     pub fn joints(&self) -> (&[f64], &[f64]) {
         self.drive.as_ref().map_or((&[], &[]), |drive| (&drive.axes().positions, &drive.axes().rates))

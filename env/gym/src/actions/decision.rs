@@ -58,7 +58,7 @@ impl Decision<'_> {
         let standoff = self.spec.config.trial.standoff;
         let (episode, reached, moved) = if scene.reachable_at(&pose, standoff, object)? {
             (at_pose(), true, false)
-        } else if self.spec.config.pushes() {
+        } else if self.spec.config.pushes() && self.spec.arm.is_none() {
             match approach(scene, &pose, object, self.factors, criterion, standoff)? {
                 Approach::Arrived(episode) => (episode, true, true),
                 Approach::Stopped(episode) => (episode, false, true),

@@ -8,7 +8,7 @@ use crate::objects::Prepared;
 use crate::pool::env_spec::EnvSpec;
 use crate::robot_arm::{ArmSpec, PlacedObstacle, Way};
 use crate::state::{DecisionResult, GoalConfig, Record};
-use graspbox_arm::chain::MAX_AXES;
+use graspbox_arm::chain::Positions;
 use graspbox_episode::{Episode, FailureKind};
 use graspbox_sim::HandLoad;
 use nalgebra::{Isometry3, Point3};
@@ -64,16 +64,16 @@ impl EpisodeBody {
         let Some((estimated, preshape)) = pose_and_preshape(spec.config.control, action, spec.hand()) else {
             return Ok(None);
         };
-        let way = match &spec.arm {
-            Some(arm) => match self.way(arm, (&estimated, preshape), spec)? {
-                Some(way) => Some((arm, way)),
-                None => {
-                    self.arm.block();
-                    return Ok(None);
-                }
-            },
-            None => None,
-        };
+        let (mut estimated, mut way) = (estimated, None);
+        if let (Some(arm), Some(start)) = (&spec.arm, self.arm.positions()) {
+            let Some(found) = self.way(arm, start, (&estimated, preshape), spec)? else {
+                self.arm.block();
+                return Ok(None);
+            };
+            // An arm with fewer than six axes meets the rotation only nearly.
+            estimated = arm.robot.world_from_hand(&found.grasp());
+            way = Some((&arm.robot, found));
+        }
         let hand = self.arm.teleport(&estimated);
         let decision = Decision {
             spec,
@@ -86,17 +86,18 @@ impl EpisodeBody {
         self.record.touched = outcome.touched;
         self.record.potentials = outcome.attempt.potentials;
         *result = DecisionResult { failure: outcome.failure, survives_shake: outcome.survives_shake };
-        if let Some((arm, Way { grasp, lifted })) = &way {
-            let rose = !matches!(outcome.failure, Some(FailureKind::Infeasible | FailureKind::NoContact));
-            self.arm.rest_at(if rose { lifted } else { grasp }, &arm.robot);
+        if let Some((robot, way)) = way {
+            let end = outcome.episode.world().world_from_hand() * hand.inverse() * estimated;
+            self.arm.rest_at(&way.at(end.translation.z, robot), robot);
         }
         Ok(Some(outcome))
     }
 
-    /// Plans the path of the arm from where it is to a grasp, and up with the object; `None` without one.
+    /// Plans the path of the arm from a posture to a grasp, and up with the object; `None` without one.
     fn way(
         &self,
         arm: &ArmSpec,
+        start: &Positions,
         (world_from_hand, preshape): (&Isometry3<f64>, f64),
         spec: &EnvSpec,
     ) -> Result<Option<Way>, EnvError> {
@@ -107,15 +108,13 @@ impl EpisodeBody {
             true => nearest(&objects, &(world_from_hand * spec.hand().grasp.center)),
             false => world.target(),
         };
-        let mut start = [0.0; MAX_AXES];
-        start.copy_from_slice(self.arm.joints().0);
-        arm.way(spec.hand(), &start, (world_from_hand, preshape), (objects, object), &spec.config.trial)
+        arm.way(spec.hand(), start, (world_from_hand, preshape), (objects, object), &spec.config.trial)
     }
 
     /// Continues with `episode`; a hand without an arm stays where it is in it.
     pub fn go_on(&mut self, episode: Episode) {
         self.episode = episode;
-        if self.arm.joints().0.is_empty() {
+        if self.arm.positions().is_none() {
             self.arm.sync(&self.episode.world().world_from_hand());
         }
     }

@@ -48,7 +48,7 @@ impl HandStart {
                 let objects = start_obstacles(prepared, scene, placement.world_from_object);
                 let on_arm = OnArm { placement, arm, hand_error, objects };
                 match placement.spec.config.control.decides() {
-                    true => on_arm.wait(options, preshape),
+                    true => on_arm.wait(options),
                     false => on_arm.start(samples, options, preshape),
                 }
             }
@@ -102,25 +102,23 @@ impl OnArm<'_> {
         let home = self.at(self.arm.robot.home());
         let at = home.world_from_hand.translation.vector;
         let inside = (0..3).all(|axis| (WORKSPACE_LOW[axis]..=WORKSPACE_HIGH[axis]).contains(&at[axis]));
-        self.free(home, preshape).filter(|_| inside).ok_or_else(|| self.no_start(why))
+        if inside && self.placement.is_free(&home.world_from_hand, preshape) {
+            return Ok(home);
+        }
+        let (arm, object) = (self.arm.robot.arm.name.clone(), self.placement.object.to_owned());
+        let base = self.arm.robot.world_from_base.translation.vector.into();
+        Err(EnvError::NoStart { arm, object, base, why })
     }
 
-    /// Home, in which the arm waits for a decision.
+    /// Home, in which the arm waits for a decision; where an object is in its way there, it has no path.
     ///
     /// # Errors
-    /// [`EnvError::BadOption`] for a requested pose; [`EnvError::NoStart`] if the hand touches something at home.
-    fn wait(&self, options: &ResetOptions, preshape: f64) -> Result<HandStart, EnvError> {
+    /// [`EnvError::BadOption`] for a requested pose.
+    fn wait(&self, options: &ResetOptions) -> Result<HandStart, EnvError> {
         if options.world_from_hand.is_some() {
             return Err(bad_option("world_from_hand", "an arm waits at home for a decision; leave it out"));
         }
-        let why = || self.no_start("the hand touches something at home".to_owned());
-        self.free(self.at(self.arm.robot.home()), preshape).ok_or_else(why)
-    }
-
-    fn no_start(&self, why: String) -> EnvError {
-        let (arm, object) = (self.arm.robot.arm.name.clone(), self.placement.object.to_owned());
-        let base = self.arm.robot.world_from_base.translation.vector.into();
-        EnvError::NoStart { arm, object, base, why }
+        Ok(self.at(self.arm.robot.home()))
     }
 
     fn posture(
@@ -136,10 +134,5 @@ impl OnArm<'_> {
     fn at(&self, joints: Positions) -> HandStart {
         let world_from_hand = self.arm.robot.world_from_hand(&joints) * self.hand_error;
         HandStart { world_from_hand, joints: Some(joints) }
-    }
-
-    /// A start, if the hand touches nothing there.
-    fn free(&self, start: HandStart, preshape: f64) -> Option<HandStart> {
-        self.placement.is_free(&start.world_from_hand, preshape).then_some(start)
     }
 }

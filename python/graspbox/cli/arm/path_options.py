@@ -54,8 +54,8 @@ def told_assumptions() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AssumedWarning)
         yield
-    for warning in caught:
-        console.print(f"warning: {warning.message}", style="yellow", soft_wrap=True)
+    for message in dict.fromkeys(str(warning.message) for warning in caught):
+        console.print(f"warning: {message}", style="yellow", soft_wrap=True)
 
 
 def save_path(path: Trajectory, file: Path) -> None:

@@ -124,7 +124,8 @@ class DepthOracle(DepthPolicy):
         """Find a grasp, as `DepthPolicy.find`; `row` also holds ``state``."""
         mesh, pose = self._known.mesh(self._names[env]), object_pose(row["state"], hand=self.hand)
         finder, simulated = self.finder, False
-        seen = self.observer.look(row, seed).seen(finder.crop, num_threads=finder.num_threads)
+        view, query = self._asked(row, Query(seed))
+        seen = view.seen(finder.crop, num_threads=finder.num_threads)
         frame, rng = seen.crops.world_from_crop[0], np.random.default_rng([seed, 1])
 
         def complete(channels: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -149,7 +150,7 @@ class DepthOracle(DepthPolicy):
             finder.config,
             head=finder.head,
         )
-        return known.find(seen, Query(seed))
+        return known.find(seen, query)
 
 
 def _no_score(
@@ -175,6 +176,8 @@ class RobustOracle(Planner):
             raise ConfigError(f"the policy {self.name!r} acts in graspbox/GraspPose-v0, not in {task.env_id!r}")
         if task.layout != "single":
             raise ConfigError(f"layout is {task.layout!r}, but the policy {self.name!r} simulates a single object")
+        if task.arm is not None:
+            raise ConfigError(f"the policy {self.name!r} bounds what a hand without an arm can do; leave arm out")
         super()._bind(task)
 
     def _decide(self, subject: KnownObject, state: NDArray[np.float32]) -> NDArray[np.float32] | None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from graspbox import planning
 from graspbox._core import Mesh
-from graspbox.configs import PathConfig
 from graspbox.envs import GOAL_IDS, SINGLE_OBJECT_IDS, expert
 from graspbox.envs.coding import encode_action, hand_pose, object_pose
 from graspbox.envs.scripted import MotionOptions
@@ -72,8 +71,8 @@ class Planner(Policy):
 
     It plans once per episode, with the object's mesh and the observation ``state``, and among others with their meshes
     and poses too (`Task.scenes`). In ``GraspPose-v0`` the pose is the action, on an arm the first one to which it has a
-    path (extra ``arm``); in ``Grasp-v0`` the scripted expert (`graspbox.envs.expert`) moves the hand there. Without a
-    feasible pose its actions are zeros.
+    path (extra ``arm``); in ``Grasp-v0`` the scripted expert (`graspbox.envs.expert`) moves the
+    hand there. Without a feasible pose its actions are zeros.
     """
 
     name = "planner"
@@ -85,7 +84,7 @@ class Planner(Policy):
         if task.env_id not in SINGLE_OBJECT_IDS:
             other = "it does not act in goal tasks" if task.env_id in GOAL_IDS else "use 'scene_planner'"
             raise ConfigError(f"the policy {self.name!r} grasps a single object; in {task.env_id!r} {other}")
-        self._hand = load_hand(task.hand)
+        self._hand, self._arm = load_hand(task.hand), task.arm_at()
         self._objects: list[str | None] = [None] * task.num_envs
         self._experts: list[expert.ExpertGrasp | None] = [None] * task.num_envs
         self._known = KnownObjects(task) if task.layout == "single" else None
@@ -132,18 +131,19 @@ class Planner(Policy):
         if not len(plan):
             return None
         chosen = self._carried(plan, subject)
+        if chosen is None:
+            return None
         return encode_action(pose @ plan.poses[chosen], plan.preshape[chosen], hand=self._hand)
 
-    def _carried(self, plan: planning.Plan, subject: KnownObject) -> int:
-        """Return the first grasp to which the arm has a path; without an arm or a path, the first."""
-        arm, base = self.task.arm, self.task.world_from_arm
-        if arm is None or base is None:
+    def _carried(self, plan: planning.Plan, subject: KnownObject) -> int | None:
+        """Return the first grasp to which the arm has a path, if any; without an arm, the first."""
+        if self._arm is None:
             return 0
-        config = PathConfig(lift=self.task.trial.lift_height)
+        arm, base, config = self._arm
         with contextlib.suppress(PathError):
             mesh, around = subject
             return plan.path(arm, base, hand=self._hand, mesh=mesh, neighbours=around, config=config).grasp
-        return 0
+        return None
 
     def _expert(self, subject: KnownObject, state: NDArray[np.float32]) -> expert.ExpertGrasp | None:
         """Make the expert of an episode of ``Grasp-v0``."""
