@@ -17,6 +17,7 @@ from graspbox.envs.coding import Codec, encode_action, object_pose, rotation_fro
 from graspbox.errors import ArmError, ConfigError
 from graspbox.evaluation import evaluate
 from graspbox.hands.description import describe
+from graspbox.policies.arm_reach import ArmAt
 from graspbox.policies.baselines.planner import Planner
 
 GRASP = "graspbox/Grasp-v0"
@@ -351,7 +352,7 @@ def test_an_error_of_the_hand_pushes_nothing_on_the_way_to_a_grasp() -> None:
     assert infeasible >= 2
 
 
-def test_a_depth_policy_chooses_grasps_to_which_the_arm_has_a_path() -> None:
+def test_a_depth_policy_chooses_grasps_to_which_the_arm_has_a_path(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
     pytest.importorskip("ruckig", reason="timing needs the extra 'arm'")
     folder = Path(__file__).parents[2] / "policies/panda"
@@ -368,3 +369,7 @@ def test_a_depth_policy_chooses_grasps_to_which_the_arm_has_a_path() -> None:
     away[0, 3] = -3.0
     none = evaluate(policies.load(folder), DECIDES, base=away.tolist(), **{**given, "trials": 2})
     assert none.failures == {"infeasible": 2}
+    # The best grasp of all would not do.
+    monkeypatch.setattr(ArmAt, "carried", lambda *_: 0)
+    best = evaluate(policies.load(folder), DECIDES, base=aside.tolist(), **given)
+    assert best.failures.get("infeasible", 0) > farther.failures.get("infeasible", 0)

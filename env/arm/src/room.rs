@@ -1,8 +1,8 @@
 //! How much room a posture leaves: the distances between links that may touch, and from the links to table and walls.
 //!
 //! One distance is true for a neighbourhood: it shrinks by no more than what moves, and that is bounded by the change of each axis between the two
-//! bodies times the length beyond it. So a motion in steps measures a distance anew only where the two come near each other. And two
-//! shapes are most often still apart along the direction in which they were nearest: that costs no query.
+//! bodies times the length beyond it. So a motion in steps measures a distance anew only where the two come near each other. And two shapes are most
+//! often still apart along the direction in which they were nearest: that costs no query.
 
 use crate::bodies::{ArmBodies, Body, Carried, Solid, frame, half_extent, half_height, library_pose, library_shape};
 use crate::chain::{Chain, Frames, MAX_AXES, Positions};

@@ -40,28 +40,28 @@ pub const BASE_COLOR: [f32; 3] = [0.40, 0.42, 0.45];
 /// An object's shape and its pose in the world.
 pub type PlacedObstacle = (Arc<Obstacle>, Isometry3<f64>);
 
-/// The end of a path to a grasp: the postures of the lift, from the grasp on.
-pub struct Way(Vec<Positions>);
+/// The end of a path: the posture at the grasp, and those of the lift after it.
+pub struct Way {
+    pub grasp: Positions,
+    lift: Vec<Positions>,
+}
 
 impl Way {
-    /// The posture at the grasp.
-    pub fn grasp(&self) -> Positions {
-        self.0.first().copied().unwrap_or_default()
-    }
-
     /// The posture of the lift at which the hand is at a height, metres, or the nearest to it.
     ///
     /// Between two postures the hand moves straight, if the axes do.
     pub fn at(&self, height: f64, robot: &RobotArm) -> Positions {
         let z = |positions: &Positions| robot.world_from_hand(positions).translation.z;
-        for pair in self.0.windows(2) {
-            let [low, high] = [z(&pair[0]), z(&pair[1])];
+        let mut before = &self.grasp;
+        for after in &self.lift {
+            let [low, high] = [z(before), z(after)];
             if height <= high {
                 let share = ((height - low) / (high - low).max(f64::EPSILON)).clamp(0.0, 1.0);
-                return std::array::from_fn(|axis| pair[0][axis] + share * (pair[1][axis] - pair[0][axis]));
+                return std::array::from_fn(|axis| before[axis] + share * (after[axis] - before[axis]));
             }
+            before = after;
         }
-        self.0.last().copied().unwrap_or_default()
+        *before
     }
 }
 
@@ -231,7 +231,8 @@ impl ArmSpec {
         let task = Task { start: *start, world_from_hand: *world_from_hand, preshape, thing };
         let Ok(Path { pieces }) = path(&robot, &scene, &task, &params)? else { return Ok(None) };
         let lift = pieces.into_iter().find(|piece| piece.phase == Phase::Lift);
-        Ok(lift.map(|piece| Way(piece.postures)))
+        let parts = lift.as_ref().and_then(|piece| piece.postures.split_first());
+        Ok(parts.map(|(grasp, lift)| Way { grasp: *grasp, lift: lift.to_vec() }))
     }
 
     /// Objects, walls and table, which the arm keeps away from.

@@ -8,13 +8,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from graspbox import _core, object_sets, policies
 from graspbox._common.files import check_output, dumps, write_text
+from graspbox._common.rotations import upright_pose
 from graspbox.errors import ObjectSetError
 from graspbox.hands import Hand, load_hand
 from graspbox.hands.loading import AssumedWarning, told
@@ -63,6 +66,11 @@ Mass = Annotated[float | None, typer.Option(help="Kilograms of the object, where
 
 #: Progress and remarks go to standard error; standard output holds results only.
 console = Console(stderr=True, markup=False, highlight=False, emoji=False)
+
+
+def standing(base: tuple[float, float, float, float]) -> NDArray[np.float64]:
+    """Return the pose (4, 4) of the upright base of an arm: x, y, z in metres, and degrees about z."""
+    return upright_pose(base[:3], float(np.radians(base[3])))
 
 
 def progress() -> Progress:

@@ -1,7 +1,6 @@
 """``graspbox evaluate``: the success of a policy on seeded trials."""
 
 from dataclasses import dataclass
-from math import radians
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -9,7 +8,6 @@ import typer
 
 from graspbox._common.files import dumps, write_text
 from graspbox._common.options import flattened
-from graspbox._common.rotations import upright_pose
 from graspbox.cli import common
 from graspbox.cli.arm.path_options import told_assumptions
 from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers, ServerToken
@@ -73,7 +71,7 @@ class Carrier:
         keywords |= {} if self.arm is None else {"arm": common.hand_like(self.arm)}
         if self.base is None:
             return keywords
-        return {**keywords, "base": upright_pose(self.base[:3], radians(self.base[3])).tolist()}
+        return {**keywords, "base": common.standing(self.base).tolist()}
 
 
 def _print(result: Evaluation, as_json: bool, arm: str | None) -> None:

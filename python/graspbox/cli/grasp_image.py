@@ -167,21 +167,20 @@ def _follow(found: ImageGrasps | SceneGrasps, following: PathOptions, file: Path
         return
     try:
         with told_assumptions():
-            made = found.path(place=following.moved(), **following.timing())
+            if isinstance(found, SceneGrasps):
+                thing, path = found.path(place=following.moved(), **following.timing())
+                grasps, of = found.grasps[thing], f" of object {thing}"
+            else:
+                path, grasps, of = found.path(place=following.moved(), **following.timing()), found, ""
     except PathError as error:
         console.print(str(error), style="red", soft_wrap=True)
         raise typer.Exit(1) from None
-    thing, path = made if isinstance(made, tuple) else (None, made)
-    of = "" if thing is None else f" of object {thing}"
-    console.print(f"a path of {path.duration:.2f} s to grasp {path.grasp + 1}{of}{_passed_over(found, made)}")
+    console.print(f"a path of {path.duration:.2f} s to grasp {path.grasp + 1}{of}{_passed_over(grasps, path)}")
     save_path(path, file)
 
 
-def _passed_over(found: ImageGrasps | SceneGrasps, made: Trajectory | tuple[int, Trajectory]) -> str:
+def _passed_over(grasps: ImageGrasps, path: Trajectory) -> str:
     """Say why better grasps than that of a path have none."""
-    label, path = made if isinstance(made, tuple) else (None, made)
-    grasps = found.grasps[label] if isinstance(found, SceneGrasps) and label is not None else found
-    assert isinstance(grasps, ImageGrasps)
     blocked = [str(rank + 1) for rank in range(path.grasp) if not grasps.free[rank]]
     without = [str(rank + 1) for rank in range(path.grasp) if grasps.free[rank]]
     told = {"the hand would touch something at": blocked, "no path leads to": without}

@@ -67,6 +67,12 @@ class DepthView:
         image = np.asarray(self.depth)
         return 0.001 * image if image.dtype == np.uint16 else np.asarray(image, np.float64)
 
+    def points(self) -> NDArray[np.float64]:
+        """Return what the pixels with a depth show, row by row, (k, 3), world frame, metres."""
+        pose = floats(self.world_from_camera, "world_from_camera")
+        points = points_of(self.metres(), floats(self.intrinsics, "intrinsics"))
+        return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+
     def voxels(
         self, pixels: NDArray[np.bool_], world_from_crop: NDArray[np.float64], config: CropConfig
     ) -> NDArray[np.bool_]:

@@ -11,7 +11,6 @@ from graspbox.arms.masking import checked_joints
 from graspbox.configs import PathConfig, ReachConfig
 from graspbox.errors import ConfigError, PathError
 from graspbox.hands import Hand
-from graspbox.perception.depth_images import points_of
 from graspbox.perception.depth_views import DepthView
 
 __all__ = ["ABOVE", "ArmAt"]
@@ -109,11 +108,9 @@ class ArmAt:
     def hidden(self, hand: Hand, view: DepthView) -> DepthView:
         """Return an image of the table without the pixels that show the arm or its hand."""
         depth = view.metres().copy()
-        lens, pose = floats(view.intrinsics, "intrinsics"), floats(view.world_from_camera, "world_from_camera")
-        points = points_of(depth, lens) @ pose[:3, :3].T + pose[:3, 3]
         pixels = np.nonzero(depth)
         joints = self.arm.home if self.joints is None else self.joints
-        shown = self.shown(hand, points, depth[pixels], joints)
+        shown = self.shown(hand, view.points(), depth[pixels], joints)
         depth[pixels] = np.where(shown, 0.0, depth[pixels])
         return replace(view, depth=depth)
 

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from graspbox._common.arguments import floats
 from graspbox._common.made_once import MadeOnce
 from graspbox._core import Hand
 from graspbox.captures import Capture
@@ -15,7 +14,6 @@ from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.hands import HandLike
 from graspbox.perception.configs import DepthNoise, FinderConfig
-from graspbox.perception.depth_images import points_of
 from graspbox.perception.depth_views import DepthView
 from graspbox.perception.finder import Finder, FoundGrasp, GraspFinder, Query
 from graspbox.perception.perturbations import PoseNoise
@@ -149,8 +147,7 @@ class DepthPolicy(SeededPolicy):
         arm, base, config = self._arm
         at = ArmAt(arm, base)
         view = at.hidden(self.hand, view)
-        pose = floats(view.world_from_camera, "world_from_camera")
-        points = points_of(view.metres(), floats(view.intrinsics, "intrinsics")) @ pose[:3, :3].T + pose[:3, 3]
+        points = view.points()
         return view, replace(query, carried=partial(at.carried, self.hand, points[points[:, 2] > ABOVE], config))
 
     def _look(self, env: int, row: Mapping[str, Any]) -> FoundGrasp | None:

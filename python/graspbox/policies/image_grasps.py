@@ -13,7 +13,7 @@ from graspbox.configs import PathConfig
 from graspbox.errors import ConfigError, MeshError, PathError
 from graspbox.hands import Hand
 from graspbox.meshes import Mesh, mesh_from_arrays
-from graspbox.perception.depth_images import points_of
+from graspbox.perception.depth_views import DepthView
 from graspbox.perception.shapes import surface_of
 from graspbox.policies.arm_reach import ABOVE, ArmAt
 from graspbox.policies.published.configs import DepthPolicyConfig
@@ -150,7 +150,8 @@ class ImageGrasps:
 
     def by_arm(self, arm: ArmAt, keep_off: NDArray[np.float64], count: int) -> "ImageGrasps":
         """Return `count` grasps, first those that an arm reaches: clear of all that is seen, and of points (m, 3)."""
-        seen, others = (self._points(self.depth > 0), self._points((self.depth > 0) & ~self.object))
+        seen = DepthView(self.depth, self.intrinsics, self.table_from_camera).points()
+        others = seen[~self.object[self.depth > 0]]
         seen, others = (np.concatenate([points, keep_off]) for points in (seen, others))
         seen, others = (points[points[:, 2] > ABOVE] for points in (seen, others))
         reach = arm.reach(self.hand, self.table_from_hand, self.preshape, seen)
@@ -212,11 +213,6 @@ class ImageGrasps:
             **given,
         )
         return replace(path, grasp=int(tried[path.grasp]))
-
-    def _points(self, pixels: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return what pixels show, (k, 3), table's frame, metres."""
-        points, pose = points_of(np.where(pixels, self.depth, 0.0), self.intrinsics), self.table_from_camera
-        return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
     def _completed(self) -> Mesh:
         """Return the completed object in the frame of the crop; what is under the table is cut off."""

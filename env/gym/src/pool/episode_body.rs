@@ -71,7 +71,7 @@ impl EpisodeBody {
                 return Ok(None);
             };
             // An arm with fewer than six axes meets the rotation only nearly.
-            estimated = arm.robot.world_from_hand(&found.grasp());
+            estimated = arm.robot.world_from_hand(&found.grasp);
             way = Some((&arm.robot, found));
         }
         let hand = self.arm.teleport(&estimated);

@@ -53,9 +53,10 @@ def path_command(
     spec, with_hand, with_arm = common.find_one(mesh, scale), common.find_hand(hand), load_arm(common.hand_like(arm))
     try:
         with common.console.status("planning"):
-            world_from_base = upright_pose(base[:3], np.radians(base[3]))
-            rest = graspbox.Scene(spec.load(), hand=with_hand).world_from_object
-            made = _made(spec.load(), rest, with_hand, with_arm, world_from_base, grasps, seed, threads, following)
+            world_from_base = common.standing(base)
+            thing = spec.load()
+            rest = graspbox.Scene(thing, hand=with_hand).world_from_object
+            made = _made(thing, rest, with_hand, with_arm, world_from_base, grasps, seed, threads, following)
     except (ArmError, PathError) as error:
         common.console.print(f"graspbox: {error}", soft_wrap=True)
         raise typer.Exit(1 if isinstance(error, PathError) else 2) from None
@@ -66,7 +67,7 @@ def path_command(
     if out is not None:
         save_path(made, out)
     if video is not None:
-        pictures.save_path(video, made, with_arm, with_hand, world_from_base, target=(spec.load(), rest))
+        pictures.save_path(video, made, with_arm, with_hand, world_from_base, target=(thing, rest))
         common.console.print(f"wrote {video}")
 
 

@@ -51,11 +51,14 @@ def check_path_file(option: str, path: Path | None) -> None:
 @contextmanager
 def told_assumptions() -> Iterator[None]:
     """Print on standard error what is assumed of an arm's files."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", AssumedWarning)
-        yield
-    for message in dict.fromkeys(str(warning.message) for warning in caught):
-        console.print(f"warning: {message}", style="yellow", soft_wrap=True)
+    caught: list[warnings.WarningMessage] = []
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", AssumedWarning)
+            yield
+    finally:
+        for message in dict.fromkeys(str(warning.message) for warning in caught):
+            console.print(f"warning: {message}", style="yellow", soft_wrap=True)
 
 
 def save_path(path: Trajectory, file: Path) -> None:

@@ -8,10 +8,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from graspbox._common.rotations import upright_pose
 from graspbox.arms import load_arm
 from graspbox.captures.files import read_points, read_pose
-from graspbox.cli.common import Seed, hand_like
+from graspbox.cli.common import Seed, hand_like, standing
 from graspbox.errors import ConfigError
 from graspbox.perception.depth_images import camera_over_table, intrinsics_of
 from graspbox.perception.perturbations import PoseNoise
@@ -164,7 +163,7 @@ class SearchOptions:
             return read_pose(self.base_pose)
         if self.base is None:
             return None
-        return upright_pose(self.base[:3], np.radians(self.base[3]))
+        return standing(self.base)
 
     def pose(self) -> NDArray[np.float64] | None:
         """Return the camera's pose; None if the table is to be found in the image."""
