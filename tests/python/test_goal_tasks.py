@@ -179,8 +179,8 @@ def test_a_lost_object_ends_nothing() -> None:
     """To end there would be better than -1 in every further step. The hand sweeps a ball off the table."""
     options = {
         "object": "ball-000000",
-        "place": [0.0, 0.25, 0.0],
-        "world_from_hand": [[1, 0, 0, 0], [0, -1, 0, 0.05], [0, 0, -1, 0.1], [0, 0, 0, 1]],
+        "place": [0.0, 0.32, 0.0],
+        "world_from_hand": [[1, 0, 0, 0], [0, -1, 0, 0.12], [0, 0, -1, 0.1], [0, 0, 0, 1]],
     }
     ends = []
     for env_id in (PLACE, "graspbox/Grasp-v0"):

@@ -70,14 +70,41 @@ impl Episode {
     ) -> Result<(), EpisodeError> {
         let sim = |source| EpisodeError::Sim { object: self.scene.name().to_owned(), source };
         self.world.step(world_from_hand, commands).map_err(sim)?;
+        self.observe(1);
+        Ok(())
+    }
+
+    /// Lets the judges observe the result of this number of steps.
+    #[inline]
+    fn observe(&mut self, steps: u32) {
         match self.judges.as_mut_slice() {
-            [judge] => judge.observe(&self.world, self.world.object_on_scenery()),
+            [judge] => judge.observe(&self.world, self.world.object_on_scenery(), steps),
             judges => {
                 let carried = self.world.carried_by_scenery();
-                judges.iter_mut().zip(carried).for_each(|(judge, carried)| judge.observe(&self.world, carried));
+                judges.iter_mut().zip(carried).for_each(|(judge, carried)| judge.observe(&self.world, carried, steps));
             }
         }
-        Ok(())
+    }
+
+    /// As [`Episode::advance`], for several time steps at once where that is the same: [`World::step_freely`]. Returns whether it did; if not,
+    /// the episode is as before.
+    ///
+    /// * `world_from_hand`: at the end of the last of them.
+    ///
+    /// # Errors
+    /// As [`Episode::advance`].
+    pub fn advance_freely(
+        &mut self,
+        world_from_hand: &Isometry3<f64>,
+        commands: &[ActuatorCommand],
+        steps: u32,
+    ) -> Result<bool, EpisodeError> {
+        let sim = |source| EpisodeError::Sim { object: self.scene.name().to_owned(), source };
+        let stepped = self.world.step_freely(world_from_hand, commands, steps).map_err(sim)?;
+        if stepped {
+            self.observe(steps);
+        }
+        Ok(stepped)
     }
 
     /// As [`World::place_arm`].

@@ -104,10 +104,12 @@ pub struct Verdict {
 struct RecentMotion(VecDeque<Point3<f64>>);
 
 impl RecentMotion {
-    /// Adds the position after a step of `dt` seconds. Returns the mean speed over [`REST_TIME`], or since the first position, m/s.
-    fn speed(&mut self, dt: f64, position: Point3<f64>) -> f64 {
+    /// Adds the position after `times` steps of `dt` seconds. Returns the mean speed over [`REST_TIME`], or since the first position, m/s.
+    fn speed(&mut self, dt: f64, position: Point3<f64>, times: u32) -> f64 {
         let steps = (REST_TIME / dt).round().max(1.0) as usize;
-        self.0.push_back(position);
+        for _ in 0..times {
+            self.0.push_back(position);
+        }
         while self.0.len() > steps + 1 {
             self.0.pop_front();
         }
@@ -202,10 +204,11 @@ impl Judge {
         self.lift_start = Some(world.world_from_hand().translation.z);
     }
 
-    /// Observes the world after a step.
+    /// Observes the world after one or more steps.
     ///
     /// * `on_scenery`: table, ground or walls carry the object: [`World::carried_by_scenery`].
-    pub fn observe(&mut self, world: &World, on_scenery: bool) {
+    /// * `steps`: the number of steps since the last observation: more than one if nothing moved the objects in them.
+    pub fn observe(&mut self, world: &World, on_scenery: bool, steps: u32) {
         let hand_from_object = world.hand_from(self.object);
         let rise = self.rise(world);
         self.highest = self.highest.max(rise);
@@ -213,9 +216,9 @@ impl Judge {
             self.left_table = Some(hand_from_object);
         }
         self.was_on_scenery = on_scenery;
-        let still = self.motion.speed(world.dt(), hand_from_object * self.center) < self.criterion.rest_speed;
+        let still = self.motion.speed(world.dt(), hand_from_object * self.center, steps) < self.criterion.rest_speed;
         let holds = rise >= self.criterion.lift_height && !on_scenery && still;
-        self.held_steps = if holds { self.held_steps + 1 } else { 0 };
+        self.held_steps = if holds { self.held_steps + u64::from(steps) } else { 0 };
     }
 
     /// The present verdict.
@@ -298,7 +301,7 @@ mod tests {
     /// Speed after each of `steps` steps of a point at `place(time)`, m/s.
     fn speeds(steps: usize, place: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut motion = RecentMotion::default();
-        (0..steps).map(|step| motion.speed(DT, Point3::new(place(step as f64 * DT), 0.0, 0.0))).collect()
+        (0..steps).map(|step| motion.speed(DT, Point3::new(place(step as f64 * DT), 0.0, 0.0), 1)).collect()
     }
 
     #[test]

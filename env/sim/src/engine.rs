@@ -122,6 +122,19 @@ pub(crate) trait Engine: Send + Sync {
     /// Advances by one time step.
     fn step(&mut self, input: &StepInput);
 
+    /// Advances by `steps` time steps at once, if the objects rest and nothing comes within reach in that time. Returns whether it did; if not,
+    /// poses and velocities are as before.
+    ///
+    /// * `input`: as for one step of that duration.
+    fn step_freely(&mut self, _input: &StepInput, _steps: u32) -> bool {
+        false
+    }
+
+    /// False if [`Engine::step_freely`] is sure to return false.
+    fn is_free(&self) -> bool {
+        false
+    }
+
     /// Tension of tendon `tendon` in the last step, N; 0 before the first.
     fn tension(&self, tendon: usize) -> f64;
 
@@ -136,6 +149,9 @@ pub(crate) trait Engine: Send + Sync {
 
     /// Sets the velocities that [`Engine::object_velocity`] returns.
     fn set_object_velocity(&mut self, object: usize, linear: &Vector3<f64>, angular: &Vector3<f64>);
+
+    /// Wakes all objects that sleep: what acts on them has changed.
+    fn wake(&mut self) {}
 
     /// Multiplies an object's friction factor, and its mass and inertia; both factors are finite and positive.
     fn scale_object(&mut self, object: usize, friction: f64, mass: f64);

@@ -51,6 +51,26 @@ impl Implicit {
         Ok(Self { solver, driven, commands, shared })
     }
 
+    /// The solver, and its input for a step of `dt` seconds.
+    #[inline]
+    fn drive<'a>(&'a mut self, input: &StepInput<'a>, dt: f64) -> (&'a mut solver::Solver, solver::StepInput<'a>) {
+        let hand = &self.shared.hand;
+        self.shared.translation.drive(hand, input.actuators, &mut self.driven, &mut self.commands);
+        let first = self.driven.len() - input.arm.len();
+        self.driven[first..].copy_from_slice(input.arm);
+        let input = solver::StepInput {
+            dt,
+            base_from_world: input.base_from_world,
+            base_from_world_after: input.base_from_world_after,
+            frame: input.frame,
+            forces: input.forces,
+            driven: &self.driven,
+            cables: &self.commands,
+            idle: if input.arm_is_far { self.shared.translation.arm.count } else { 0 },
+        };
+        (&mut self.solver, input)
+    }
+
     fn part(&self, side: &solver::Side, surface: Option<solver::Surface>) -> Part {
         match self.solver.model().kind(side.body) {
             solver::BodyKind::Object(object) => Part::Object(object),
@@ -107,20 +127,19 @@ impl Engine for Implicit {
     }
 
     fn step(&mut self, input: &StepInput) {
-        let hand = &self.shared.hand;
-        self.shared.translation.drive(hand, input.actuators, &mut self.driven, &mut self.commands);
-        let first = self.driven.len() - input.arm.len();
-        self.driven[first..].copy_from_slice(input.arm);
-        self.solver.step(&solver::StepInput {
-            dt: self.shared.dt,
-            base_from_world: input.base_from_world,
-            base_from_world_after: input.base_from_world_after,
-            frame: input.frame,
-            forces: input.forces,
-            driven: &self.driven,
-            cables: &self.commands,
-            idle: if input.arm_is_far { self.shared.translation.arm.count } else { 0 },
-        });
+        let dt = self.shared.dt;
+        let (solver, input) = self.drive(input, dt);
+        solver.step(&input);
+    }
+
+    fn step_freely(&mut self, input: &StepInput, steps: u32) -> bool {
+        let dt = f64::from(steps) * self.shared.dt;
+        let (solver, input) = self.drive(input, dt);
+        solver.step_freely(&input, steps)
+    }
+
+    fn is_free(&self) -> bool {
+        self.solver.is_free()
     }
 
     fn tension(&self, tendon: usize) -> f64 {
@@ -150,6 +169,10 @@ impl Engine for Implicit {
     fn set_object_velocity(&mut self, object: usize, linear: &Vector3<f64>, angular: &Vector3<f64>) {
         let object = &mut self.solver.state_mut().objects[object];
         (object.linear, object.angular) = (*linear, *angular);
+    }
+
+    fn wake(&mut self) {
+        self.solver.state_mut();
     }
 
     fn scale_object(&mut self, object: usize, friction: f64, mass: f64) {

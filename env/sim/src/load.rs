@@ -25,7 +25,7 @@ pub struct HandContact {
 }
 
 /// The sum of the normal forces of object and scenery on the hand; hand frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HandLoad {
     /// Net force, N.
     pub force: Vector3<f64>,

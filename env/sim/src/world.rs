@@ -23,6 +23,10 @@ mod observe;
 
 pub use crate::engine::JointState;
 
+/// Longest step while nothing is in reach, seconds: joints differ by less than 0.03 rad from those of short steps, fingers that swing by most
+/// (`tests/rust/long_steps.rs`).
+const FREE_TIME: f64 = 0.01;
+
 /// The part of a world's state that is not the engine's.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct State {
@@ -99,6 +103,8 @@ pub struct World {
     state: State,
     /// Forces on the objects in the base's frame, kept from step to step.
     forces: Vec<Vector3<f64>>,
+    /// The actuators before a long step that may not be taken.
+    kept: Vec<ActuatorState>,
 }
 
 impl Template {
@@ -196,7 +202,7 @@ impl Template {
             arm_is_far: true,
             steps: 0,
         };
-        World { engine, shared: Arc::clone(&self.shared), state, forces: Vec::new() }
+        World { engine, shared: Arc::clone(&self.shared), state, forces: Vec::new(), kept: Vec::new() }
     }
 
     /// A world from a saved state of an equal template.
@@ -212,7 +218,7 @@ impl Template {
         state.check(&self.shared.hand).map_err(|error| SimError::BadSnapshot { why: error.to_string() })?;
         let mut engine = self.engine.duplicate();
         engine.load(engine_state)?;
-        let world = World { engine, shared: Arc::clone(&self.shared), state, forces: Vec::new() };
+        let world = World { engine, shared: Arc::clone(&self.shared), state, forces: Vec::new(), kept: Vec::new() };
         // The bytes of our own solver were checked number by number. Those of rapier are its arenas, which name each other by index.
         if self.shared.config.engine == EngineKind::Rapier && !world.survives_a_step() {
             return Err(SimError::BadSnapshot { why: "the engine cannot step from it".to_owned() });
@@ -246,7 +252,7 @@ impl Template {
 impl Clone for World {
     fn clone(&self) -> Self {
         let (engine, shared) = (self.engine.duplicate(), Arc::clone(&self.shared));
-        Self { engine, shared, state: self.state.clone(), forces: Vec::new() }
+        Self { engine, shared, state: self.state.clone(), forces: Vec::new(), kept: Vec::new() }
     }
 }
 
@@ -258,15 +264,67 @@ impl World {
     /// # Errors
     /// [`SimError::BadCommand`] for a command that is not finite; the world is then unchanged.
     pub fn step(&mut self, world_from_hand: &Isometry3<f64>, commands: &[ActuatorCommand]) -> Result<(), SimError> {
+        self.check(commands)?;
+        self.drive_actuators(commands, 1)?;
         let dt = self.shared.config.dt;
-        self.drive_actuators(commands, dt)?;
+        let (engine, input) = self.input(world_from_hand, dt);
+        engine.step(&input);
+        self.state.steps += 1;
+        Ok(())
+    }
+
+    /// As [`World::step`], for several time steps at once, if the objects rest, the hand touches nothing, and nothing comes within reach in that
+    /// time. Returns whether it did; if not, the world is as before.
+    ///
+    /// * `steps`: at most [`World::free_steps`].
+    ///
+    /// # Errors
+    /// As [`World::step`].
+    pub fn step_freely(
+        &mut self,
+        world_from_hand: &Isometry3<f64>,
+        commands: &[ActuatorCommand],
+        steps: u32,
+    ) -> Result<bool, SimError> {
+        if !self.engine.is_free() {
+            return Ok(false);
+        }
+        self.check(commands)?;
+        self.kept.clone_from(&self.state.actuators);
+        let motion = self.state.motion;
+        self.drive_actuators(commands, steps)?;
+        let duration = f64::from(steps) * self.shared.config.dt;
+        let (engine, input) = self.input(world_from_hand, duration);
+        let stepped = engine.step_freely(&input, steps);
+        if stepped {
+            self.state.steps += u64::from(steps);
+        } else {
+            std::mem::swap(&mut self.kept, &mut self.state.actuators);
+            self.state.motion = motion;
+        }
+        Ok(stepped)
+    }
+
+    /// Most time steps that [`World::step_freely`] takes at once.
+    pub fn free_steps(&self) -> u32 {
+        (FREE_TIME / self.shared.config.dt + 1e-9) as u32
+    }
+
+    /// False if [`World::step_freely`] is sure to return false.
+    pub fn is_free(&self) -> bool {
+        self.engine.is_free()
+    }
+
+    /// Moves the base to the hand's pose at the end of a step of `dt` seconds. Returns the engine, and its input.
+    #[inline]
+    fn input(&mut self, world_from_hand: &Isometry3<f64>, dt: f64) -> (&mut dyn Engine, StepInput<'_>) {
         let base_from_world = self.state.motion.world_from_base.inverse();
         let target = world_from_hand * self.shared.hand_from_base;
         let frame = self.state.motion.advance(target, dt, &self.state.gravity);
         let base_from_world_after = target.inverse();
         self.forces.clear();
         self.forces.extend(self.state.forces.iter().map(|force| base_from_world.rotation * force));
-        self.engine.step(&StepInput {
+        let input = StepInput {
             base_from_world,
             base_from_world_after,
             frame,
@@ -274,9 +332,8 @@ impl World {
             actuators: &self.state.actuators,
             arm: &self.state.arm,
             arm_is_far: self.state.arm_is_far,
-        });
-        self.state.steps += 1;
-        Ok(())
+        };
+        (&mut *self.engine, input)
     }
 
     /// Whether a copy can be observed and stepped with the hand at rest.
@@ -290,12 +347,18 @@ impl World {
         catch_unwind(AssertUnwindSafe(step)).unwrap_or(false)
     }
 
-    fn drive_actuators(&mut self, commands: &[ActuatorCommand], dt: f64) -> Result<(), SimError> {
-        let hand = &self.shared.hand;
-        // All commands are checked before the first actuator moves.
-        if let Some(actuator) = commands.iter().take(hand.actuators.len()).position(|command| !command.is_finite()) {
-            return Err(SimError::BadCommand { actuator });
+    /// Checks all commands before the first actuator moves.
+    fn check(&self, commands: &[ActuatorCommand]) -> Result<(), SimError> {
+        let known = commands.iter().take(self.shared.hand.actuators.len());
+        match known.into_iter().position(|command| !command.is_finite()) {
+            Some(actuator) => Err(SimError::BadCommand { actuator }),
+            None => Ok(()),
         }
+    }
+
+    /// Moves the actuators by `steps` time steps, against their present loads.
+    fn drive_actuators(&mut self, commands: &[ActuatorCommand], steps: u32) -> Result<(), SimError> {
+        let (hand, dt) = (&self.shared.hand, self.shared.config.dt);
         for (index, (actuator, command)) in hand.actuators.iter().zip(commands).enumerate() {
             let load = self.load(index);
             if !load.is_finite() {
@@ -303,7 +366,9 @@ impl World {
                 continue;
             }
             let state = &mut self.state.actuators[index];
-            state.step(actuator, *command, load, dt).map_err(|_| SimError::BadCommand { actuator: index })?;
+            for _ in 0..steps {
+                state.step(actuator, *command, load, dt).map_err(|_| SimError::BadCommand { actuator: index })?;
+            }
         }
         Ok(())
     }
@@ -311,6 +376,7 @@ impl World {
     /// Sets gravity in the world's frame, m/s2, for example for a tilted table.
     pub fn set_gravity(&mut self, gravity: &Vector3<f64>) {
         self.state.gravity = *gravity;
+        self.engine.wake();
     }
 
     /// Sets a force on the object's centre of mass, N, world's axes; it acts until it is set again, and a new world has none.

@@ -1,5 +1,6 @@
 //! The solver of one world: its state, and one time step.
 
+mod free;
 pub(crate) mod saved;
 pub(crate) mod sleep;
 
@@ -18,6 +19,7 @@ use crate::problem::objects::own_twist;
 use crate::problem::rows::{self, PointSource};
 use crate::scenery::Surface;
 use crate::search::{BodyMotion, Opposite, Searcher, Situation};
+use crate::solver::free::Springs;
 use crate::solver::sleep::Sleep;
 
 /// Inputs of one step.
@@ -120,6 +122,8 @@ pub struct Solver {
     friction_factors: Vec<f64>,
     /// By object: whether it sleeps.
     asleep: Vec<bool>,
+    /// Rates of the driven coordinates before a long step that may not be taken.
+    kept_rates: Vec<f64>,
     /// Contacts of the sleepers, frame of the world.
     rested: Vec<Contact>,
 }
@@ -152,6 +156,7 @@ impl Solver {
             accelerations: vec![0.0; count],
             friction_factors: Vec::new(),
             asleep: Vec::new(),
+            kept_rates: Vec::new(),
             rested: Vec::new(),
             state,
             model,
@@ -191,29 +196,41 @@ impl Solver {
     /// Advances by one step.
     pub fn step(&mut self, input: &StepInput) {
         let model = Arc::clone(&self.model);
+        let (reference, scenery) = self.begin(&model, input, Springs::Explicit);
+        self.find_contacts(&model, input, &reference, scenery);
+        self.end(&model, input, &scenery);
+    }
+
+    /// Moves what is prescribed, and computes mass and momenta. Returns the reference point of all twists, and the twist of the scenery there.
+    #[inline]
+    fn begin(&mut self, model: &Model, input: &StepInput, springs: Springs) -> (Vector3<f64>, Twist) {
         let free = model.tree.coordinates.len();
-        self.drive(&model, input);
+        self.drive(model, input);
         self.pose_sleepers(input);
         let reference = self.reference();
         let scenery = scenery_twist(input, &reference);
         self.carry_sleepers(&scenery, &reference);
         self.kinematics.idle = input.idle;
-        self.kinematics.place(&model, &self.state.positions);
-        self.kinematics.differentiate(&model, &reference, &self.state.rates[free..]);
+        self.kinematics.place(model, &self.state.positions);
+        self.kinematics.differentiate(model, &reference, &self.state.rates[free..]);
         let mass = &mut self.problem.hand.mass;
         let (velocity, acceleration) = (&*self.state.rates, &*self.accelerations);
-        let motion =
-            TreeMotion { model: &model, kinematics: &self.kinematics, frame: &input.frame, velocity, acceleration };
+        let motion = TreeMotion { model, kinematics: &self.kinematics, frame: &input.frame, velocity, acceleration };
         self.dynamics.update(motion, mass);
         for object in 0..model.object_count() {
-            self.object_momentum(&model, input, object, &reference);
+            self.object_momentum(model, input, object, &reference);
         }
-        self.hand_momentum(&model, input);
-        self.find_contacts(&model, input, &reference, scenery);
-        let balanced = self.solve(&model, &scenery);
+        self.hand_momentum(model, input, springs);
+        (reference, scenery)
+    }
+
+    /// Solves the equations of a step whose contacts are found, and moves by their solution.
+    #[inline]
+    fn end(&mut self, model: &Model, input: &StepInput, scenery: &Twist) {
+        let balanced = self.solve(model, scenery);
         self.state.unconverged_steps += u64::from(!balanced);
-        self.integrate(&model, input);
-        self.put_to_sleep(&model, input, &scenery);
+        self.integrate(model, input);
+        self.put_to_sleep(model, input, scenery);
     }
 
     /// Centre of mass of object `index`, base's frame, metres.
@@ -292,7 +309,7 @@ impl Solver {
     }
 
     /// Momentum of the free coordinates at the end of the step without damping, cables, stops and contacts; adds the damping to the mass matrix.
-    fn hand_momentum(&mut self, model: &Model, input: &StepInput) {
+    fn hand_momentum(&mut self, model: &Model, input: &StepInput, springs: Springs) {
         let (state, dt) = (&self.state, input.dt);
         self.problem.dt = dt;
         let hand = &mut self.problem.hand;
@@ -306,7 +323,7 @@ impl Solver {
             hand.q[i] = state.positions[i];
         }
         for (i, coordinate) in model.tree.coordinates.iter().enumerate() {
-            hand.mass.row_mut(i)[i] += dt * coordinate.damping;
+            hand.mass.row_mut(i)[i] += dt * (coordinate.damping + springs.damping(coordinate, dt));
         }
         for ((cable, command), own) in model.tree.cables.iter().zip(input.cables).zip(&mut hand.cables) {
             let taken: f64 = cable.arms.iter().map(|(c, arm)| arm * state.positions[*c]).sum();
@@ -328,7 +345,8 @@ impl Solver {
         self.friction_factors.extend(self.state.objects.iter().map(|object| object.friction_factor));
         loop {
             let (poses, turns, moving, dt) = (&self.poses, &self.turns, &self.moving, input.dt);
-            let now = Situation { dt, poses, turns, moving, planes: &planes, idle: input.idle };
+            let prediction = model.config.prediction;
+            let now = Situation { dt, prediction, poses, turns, moving, planes: &planes, idle: input.idle };
             self.searcher.search(model, &now, &self.asleep);
             let friction_factors = &self.friction_factors;
             let scene = rows::Scene { now, reference: *reference, scenery, friction_factors };

@@ -263,8 +263,12 @@ impl ArmController {
             Translation3::from(self.pose.translation.vector + self.linear * dt),
             turned(&self.pose.rotation, &(self.angular * dt)),
         );
+        let hand = self.world_from_hand();
+        if guard.at_least(&hand) >= TABLE_CLEARANCE {
+            return hand;
+        }
         // Corrects the error of the linearized limit: fractions of a micrometre.
-        let sunk = TABLE_CLEARANCE - guard.lowest(&self.world_from_hand());
+        let sunk = TABLE_CLEARANCE - guard.lowest(&hand);
         if sunk > 0.0 {
             self.pose.translation.vector.z += sunk;
         }

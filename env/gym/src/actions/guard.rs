@@ -29,6 +29,8 @@ const STOP_DECELERATION: [f64; 2] = [50.0, 200.0];
 #[derive(Clone, Debug)]
 pub struct Guard {
     corners: Vec<(Point3<f64>, f64)>,
+    /// Radius of a sphere about the hand's origin that contains them all, metres.
+    reach: f64,
 }
 
 impl Guard {
@@ -56,7 +58,13 @@ impl Guard {
                 corners.push((shape.hand_from_shape * Point3::from(corner), 0.0));
             }
         }
-        Ok(Self { corners })
+        let reach = corners.iter().map(|(corner, radius)| corner.coords.norm() + radius).fold(0.0, f64::max);
+        Ok(Self { corners, reach })
+    }
+
+    /// A lower bound of [`Guard::lowest`].
+    pub fn at_least(&self, world_from_hand: &Isometry3<f64>) -> f64 {
+        world_from_hand.translation.vector.z - self.reach
     }
 
     /// Height of the lowest point of the base above the table, metres.
@@ -69,9 +77,13 @@ impl Guard {
     pub fn limit(&self, pose: &Isometry3<f64>, linear: &mut Vector3<f64>, angular: &Vector3<f64>, brake: &Brake) {
         for axis in 0..3 {
             let at = pose.translation.vector[axis];
-            let down = brake.speed(at - WORKSPACE_LOW[axis]);
-            let up = brake.speed(WORKSPACE_HIGH[axis] - at);
-            linear[axis] = linear[axis].max(-down).min(up);
+            let (below, above) = (at - WORKSPACE_LOW[axis], WORKSPACE_HIGH[axis] - at);
+            if !brake.surely_stops(linear[axis].abs(), below.min(above)) {
+                linear[axis] = linear[axis].max(-brake.speed(below)).min(brake.speed(above));
+            }
+        }
+        if brake.surely_stops(linear.z.abs() + angular.norm() * self.reach, self.at_least(pose) - TABLE_CLEARANCE) {
+            return;
         }
         let mut lift = 0.0_f64;
         for (corner, radius) in &self.corners {
@@ -103,6 +115,15 @@ impl Brake {
         let half = self.dt / 2.0;
         let speed = self.deceleration * ((half * half + 2.0 * distance / self.deceleration).sqrt() - half);
         speed.min(distance / self.dt)
+    }
+
+    /// True only if `speed` is less than that of [`Brake::speed`]: nearly always the faster answer.
+    #[inline]
+    fn surely_stops(&self, speed: f64, distance: f64) -> bool {
+        /// Less than 1 by more than rounding.
+        const SURE: f64 = 0.99;
+        let within = SURE * distance;
+        speed * self.dt <= within && 0.5 * speed * (self.dt + speed / self.deceleration) <= within
     }
 }
 

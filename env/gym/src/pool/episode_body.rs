@@ -10,6 +10,7 @@ use crate::robot_arm::{ArmSpec, PlacedObstacle, Way};
 use crate::state::{DecisionResult, GoalConfig, Record};
 use graspbox_arm::chain::Positions;
 use graspbox_episode::{Episode, FailureKind};
+use graspbox_hand::ActuatorCommand;
 use graspbox_sim::HandLoad;
 use nalgebra::{Isometry3, Point3};
 use std::sync::Arc;
@@ -47,6 +48,36 @@ impl EpisodeBody {
         let joints = &self.arm.joints().0[..arm.follower.chain().len()];
         self.episode.drive_arm(joints, self.arm.links_are_far());
         hand
+    }
+
+    /// Moves a hand without an arm, and advances by `steps` time steps at once where that is the same: [`Episode::advance_freely`]. Returns whether
+    /// it did; if not, nothing has changed.
+    ///
+    /// * `motion`: with the time since the control period began, seconds.
+    ///
+    /// # Errors
+    /// As [`Episode::advance`].
+    pub fn advance_freely(
+        &mut self,
+        (motion, time): (&Motion, f64),
+        commands: &[ActuatorCommand],
+        steps: u32,
+        spec: &EnvSpec,
+    ) -> Result<bool, EnvError> {
+        let world = self.episode.world();
+        if steps < 2 || spec.arm.is_some() || self.arm.stop.active || !world.is_free() {
+            return Ok(false);
+        }
+        let (dt, load, before) = (world.dt(), HandLoad::default(), self.arm.clone());
+        let mut hand = world.world_from_hand();
+        for step in 0..steps {
+            hand = self.arm.advance(motion, time + f64::from(step) * dt, dt, &spec.guard, &load);
+        }
+        let advanced = self.episode.advance_freely(&hand, commands, steps)?;
+        if !advanced {
+            self.arm = before;
+        }
+        Ok(advanced)
     }
 
     /// Moves the hand to the pose of `action` and tries the grasp; `None` if the hand cannot take the pose. The episode stays as it was.

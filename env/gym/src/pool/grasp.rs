@@ -28,12 +28,19 @@ impl GraspState {
         let time = period / CONTROL_PERIOD;
         let mut transition = Transition { before: body.record.potentials, time, ..Transition::default() };
         let dt = body.episode.world().dt();
-        for i in 0..substeps {
+        let (mut done, at_once) = (0, body.episode.world().free_steps().min(substeps).max(1));
+        while done < substeps {
+            let time = f64::from(done) * dt;
+            if done % at_once == 0
+                && body.advance_freely((&motion, time), &commands, at_once.min(substeps - done), spec)?
+            {
+                done += at_once.min(substeps - done);
+                continue;
+            }
             let load = body.episode.world().hand_load();
             transition.table |= load.scenery;
             // Among others it may be another object that presses.
             body.record.touched |= load.object && (body.prepared.len() == 1 || body.touches());
-            let time = f64::from(i) * dt;
             let hand = body.move_arm(&motion, time, spec, &load);
             transition.stop |= body.arm.stop.active;
             match body.episode.advance(&hand, &commands) {
@@ -46,6 +53,7 @@ impl GraspState {
                 transition.success = true;
                 break;
             }
+            done += 1;
         }
         let diverged = body.episode.world().has_diverged();
         transition.success &= !diverged;

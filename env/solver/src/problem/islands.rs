@@ -1,7 +1,6 @@
 //! Islands: sets of bodies that touch each other, directly or through others. The equations of a step fall apart into those of its islands.
 //!
 //! Bodies that cannot move join nothing: the scenery, and bodies of the hand without free coordinates. All other bodies of the hand count as one.
-//! A single object is always solved with the hand.
 
 use std::ops::Range;
 
@@ -42,10 +41,6 @@ impl Islands {
     /// Finds the islands that the patches connect: the hand's first, then by their first object. Sleepers are in none.
     pub fn find(&mut self, model: &Model, patches: &[Patch], asleep: &[bool]) {
         let objects = model.object_count();
-        if objects <= 1 {
-            self.all_in_one(objects, patches.len());
-            return;
-        }
         let hand = objects;
         self.earlier.clear();
         self.earlier.extend(0..=hand);
@@ -71,16 +66,6 @@ impl Islands {
                 self.collect(model, object, false);
             }
         }
-    }
-
-    /// One island with the hand, all objects and all patches.
-    fn all_in_one(&mut self, objects: usize, patches: usize) {
-        self.objects.clear();
-        self.patches.clear();
-        self.all.clear();
-        self.objects.extend(0..objects);
-        self.patches.extend(0..patches);
-        self.all.push(Island { hand: true, objects: 0..objects, patches: 0..patches });
     }
 
     /// Objects of an island, in the order of their unknowns.

@@ -73,7 +73,7 @@ pub(crate) fn collect(
         let sides = pair.sides;
         let factor = friction_factor(scene, sides);
         let support = support_stiffness(model, problem, sides);
-        let relative = Relative::new(scene, pair);
+        let relative = Relative::new(&scene.now, pair);
         for (within, candidate) in cache.candidates.iter().enumerate() {
             if relative.distance(candidate) <= cache.reach {
                 let measured = measure(scene, pair, candidate);
@@ -102,12 +102,19 @@ pub(crate) fn touched_sleeper(model: &Model, scene: &Scene, pairs: &[PairCache],
     };
     model.pairs.iter().zip(pairs).find_map(|(pair, cache)| {
         let object = pair.sides.iter().find_map(sleeper)?;
-        if cache.candidates.is_empty() || rests(asleep, pair) {
+        if rests(asleep, pair) {
             return None;
         }
-        let relative = Relative::new(scene, pair);
-        cache.candidates.iter().any(|candidate| relative.distance(candidate) <= cache.reach).then_some(object)
+        (!none_in_reach(&scene.now, pair, cache)).then_some(object)
     })
+}
+
+/// True if no candidate of a pair may touch in this step.
+pub(crate) fn none_in_reach(now: &Situation, pair: &Pair, cache: &PairCache) -> bool {
+    cache.candidates.is_empty() || {
+        let relative = Relative::new(now, pair);
+        cache.candidates.iter().all(|candidate| relative.distance(candidate) > cache.reach)
+    }
 }
 
 /// The part of a body's twist that is prescribed: the motion of the scenery, and that of driven coordinates.
@@ -147,13 +154,13 @@ struct Relative {
 
 impl Relative {
     #[inline(always)]
-    fn new(scene: &Scene, pair: &Pair) -> Self {
-        let (poses, turns) = (scene.now.poses, scene.now.turns);
+    fn new(now: &Situation, pair: &Pair) -> Self {
+        let (poses, turns) = (now.poses, now.turns);
         let (a, origin) = (&turns[pair.a], &poses[pair.a].translation.vector);
         let apart = a.tr_mul(&(poses[pair.b].translation.vector - origin));
         Self {
             a_from_b: (a.tr_mul(&turns[pair.b]), apart),
-            planes: scene.now.planes.map(|plane| (a.tr_mul(&plane.up), plane.gap(origin))),
+            planes: now.planes.map(|plane| (a.tr_mul(&plane.up), plane.gap(origin))),
         }
     }
 
@@ -230,7 +237,8 @@ mod tests {
     fn on_table(with_object: bool, mass: f64, distance: f64) -> Point {
         let model = Model::of_ball(mass, 1.0);
         let planes = model.scenery.planes(&Isometry3::identity());
-        let now = Situation { dt: DT, poses: &[], turns: &[], moving: &[], planes: &planes, idle: 0 };
+        let now =
+            Situation { dt: DT, prediction: 0.001, poses: &[], turns: &[], moving: &[], planes: &planes, idle: 0 };
         let scene = Scene { now, reference: Vector3::zeros(), scenery: Twist::default(), friction_factors: &[1.0] };
         let a = if with_object { BodyKind::Object(0) } else { BodyKind::Hand(0) };
         let mut problem = Problem::new(&model);

@@ -2,7 +2,7 @@
 //!
 //! An island without the hand falls asleep once all of its objects have been slower than [`SLOW`] relative to the scenery for [`RESTS`]. Its
 //! objects then keep their poses in the world exactly. They wake together, in the step in which a contact with a body that is awake becomes
-//! possible, a force acts on one of them, or their state is set. A single object never sleeps: it is always solved with the hand.
+//! possible, a force acts on one of them, or their state is set.
 //!
 //! The contact points of the last step before sleep remain the contacts of the sleepers.
 
@@ -93,9 +93,6 @@ impl Solver {
 
     /// Puts islands to sleep whose objects have rested long enough.
     pub(super) fn put_to_sleep(&mut self, model: &Model, input: &StepInput, scenery: &Twist) {
-        if model.object_count() < 2 {
-            return;
-        }
         for island in 0..self.islands.all.len() {
             let (hand, objects) = (self.islands.all[island].hand, self.islands.objects(&self.islands.all[island]));
             let held =
