@@ -110,6 +110,7 @@ def main() -> None:
     """Print milliseconds of a trial with each object, and of a step of an environment, or of plans."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hand", default="reflex", help="hand")
+    parser.add_argument("--arm", help="arm that carries the hand in the environments")
     parser.add_argument("--repeats", type=int, default=5, help="runs, of which the fastest counts")
     parser.add_argument("--plans", metavar="OBJECTS", help="measure plans of this set of objects")
     parser.add_argument("--beside", type=Path, metavar="FOLDER", help="folder of another build's package, for plans")
@@ -138,16 +139,38 @@ def measure_trials(args: argparse.Namespace) -> None:
         total += each
         print(f"{name:22}{each:8.3f} ms a trial")
     print(f"{'mean':22}{total / len(OBJECTS):8.3f} ms a trial")
-    settings = {"objects": "procedural:mug:0-9", "hand": args.hand, "num_threads": 1, "control_freq": 20}
+    for row, rate in (("20 Hz", 20), ("5 Hz", 5)):
+        for motion in ("hovering", "random actions"):
+            each = 1e6 * step_time(args, rate, motion)
+            print(
+                f"{f'Grasp-v0, {row}, {motion}':32}{each:8.1f} us a step of an environment, {1 / (1e-6 * each):.0f} /s"
+            )
+
+
+def step_time(args: argparse.Namespace, rate: int, motion: str) -> float:
+    """Return the processor time of an environment's step, seconds: the hand stays, open, or moves at random."""
+    settings = {
+        "objects": "procedural:mug:0-9",
+        "hand": args.hand,
+        "num_threads": 1,
+        "control_freq": rate,
+        "obs": "state",
+    }
+    if args.arm is not None:
+        settings["arm"] = args.arm
     envs = gym.make_vec("graspbox/Grasp-v0", num_envs=ENVS, **settings)
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, *(envs.action_space.shape or ()))).astype(np.float32)
+    shape = (STEPS, *(envs.action_space.shape or ()))
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, shape).astype(np.float32)
+    if motion == "hovering":
+        # Nothing moves the hand; the fingers stay open.
+        actions[..., :6], actions[..., 6:] = 0.0, -1.0
 
     def step() -> None:
         envs.reset(seed=0)
         for action in actions:
             envs.step(action)
 
-    print(f"{'Grasp-v0':22}{1e3 * least(step, args.repeats) / (STEPS * ENVS):8.3f} ms a step of an environment")
+    return least(step, args.repeats) / (STEPS * ENVS)
 
 
 if __name__ == "__main__":

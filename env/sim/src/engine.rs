@@ -150,6 +150,9 @@ pub(crate) trait Engine: Send + Sync {
     /// Sets the velocities that [`Engine::object_velocity`] returns.
     fn set_object_velocity(&mut self, object: usize, linear: &Vector3<f64>, angular: &Vector3<f64>);
 
+    /// Takes all objects for at rest: those that stay slow for some steps then cost nothing until something touches them.
+    fn expect_rest(&mut self) {}
+
     /// Wakes all objects that sleep: what acts on them has changed.
     fn wake(&mut self) {}
 

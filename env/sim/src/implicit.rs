@@ -171,6 +171,10 @@ impl Engine for Implicit {
         (object.linear, object.angular) = (*linear, *angular);
     }
 
+    fn expect_rest(&mut self) {
+        self.solver.expect_rest();
+    }
+
     fn wake(&mut self) {
         self.solver.state_mut();
     }

@@ -373,6 +373,11 @@ impl World {
         Ok(())
     }
 
+    /// Takes all objects for at rest where they are: those that stay slow for some steps then cost nothing until something touches them.
+    pub fn expect_rest(&mut self) {
+        self.engine.expect_rest();
+    }
+
     /// Sets gravity in the world's frame, m/s2, for example for a tilted table.
     pub fn set_gravity(&mut self, gravity: &Vector3<f64>) {
         self.state.gravity = *gravity;

@@ -275,16 +275,17 @@ impl ArmController {
         self.world_from_hand()
     }
 
-    /// As [`ArmController::advance`] for a hand on an arm: the posture changes, and the pose of the hand follows from it.
+    /// As [`ArmController::advance`] for a hand on an arm, by `ticks` time steps: the posture changes, and the pose of the hand follows from it.
     ///
+    /// * `ticks`: as many as [`ArmController::coasts`] allows; 1 with a load.
     /// * `most`: time steps of a control period.
-    /// * `world`: before the step.
+    /// * `world`: before these steps.
     pub fn follow(
         &mut self,
         arm: &ArmSpec,
-        motion: &Motion,
-        time: f64,
+        (motion, time): (&Motion, f64),
         (guard, load, world, most): (&Guard, &HandLoad, &World, u32),
+        ticks: u32,
     ) -> Isometry3<f64> {
         let (dt, truth) = (world.dt(), self.world_from_hand());
         let Some(mut drive) = self.drive.take() else { return truth };
@@ -296,13 +297,20 @@ impl ArmController {
             let error = self.error;
             drive.decide(arm, rates, dt, |hand| guard.lowest(&(hand * error)) - 0.5 * TABLE_CLEARANCE);
         }
-        self.stop.feel(load, &truth, (&drive.wanted.0, &drive.wanted.1), dt);
-        let pose = drive.advance(arm, dt);
-        self.linear = (pose.translation.vector - self.pose.translation.vector) / dt;
-        self.angular = (pose.rotation * self.pose.rotation.inverse()).scaled_axis() / dt;
+        for _ in 0..ticks {
+            self.stop.feel(load, &truth, (&drive.wanted.0, &drive.wanted.1), dt);
+        }
+        let (pose, duration) = (drive.advance(arm, dt, ticks), f64::from(ticks) * dt);
+        self.linear = (pose.translation.vector - self.pose.translation.vector) / duration;
+        self.angular = (pose.rotation * self.pose.rotation.inverse()).scaled_axis() / duration;
         self.pose = pose;
         self.drive = Some(drive);
         self.world_from_hand()
+    }
+
+    /// True if nothing that the next `ticks` time steps bring changes the motion of a hand that touches nothing.
+    pub fn coasts(&self, ticks: u32) -> bool {
+        !self.stop.active && self.drive.as_ref().is_none_or(|drive| drive.fits(ticks) && !drive.is_pressed())
     }
 
     /// Rates of the joints for a motion, before their own limits.

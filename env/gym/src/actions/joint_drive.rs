@@ -123,6 +123,11 @@ impl JointDrive {
         self.far
     }
 
+    /// True if a force on its links stops the arm.
+    pub fn is_pressed(&self) -> bool {
+        self.pressed
+    }
+
     /// Finds out whether an object is near a link as a period begins.
     pub fn look_around(&mut self, world: &World, arm: &ArmSpec) {
         let (frames, base_from_world) = (self.frames(arm), arm.robot.world_from_base.inverse());
@@ -199,13 +204,20 @@ impl JointDrive {
         self.blocked |= next.blocked;
     }
 
-    /// Advances by a time step of `dt` seconds. Returns the hand's pose in the world by forward kinematics.
-    pub fn advance(&mut self, arm: &ArmSpec, dt: f64) -> Isometry3<f64> {
-        let share = 1.0 / f64::from(self.left.max(1));
-        let mut rates = self.axes.rates;
-        rates.iter_mut().zip(self.next).for_each(|(rate, next)| *rate += (next - *rate) * share);
-        self.axes = arm.follower.after(&self.axes, &rates, dt);
-        self.left = self.left.saturating_sub(1);
+    /// True if this number of time steps ends within a period.
+    pub fn fits(&self, ticks: u32) -> bool {
+        self.left == 0 || self.left >= ticks
+    }
+
+    /// Advances by `ticks` time steps of `dt` seconds, all in one period. Returns the hand's pose in the world by forward kinematics.
+    pub fn advance(&mut self, arm: &ArmSpec, dt: f64, ticks: u32) -> Isometry3<f64> {
+        for _ in 0..ticks {
+            let share = 1.0 / f64::from(self.left.max(1));
+            let mut rates = self.axes.rates;
+            rates.iter_mut().zip(self.next).for_each(|(rate, next)| *rate += (next - *rate) * share);
+            self.axes = arm.follower.after(&self.axes, &rates, dt);
+            self.left = self.left.saturating_sub(1);
+        }
         let frames = arm.follower.chain().frames(&self.axes.positions);
         self.known.frames = Some(frames);
         arm.robot.world_from_hand_at(&frames)

@@ -44,14 +44,21 @@ impl EpisodeBody {
     pub fn move_arm(&mut self, motion: &Motion, time: f64, spec: &EnvSpec, load: &HandLoad) -> Isometry3<f64> {
         let world = self.episode.world();
         let Some(arm) = &spec.arm else { return self.arm.advance(motion, time, world.dt(), &spec.guard, load) };
-        let hand = self.arm.follow(arm, motion, time, (&spec.guard, load, world, spec.timing.substeps));
-        let joints = &self.arm.joints().0[..arm.follower.chain().len()];
-        self.episode.drive_arm(joints, self.arm.links_are_far());
+        let hand = self.arm.follow(arm, (motion, time), (&spec.guard, load, world, spec.timing.substeps), 1);
+        self.drive_arm(spec);
         hand
     }
 
-    /// Moves a hand without an arm, and advances by `steps` time steps at once where that is the same: [`Episode::advance_freely`]. Returns whether
-    /// it did; if not, nothing has changed.
+    /// Moves the arm's links, if there are any, to where its controller is.
+    fn drive_arm(&mut self, spec: &EnvSpec) {
+        if let Some(arm) = &spec.arm {
+            let joints = &self.arm.joints().0[..arm.follower.chain().len()];
+            self.episode.drive_arm(joints, self.arm.links_are_far());
+        }
+    }
+
+    /// Moves the arm and advances by `steps` time steps at once where that is the same: [`Episode::advance_freely`]. Returns whether it did; if
+    /// not, nothing has changed.
     ///
     /// * `motion`: with the time since the control period began, seconds.
     ///
@@ -65,17 +72,23 @@ impl EpisodeBody {
         spec: &EnvSpec,
     ) -> Result<bool, EnvError> {
         let world = self.episode.world();
-        if steps < 2 || spec.arm.is_some() || self.arm.stop.active || !world.is_free() {
+        if steps < 2 || !world.is_free() || !self.arm.coasts(steps) {
             return Ok(false);
         }
         let (dt, load, before) = (world.dt(), HandLoad::default(), self.arm.clone());
         let mut hand = world.world_from_hand();
-        for step in 0..steps {
-            hand = self.arm.advance(motion, time + f64::from(step) * dt, dt, &spec.guard, &load);
+        if let Some(arm) = &spec.arm {
+            hand = self.arm.follow(arm, (motion, time), (&spec.guard, &load, world, spec.timing.substeps), steps);
+        } else {
+            for step in 0..steps {
+                hand = self.arm.advance(motion, time + f64::from(step) * dt, dt, &spec.guard, &load);
+            }
         }
+        self.drive_arm(spec);
         let advanced = self.episode.advance_freely(&hand, commands, steps)?;
         if !advanced {
             self.arm = before;
+            self.drive_arm(spec);
         }
         Ok(advanced)
     }

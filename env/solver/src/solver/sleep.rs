@@ -1,7 +1,7 @@
 //! Sleep: objects that rest are not simulated until something touches them.
 //!
-//! An island without the hand falls asleep once all of its objects have been slower than [`SLOW`] relative to the scenery for [`RESTS`]. Its
-//! objects then keep their poses in the world exactly. They wake together, in the step in which a contact with a body that is awake becomes
+//! An island without the hand falls asleep once all of its objects have been slower than [`SLOW`] relative to the scenery for [`RESTS`], or
+//! [`CONFIRMED`] if they were placed at rest. Its objects then keep their poses in the world exactly. They wake together, in the step in which a contact with a body that is awake becomes
 //! possible, a force acts on one of them, or their state is set.
 //!
 //! The contact points of the last step before sleep remain the contacts of the sleepers.
@@ -18,6 +18,9 @@ use crate::model::{BodyKind, Model, Pair};
 const SLOW: f64 = 1e-3;
 /// Time for which it stays so before it sleeps, seconds.
 const RESTS: f64 = 0.2;
+
+/// The same for an object that was placed at rest, seconds: one that falls or tilts is faster by then.
+const CONFIRMED: f64 = 0.01;
 
 /// A sleeping object.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -46,6 +49,11 @@ pub(crate) fn rests(asleep: &[bool], pair: &Pair) -> bool {
 }
 
 impl Solver {
+    /// Takes all objects for at rest: those that stay slow for [`CONFIRMED`] sleep.
+    pub fn expect_rest(&mut self) {
+        self.state.objects.iter_mut().for_each(|object| object.slow_for = RESTS - CONFIRMED);
+    }
+
     /// Poses the sleepers, and wakes those on which a force acts. Their velocity is that of the scenery.
     pub(super) fn pose_sleepers(&mut self, input: &StepInput) {
         for index in 0..self.state.objects.len() {
