@@ -18,7 +18,7 @@ from graspbox.perception import HandGrid, PoseNoise, ProposalConfig
 from graspbox.perception.configs import CropConfig, FinderConfig, RehearsalConfig
 from graspbox.perception.crops import OCCUPIED
 from graspbox.perception.depth_views import Seen
-from graspbox.perception.finder import FoundGrasp, GraspFinder
+from graspbox.perception.finder import FoundGrasp, GraspFinder, Query
 from graspbox.perception.shapes import Rehearsal, rehearsed_score, rehearsed_success, surface_of
 
 CROP = CropConfig()
@@ -42,10 +42,10 @@ def highest(
     return np.asarray(np.clip(poses[:, 2, 3], 0.0, 1.0))
 
 
-def decide(scene: RenderedScene, config: FinderConfig) -> FoundGrasp:
+def decide(scene: RenderedScene, config: FinderConfig, *, order: bool = True) -> FoundGrasp:
     finder = GraspFinder(HandGrid(), scene.true_occupancy, highest, config)
     assert scene.crops is not None
-    found = finder.find(Seen(scene.crops))
+    found = finder.find(Seen(scene.crops), Query(order=order))
     assert found is not None
     return found
 
@@ -94,6 +94,21 @@ def test_grasps_without_trials_stay_behind(scene: RenderedScene) -> None:
     tried = ~np.isnan(found.rehearsed)
     assert tried.sum() == 2
     assert found.scores[tried].min() >= found.scores[~tried].max()
+
+
+@pytest.mark.parametrize(("slope", "gain"), [(0.55, 1.65), (0.0, 1.65), (2.0, 1.0)])
+def test_trials_end_once_nothing_better_can_come(scene: RenderedScene, slope: float, gain: float) -> None:
+    """The choice is that of all trials; where the trials alone decide, they end with the first secure hold."""
+    config = replace(CONFIG, rehearsal=RehearsalConfig(grasps=48, slope=slope, gain=gain))
+    every, few = decide(scene, config), decide(scene, config, order=False)
+    assert few.rehearsed is not None
+    assert every.rehearsed is not None
+    assert (few.chosen, few.score) == (every.chosen, every.score)
+    tried = ~np.isnan(few.rehearsed)
+    np.testing.assert_array_equal(few.rehearsed[tried], every.rehearsed[tried])
+    assert 0 < tried.sum() <= np.isfinite(every.rehearsed).sum()
+    if slope == 2.0:
+        assert tried.sum() < np.isfinite(every.rehearsed).sum()
 
 
 def test_the_same_image_gives_the_same_bits(scene: RenderedScene) -> None:
@@ -223,7 +238,7 @@ def test_a_policy_rehearses_if_it_is_asked_to(tmp_path: Path) -> None:
     envs.close()
     assert found is not None
     assert found.rehearsed is not None
-    assert (~np.isnan(found.rehearsed)).sum() == 3
+    assert 1 <= (~np.isnan(found.rehearsed)).sum() <= 3
     assert confidence is not None
     assert 0.0 < confidence < 1.0
 

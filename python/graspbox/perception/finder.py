@@ -163,6 +163,8 @@ class Query:
         As `FinderConfig.tolerating`; by default as the finder is configured.
     rehearsed : int, optional
         As `FinderConfig.rehearsing`; by default as the finder is configured.
+    order : bool
+        The order of all grasps matters: without it, a rehearsal ends once no other grasp can become the best.
     known : (k, 4, 4) and (k,) float64, optional
         ``world_from_hand``, metres, and preshapes of grasps that are scored too where the open hand is free.
     carried : callable, optional
@@ -176,6 +178,7 @@ class Query:
     failed: tuple[FoundGrasp, ...] = ()
     hand_error: PoseNoise | None = None
     rehearsed: int | None = None
+    order: bool = False
     known: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     carried: Callable[[NDArray[np.float64], NDArray[np.float64]], int | None] | None = None
 
@@ -240,7 +243,7 @@ def grasps(image: DepthView | Seen, query: Query, finder: "Finder") -> SearchRes
         ranked = scoring.averaged(ranked, config.hand_error, rng)
         lap("average")
     if config.rehearsal is not None:
-        ranked = scoring.rehearsed(ranked, config.rehearsal)
+        ranked = scoring.rehearsed(ranked, config.rehearsal, query.order or query.carried is not None)
         lap("rehearse")
     return SearchResult(seen, ranked, seconds)
 

@@ -19,6 +19,8 @@ __all__ = ["Ranked", "Score", "Scoring", "TrainedScore"]
 #: From a volume (3, N, N, N) uint8 (completed, surface, unseen), poses ``crop_from_hand`` (m, 4, 4) and preshapes (m,)
 #: to scores (m,); greater is better.
 Score = Callable[[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+#: Grasps that are rehearsed together: enough to occupy some cores.
+_AT_ONCE = 4
 #: Distances over which the penalty of an earlier failure decays, metres and radians.
 _NEAR_FAILURE, _LIKE_FAILURE = 0.03, 0.5
 
@@ -117,8 +119,11 @@ class Scoring:
         compared = mean(finalists.poses, finalists.preshapes)._replace(judged=finalists.judged)
         return self.refined(compared, rng, mean)
 
-    def rehearsed(self, ranked: Ranked, config: RehearsalConfig) -> Ranked:
-        """Try the best grasps in simulation on the completed shape, and join their scores with the outcomes."""
+    def rehearsed(self, ranked: Ranked, config: RehearsalConfig, order: bool) -> Ranked:
+        """Try the best grasps in simulation on the completed shape, and join their scores with the outcomes.
+
+        Unless the `order` of all matters, the trials end once no other grasp can become the best.
+        """
         grid, error = self.reach.grid, self.config.hand_error
         rehearsal = Rehearsal.of(
             ranked.volume[0], grid.crop, grid.hand, config, error=error, num_threads=grid.num_threads
@@ -127,7 +132,12 @@ class Scoring:
             return ranked
         best = ranked.best(config.grasps)
         shares = np.full(len(ranked.scores), np.nan)
-        shares[best] = rehearsal.shares(ranked.poses[best], ranked.preshapes[best])
+        sure = rehearsed_score(ranked.scores[best], np.ones(len(best)), config)
+        for first in range(0, len(best), _AT_ONCE):
+            tried, now = best[:first], best[first : first + _AT_ONCE]
+            if not order and (rehearsed_score(ranked.scores[tried], shares[tried], config) > sure[first]).any():
+                break
+            shares[now] = rehearsal.shares(ranked.poses[now], ranked.preshapes[now])
         # Grasps without a trial count as if none of theirs succeeded: they rank behind those before them.
         scores = rehearsed_score(ranked.scores, np.nan_to_num(shares), config)
         judged = ranked.judged

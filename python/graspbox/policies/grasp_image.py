@@ -408,7 +408,14 @@ class _Chosen:
                     "table_from_camera"
                 )
             around = np.concatenate([check_points(self.keep_off), seen])
-        return Query(self.seed, keep_off=around, hand_error=self.hand_error, rehearsed=self.rehearsed, known=self.known)
+        return Query(
+            self.seed,
+            keep_off=around,
+            hand_error=self.hand_error,
+            rehearsed=self.rehearsed,
+            order=True,
+            known=self.known,
+        )
 
 
 def grasp_image(
