@@ -5,6 +5,7 @@ import re
 import tomllib
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -186,7 +187,7 @@ def test_another_urdf_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_lines_are_those_of_files_that_exist(tmp_path: Path) -> None:
-    """Errors name the robot's, but for those of what is left out; assumptions that of the hand alone."""
+    """Errors and assumptions name the robot's lines, but for those of what is left out, of which there are none."""
     links, joints = arm(2)
     robot, out = tmp_path / "robot.urdf", tmp_path / "hand.toml"
     text = urdf({**links, **JAWS}, {**joints, **SLIDES})
@@ -212,8 +213,40 @@ def test_lines_are_those_of_files_that_exist(tmp_path: Path) -> None:
     robot.write_text("\n".join(lines))
     result = run("new", robot, "--out", out)
     (place,) = re.findall(r"assumed: (\S+):(\d+): link \"palm\"", result.stdout)
-    assert place[0] == str(tmp_path / "hand.urdf")
-    assert 'link name="palm"' in Path(place[0]).read_text().splitlines()[int(place[1]) - 1]
+    assert place == (str(robot), str(palm + 1))
+    written = (tmp_path / "hand.urdf").read_text()
+    assert all(line.strip() for line in written.splitlines())
+    assert "arm_1" not in written
+
+
+def test_a_cut_keeps_lines_and_what_is_in_quotes(tmp_path: Path) -> None:
+    """Comments, tags over several lines, and a > within a value are no trouble."""
+    text = """<?xml version="1.0"?>
+<robot name="a>b é">
+  <!-- an arm: <link name="palm"/> -->
+  <link name="arm"
+        note="a > b"/>
+  <material name="red"><color rgba="1 0 0 1"/></material>
+  <joint name="elbow" type="revolute">
+    <parent link="arm"/><child link="palm"/><limit lower="0" upper="1" effort="1" velocity="1"/>
+  </joint>
+  <link name="palm">
+    <visual note='visual>'><geometry><box size="1 1 1"/></geometry></visual><collision><geometry>
+      <box size="0.1 0.1 0.1"/></geometry></collision>
+  </link>
+  <link name="finger"/><joint name="knuckle" type="revolute"><parent link="palm"/><child link="finger"/></joint>
+</robot>
+"""
+    cut = cut_above_palm(tmp_path / "robot.urdf", text, "palm")
+    assert cut is not None
+    assert cut.joints == ("elbow",)
+    lines = cut.text.splitlines()
+    assert len(lines) == len(text.splitlines())
+    assert [number for number, line in enumerate(lines) if line.strip()] == [0, 1, 9, 10, 11, 12, 13, 14]
+    robot = ElementTree.fromstring(cut.text)
+    assert [element.get("name") for element in robot] == ["palm", "finger", "knuckle"]
+    assert robot.find("link/visual") is None
+    assert robot.find("link/collision") is not None
 
 
 def test_a_large_robot_may_have_a_hand(tmp_path: Path) -> None:

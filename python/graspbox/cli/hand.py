@@ -167,7 +167,9 @@ def new(
     if guessed.urdf is not None:
         write_text(alone, guessed.urdf)
     write_text(out, guessed.text)
-    fitted = guessed.fitted if guessed.urdf is None else replace(guessed.fitted, name=str(alone))
+    fitted = guessed.fitted
+    if guessed.urdf is not None and fitted.name != str(urdf):  # no lines of the user's own
+        fitted = replace(fitted, text=guessed.urdf, name=str(alone))
     _print_guessed(guessed, fitted, out, None if guessed.urdf is None else alone, as_json, searched)
     if picture is not None:
         _save_picture(picture, Hand(guessed.fitted.text, guessed.text))

@@ -14,7 +14,7 @@ from graspbox.hand_tools import tables
 from graspbox.hand_tools.bodies import Floats, inertia_of
 from graspbox.hand_tools.closing import Closing, Fingers, guess_closing
 from graspbox.hand_tools.frames import approach_of, axes_of, frame_with, guess_pads, with_raised_fingers
-from graspbox.hand_tools.palm import Cut, cut_above_palm
+from graspbox.hand_tools.palm import Cut, cut_above_palm, without_blank_lines
 from graspbox.hand_tools.tables import Drive, Frame
 from graspbox.hands import FittedUrdf, Hand
 from graspbox.hands.description import Link, describe_urdf, independent, passing_links
@@ -104,7 +104,8 @@ class Guess:
 
     def written(self, text: str, review: tuple[str, ...]) -> GuessedHand:
         """Return a file of this hand with the URDF that it needs."""
-        return GuessedHand(self.name, text, review, self.fitted, self.fitted.text if self.alone else None)
+        alone = without_blank_lines(self.fitted.text) if self.alone else None
+        return GuessedHand(self.name, text, review, self.fitted, alone)
 
     def text(self, closing: Closing, frame: Frame, found: str | None = None) -> tuple[str, tuple[str, ...]]:
         """Return the file of a hand that closes so and has this grasp frame, and what to review of it.
@@ -203,7 +204,8 @@ def begin_guess(
 def guess_converted(mjcf: Path, fitted: FittedUrdf, urdf: str, name: str, base: str | None) -> GuessedHand:
     """Guess a ``hand.toml`` for a converted MJCF file, whose URDF will be the file `urdf`; its base stays if given."""
     cut = None if base is not None else cut_above_palm(mjcf, fitted.text)
-    converted = replace(fitted, text=fitted.text if cut is None else cut.text, name=f"{mjcf} (converted)")
+    text = fitted.text if cut is None else without_blank_lines(cut.text)
+    converted = replace(fitted, text=text, name=f"{mjcf} (converted)")
     return replace(_guessed(mjcf, name, converted, cut), urdf=urdf, alone=True).write()
 
 

@@ -1,15 +1,17 @@
 """Where a hand begins in the URDF of a robot: the palm is the link from which chains of joints branch."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
 from graspbox.errors import HandError
 
-__all__ = ["Cut", "cut_above_palm"]
+__all__ = ["Cut", "cut_above_palm", "without_blank_lines"]
 
 #: A chain without branches and with at least so many independent joints is an arm with a jaw, not a finger.
 _ARM = 4
@@ -17,6 +19,8 @@ _ARM = 4
 _WRIST = 3
 #: Most links, as in the core.
 _LINKS = 192
+#: A tag; quoted values may have its last character.
+_TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
 #: Most candidates that an error names.
 _NAMED = 8
 
@@ -28,7 +32,7 @@ class Cut:
     Attributes
     ----------
     text : str
-        Its content.
+        Its content, blank where something was left out: every line has the number that it has in the file.
     base : str
         The link with which the hand begins.
     joints : tuple of str
@@ -183,7 +187,12 @@ def cut_above_palm(path: Path, text: str, base: str | None = None) -> Cut | None
     kept = set(tree.under(palm))
     if not above:
         return None
-    return Cut(_kept(path, robot, tree, kept), palm, above, len(tree.links) - len(kept))
+    return Cut(_kept(path, text, robot, tree, kept), palm, above, len(tree.links) - len(kept))
+
+
+def without_blank_lines(text: str) -> str:
+    """Return a text without lines that are blank, such as those of a cut."""
+    return "".join(f"{line.rstrip()}\n" for line in text.splitlines() if line.strip())
 
 
 def _palm(path: Path, tree: _Tree, root: str) -> str:
@@ -214,8 +223,8 @@ def _jaw_of_an_arm(tree: _Tree, root: str) -> str | None:
     return palm if any(tree.links[name].shapes for name in tree.body(palm)) else None
 
 
-def _kept(path: Path, robot: ElementTree.Element, tree: _Tree, kept: set[str]) -> str:
-    """Write the URDF with some links only."""
+def _kept(path: Path, text: str, robot: ElementTree.Element, tree: _Tree, kept: set[str]) -> str:
+    """Write the URDF with some links only; every line keeps its number."""
     joints = {tree.links[name].joint for name in kept}
     palm = next(name for name in kept if tree.links[name].parent not in kept)
     joints.discard(tree.links[palm].joint)
@@ -225,13 +234,57 @@ def _kept(path: Path, robot: ElementTree.Element, tree: _Tree, kept: set[str]) -
                 f"{path}: joint {tree.links[name].joint!r} follows {leader!r}, which is above the palm {palm!r}; make "
                 "it fixed, or name another palm with --base LINK"
             )
-    cut = ElementTree.Element("robot", dict(robot.attrib))
-    for element in robot:
+    spans = _Spans(text)
+    cut = text.encode()
+    for element, span, visuals in zip(robot, spans.elements, spans.visuals, strict=True):
         name = element.get("name", "")
-        if (element.tag == "link" and name in kept) or (element.tag == "joint" and name in joints):
-            for visual in element.findall("visual"):
-                if element.find("collision") is not None:
-                    element.remove(visual)
-            cut.append(element)
-    ElementTree.indent(cut)
-    return ElementTree.tostring(cut, encoding="unicode") + "\n"
+        if not ((element.tag == "link" and name in kept) or (element.tag == "joint" and name in joints)):
+            cut = _blank(cut, span)
+        elif element.find("collision") is not None:
+            for visual in visuals:
+                cut = _blank(cut, visual)
+    for comment in spans.comments:
+        cut = _blank(cut, comment)
+    return cut.decode()
+
+
+def _blank(content: bytes, span: tuple[int, int]) -> bytes:
+    """Overwrite a part of a text with spaces; its lines stay."""
+    start, end = span
+    return content[:start] + re.sub(rb"[^\n]", b" ", content[start:end]) + content[end:]
+
+
+class _Spans:
+    """First and last byte of the elements of a document's root, of visual shapes within them, and of the comments."""
+
+    def __init__(self, text: str) -> None:
+        self.elements: list[tuple[int, int]] = []
+        #: By element.
+        self.visuals: list[list[tuple[int, int]]] = []
+        self.comments: list[tuple[int, int]] = []
+        self._content, self._opened = text.encode(), list[int]()
+        parser = self._parser = expat.ParserCreate("utf-8")
+        parser.StartElementHandler, parser.EndElementHandler = self._begin, self._end
+        parser.CommentHandler = self._comment
+        parser.Parse(self._content, True)
+
+    def _begin(self, tag: str, attributes: dict[str, str]) -> None:
+        del attributes
+        if len(self._opened) == 1:
+            self.visuals.append([])
+        self._opened.append(self._parser.CurrentByteIndex)
+
+    def _end(self, tag: str) -> None:
+        depth, start = len(self._opened), self._opened.pop()
+        # For an element without content, this is the place of its only tag.
+        last = _TAG.match(self._content, self._parser.CurrentByteIndex)
+        assert last is not None
+        if depth == 2:
+            self.elements.append((start, last.end()))
+        elif depth == 3 and tag == "visual":
+            self.visuals[-1].append((start, last.end()))
+
+    def _comment(self, text: str) -> None:
+        del text
+        start = self._parser.CurrentByteIndex
+        self.comments.append((start, self._content.index(b"-->", start) + 3))

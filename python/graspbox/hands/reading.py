@@ -11,7 +11,7 @@ from typing import Any
 from graspbox._common.imports import imported
 from graspbox.errors import HandError
 from graspbox.hands.mjcf import urdf_of_mjcf
-from graspbox.hands.urdf_meshes import FittedUrdf, mesh_places, read_text, with_primitives
+from graspbox.hands.urdf_meshes import FittedUrdf, read_text, with_primitives
 
 __all__ = ["fitted_urdf", "is_mjcf", "read_hand"]
 
@@ -53,42 +53,24 @@ def read_hand(
     """Do as `fitted_urdf`, with an edited URDF.
 
     `check` is called with a text and its name before meshes are fitted, and may raise. `edit` returns the URDF to use
-    instead of a text; errors of what it leaves out do not matter. `base` is that of `urdf_of_mjcf`.
+    instead of a text, with the same lines; errors of what it leaves out do not matter. `base` is as in `urdf_of_mjcf`.
     """
     text = read_text(path)
     if is_mjcf(text):
         converted = replace(urdf_of_mjcf(path, base), name=f"{path} (converted)")
         return converted if edit is None else replace(converted, text=edit(converted.text))
-    name, places = str(path), None
+    name = str(path)
     if _XACRO.search(_COMMENT.sub("", text)) and find_spec("xacrodoc") is not None:
         text, name = _expanded(path), f"{path} (expanded)"
-    if edit is not None and (edited := edit(text)) != text:
-        places = _places(text, name, edited)
-        text, name = edited, f"{name} (without what is above the palm)"
-    return with_primitives(text, path, name, None if check is None else lambda simple: check(simple, name), places)
+    if edit is not None:
+        text = edit(text)
+    return with_primitives(text, path, name, None if check is None else lambda simple: check(simple, name))
 
 
 def is_mjcf(text: str) -> bool:
     """Whether a file is an MJCF file, by its first element."""
     root = _ROOT.match(text)
     return root is not None and root[1] == "mujoco"
-
-
-def _places(text: str, name: str, edited: str) -> dict[str, str]:
-    """Return the places of the meshes of a URDF, and raise its errors, which have the lines of the file.
-
-    Errors of what the edited text leaves out do not matter; then no mesh has a place.
-    """
-    try:
-        return mesh_places(text, name)
-    except HandError:
-        try:
-            mesh_places(edited, name)
-        except HandError:
-            pass
-        else:
-            return {}
-        raise
 
 
 def _expanded(path: Path) -> str:

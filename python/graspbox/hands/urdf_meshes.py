@@ -8,7 +8,7 @@ import hashlib
 import logging
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from graspbox.hands.loop_fits import LoopFit
 from graspbox.hands.mesh_files import LARGEST_MESH, check_reader, read_mesh
 from graspbox.hands.mesh_fits import MeshFit, MeshFits, Primitive, cached_fits, chosen, fits_of, mesh_key
 
-__all__ = ["FittedUrdf", "add_origin", "collisions", "mesh_places", "numbers_text", "read_text", "with_primitives"]
+__all__ = ["FittedUrdf", "add_origin", "collisions", "numbers_text", "read_text", "with_primitives"]
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,6 @@ def with_primitives(
     path: Path,
     name: str,
     check: Callable[[str], object] | None = None,
-    places: Mapping[str, str] | None = None,
 ) -> FittedUrdf:
     """Replace the collision meshes of a URDF by primitives; without any, its text stays the same.
 
@@ -90,15 +89,13 @@ def with_primitives(
     check : callable, optional
         Called before meshes are fitted, which may take minutes, with the URDF with a box in place of each; raises the
         errors of what goes with it.
-    places : dict of str to str
-        For an edited text: the file and line that errors name for a mesh, by the name of its collider.
     """
     if not re.search(r"<\s*mesh\b", text):
         return FittedUrdf(text, {}, name=name)
     meshes, unnamed = _core.urdf_meshes(text, name)
     if len(meshes) > _MOST_MESHES:
         raise HandError(f"{name}: has {len(meshes)} collision meshes; merge them, or use primitives ({_MOST_MESHES})")
-    at = [_place(name, mesh, places) for mesh in meshes]
+    at = [f"{name}:{mesh['line']}: collider {mesh['name']!r}: mesh {mesh['file']!r}" for mesh in meshes]
     files = [_file_of(path.parent, place, mesh["file"]) for place, mesh in zip(at, meshes, strict=True)]
     if check is not None:
         check(_replaced(text, meshes, unnamed, {mesh["name"]: (_PLACEHOLDER,) for mesh in meshes}))
@@ -114,17 +111,6 @@ def with_primitives(
 
 
 _PLACEHOLDER = Primitive("box", np.eye(4), (0.01, 0.01, 0.01))
-
-
-def mesh_places(text: str, name: str) -> dict[str, str]:
-    """Return the file and line of each collision mesh of a URDF, by the name of its collider; raise its errors."""
-    return {mesh["name"]: f"{name}:{mesh['line']}" for mesh in _core.urdf_meshes(text, name)[0]}
-
-
-def _place(name: str, mesh: dict[str, Any], places: Mapping[str, str] | None) -> str:
-    """Return what errors call a mesh; a visual one that collides only in an edited text has no line of the file."""
-    at = f"{name}:{mesh['line']}" if places is None else places.get(mesh["name"], name)
-    return f"{at}: collider {mesh['name']!r}: mesh {mesh['file']!r}"
 
 
 def _fitted(places: Sequence[str], meshes: Sequence[dict[str, Any]], files: Sequence[Path]) -> list[MeshFits]:
