@@ -269,20 +269,25 @@ class _Spans:
         parser.Parse(self._content, True)
 
     def _begin(self, tag: str, attributes: dict[str, str]) -> None:
-        del attributes
+        del tag, attributes
         if len(self._opened) == 1:
             self.visuals.append([])
         self._opened.append(self._parser.CurrentByteIndex)
 
     def _end(self, tag: str) -> None:
         depth, start = len(self._opened), self._opened.pop()
-        # For an element without content, this is the place of its only tag.
-        last = _TAG.match(self._content, self._parser.CurrentByteIndex)
-        assert last is not None
+        first = self._tag_at(start)
+        span = start, first.end() if first[0].endswith(b"/>") else self._tag_at(self._parser.CurrentByteIndex).end()
         if depth == 2:
-            self.elements.append((start, last.end()))
+            self.elements.append(span)
         elif depth == 3 and tag == "visual":
-            self.visuals[-1].append((start, last.end()))
+            self.visuals[-1].append(span)
+
+    def _tag_at(self, place: int) -> re.Match[bytes]:
+        """Return the tag that begins at a place."""
+        found = _TAG.match(self._content, place)
+        assert found is not None
+        return found
 
     def _comment(self, text: str) -> None:
         del text
