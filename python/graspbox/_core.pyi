@@ -168,7 +168,9 @@ class Mesh:
         mass: float | None,
         cleaning: _Config | None,
         parts: Sequence[NDArray[np.float64]] | None,
-    ) -> Mesh: ...
+        solid: bool = True,
+    ) -> Mesh:
+        """Not `solid`, it has the mass properties of its convex hull."""
     def __getnewargs__(
         self,
     ) -> tuple[NDArray[np.float64], NDArray[np.uint32], str, float | None, None, list[NDArray[np.float64]] | None]: ...
@@ -176,8 +178,14 @@ class Mesh:
     def __deepcopy__(self, _memo: object, /) -> Mesh: ...
     @staticmethod
     def load(
-        path: str | PathLike[str], name: str, mass: float | None, options: _Config, cleaning: _Config | None
-    ) -> Mesh: ...
+        path: str | PathLike[str],
+        name: str,
+        mass: float | None,
+        options: _Config,
+        cleaning: _Config | None,
+        solid: bool = True,
+    ) -> Mesh:
+        """Read a file; `solid` as in the constructor."""
     @staticmethod
     def in_parts(
         vertices: NDArray[np.float64], faces: NDArray[np.uint32], name: str, mass: float, parts: _Config

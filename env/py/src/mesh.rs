@@ -45,16 +45,23 @@ impl MeshData {
     }
 
     /// Computes the mass properties of an object after the cleaning of [`Body::prepare`].
+    ///
+    /// * `solid`: whether they are those of the solid, which takes up to a second for an open surface, or of its convex hull.
     fn cleaned(
         mut spec: ObjectSpec,
         cleaning: Option<&CleanOptions>,
         file: Option<PathBuf>,
+        solid: bool,
     ) -> Result<Self, MeshError> {
         let standard = CleanOptions::default();
         if let Some(options) = cleaning {
             spec.mesh = clean(&spec.mesh, options)?.0;
         }
         spec.mesh.check_extent()?;
+        if !solid {
+            let properties = weigh(&convex_hull(spec.mesh.vertices())?, spec.mass)?;
+            return Ok(Self::with(spec, properties, file));
+        }
         let as_simulated = cleaning.is_some_and(|options| options.orient && options.weld == standard.weld);
         let properties = if as_simulated {
             weigh(&spec.mesh, spec.mass)
@@ -153,12 +160,13 @@ impl Mesh {
         spec: ObjectSpec,
         cleaning: Option<CleanOptions>,
         file: Option<PathBuf>,
+        solid: bool,
     ) -> PyResult<Self> {
         if spec.mesh.faces().len() > LARGE_MESH {
             warn_large(py, spec.mesh.faces().len())?;
         }
         let data = detached(py, None, move || {
-            MeshData::cleaned(spec, cleaning.as_ref(), file.clone()).map_err(|error| match &file {
+            MeshData::cleaned(spec, cleaning.as_ref(), file.clone(), solid).map_err(|error| match &file {
                 Some(file) => CoreError::in_file(error, file),
                 None => error.into(),
             })
@@ -178,9 +186,10 @@ fn warn_large(py: Python<'_>, faces: usize) -> PyResult<()> {
 
 #[pymethods]
 impl Mesh {
-    /// A mesh from vertices (n, 3) and faces (m, 3); `parts` are the vertices of convex parts, each (k, 3).
+    /// A mesh from vertices (n, 3) and faces (m, 3); `parts` are the vertices of convex parts, each (k, 3). Not `solid`, it has the mass properties
+    /// of its convex hull.
     #[new]
-    #[pyo3(signature = (vertices, faces, name, mass, cleaning, parts))]
+    #[pyo3(signature = (vertices, faces, name, mass, cleaning, parts, solid = true))]
     fn new(
         py: Python<'_>,
         vertices: Floats<'_>,
@@ -189,13 +198,14 @@ impl Mesh {
         mass: Option<f64>,
         cleaning: Option<&Bound<'_, PyAny>>,
         parts: Option<Vec<Floats<'_>>>,
+        solid: bool,
     ) -> PyResult<Self> {
         let (vertices, faces) = (points(&vertices, "vertices")?, triples(&faces, "faces")?);
         let part = |(i, part): (usize, &Floats<'_>)| points(part, &format!("parts[{i}]"));
         let parts = parts.map(|parts| parts.iter().enumerate().map(part).collect()).transpose()?;
         let cleaning = cleaning_options(cleaning)?;
         let mesh = TriMesh::new(vertices, faces).map_err(CoreError::from)?;
-        Self::cleaned(py, ObjectSpec { name, mesh, mass, parts }, cleaning, None)
+        Self::cleaned(py, ObjectSpec { name, mesh, mass, parts }, cleaning, None, solid)
     }
 
     /// A mesh of a closed surface, whose convex parts are made at once, with settings `parts`, and are cached nowhere.
@@ -228,9 +238,9 @@ impl Mesh {
         })
     }
 
-    /// Reads a file.
+    /// Reads a file; `solid` as in the constructor.
     #[staticmethod]
-    #[pyo3(signature = (path, name, mass, options, cleaning))]
+    #[pyo3(signature = (path, name, mass, options, cleaning, solid = true))]
     fn load(
         py: Python<'_>,
         path: PathBuf,
@@ -238,13 +248,14 @@ impl Mesh {
         mass: Option<f64>,
         options: &Bound<'_, PyAny>,
         cleaning: Option<&Bound<'_, PyAny>>,
+        solid: bool,
     ) -> PyResult<Self> {
         let options: LoadOptions = read_config(options, "load options")?;
         let cleaning = cleaning_options(cleaning)?;
         let file = path.clone();
         let read = move || load(&file, &options).map_err(|error| CoreError::in_file(error, &file));
         let mesh = detached(py, None, read)?;
-        Self::cleaned(py, ObjectSpec { name, mesh, mass, parts: None }, cleaning, Some(path))
+        Self::cleaned(py, ObjectSpec { name, mesh, mass, parts: None }, cleaning, Some(path), solid)
     }
 
     fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<State<'py>> {

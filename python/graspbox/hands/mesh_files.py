@@ -29,7 +29,7 @@ def check_reader(file: Path, place: str) -> None:
 
 
 def read_mesh(file: Path, content: bytes, scale: tuple[float, float, float]) -> Mesh:
-    """Read a mesh, in metres after its scale along each axis; `content` is that of the file.
+    """Read a mesh, in metres after its scale along each axis; `content` is that of the file. Its mass means nothing.
 
     Raises
     ------
@@ -42,11 +42,11 @@ def read_mesh(file: Path, content: bytes, scale: tuple[float, float, float]) -> 
     if file.suffix.lower() == ".dae":
         vertices, faces = _collada(content)
     else:
-        mesh = Mesh.load(file, file.stem, None, config_dict(LoadConfig(max_bytes=LARGEST_MESH)), cleaning)
+        mesh = Mesh.load(file, file.stem, None, config_dict(LoadConfig(max_bytes=LARGEST_MESH)), cleaning, solid=False)
         if scale == (1.0, 1.0, 1.0):
             return mesh
         vertices, faces = mesh.vertices, mesh.faces
-    return Mesh(vertices * np.array(scale), faces, file.stem, None, cleaning, None)
+    return Mesh(vertices * np.array(scale), faces, file.stem, None, cleaning, None, solid=False)
 
 
 def _collada(content: bytes) -> tuple[Array, NDArray[np.uint32]]:

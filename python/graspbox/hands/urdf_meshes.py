@@ -9,6 +9,7 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -114,12 +115,19 @@ _PLACEHOLDER = Primitive("box", np.eye(4), (0.01, 0.01, 0.01))
 
 
 def _fitted(places: Sequence[str], meshes: Sequence[dict[str, Any]], files: Sequence[Path]) -> list[MeshFits]:
-    """Fit primitives to every mesh."""
+    """Fit primitives to every mesh, on all cores."""
     found = []
-    with ProgressBar("fit shapes to meshes", len(meshes), delay=_DELAY) as bar:
-        for number, (place, mesh, file) in enumerate(zip(places, meshes, files, strict=True)):
-            found.append(_fit(place, mesh, file))
-            bar.update(number + 1)
+    with (
+        ThreadPoolExecutor(_core.num_threads()) as pool,
+        ProgressBar("fit shapes to meshes", len(meshes), delay=_DELAY) as bar,
+    ):
+        try:
+            for fits in pool.map(_fit, places, meshes, files):
+                found.append(fits)
+                bar.update(len(found))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
     return found
 
 
