@@ -1,10 +1,14 @@
 """Senseless inputs are refused, with a message that names them and the remedy."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 import graspbox
 from graspbox import errors
+from graspbox._common.runs import Run
 from test_core import cuboid, from_above
 
 
@@ -88,3 +92,25 @@ def test_objects_that_are_not_at_rest_are_announced(caplog: pytest.LogCaptureFix
     assert len(told) == 2
     assert "does not rest at this world_from_object" in told[0]
     assert "before it came to rest" in told[1]
+
+
+def test_a_recipe_does_not_tell_which_objects_toppled(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """It samples poses from which many do; other warnings pass, and afterwards all do."""
+    stages = pytest.importorskip("graspbox.learn.recipes.stages")
+    mesh = cuboid(0.06, 0.06, 0.1)
+    tipped = np.eye(4)
+    tipped[:3, :3] = [[1, 0, 0], [0, 0.5, -(0.75**0.5)], [0, 0.75**0.5, 0.5]]
+    tipped[2, 3] = -(mesh.vertices @ tipped[:3, :3].T)[:, 2].min()
+
+    def work(context: None, stage: Run) -> dict[str, Any]:
+        del context, stage
+        graspbox.plan(mesh, world_from_object=tipped)
+        graspbox.Scene(mesh, world_from_object=tipped)
+        return {}
+
+    with Run(tmp_path / "run") as run:
+        stages.run_stages(run, None, [stages.Stage("one", 1.0, work)])
+    told = [record.getMessage() for record in caplog.records if record.name == "graspbox"]
+    assert ["does not rest" in text for text in told] == [True]
+    graspbox.Scene(mesh, world_from_object=tipped)
+    assert "before it came to rest" in caplog.records[-1].getMessage()

@@ -1,5 +1,6 @@
 """Recipes as lists of stages, run one after the other in a run directory; a later call continues with the next one."""
 
+import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,12 +34,22 @@ class Stage(Generic[Context]):
 
 def run_stages(run: Run, context: Context, stages: Iterable[Stage[Context]]) -> None:
     """Run the stages in order, except those that are done."""
-    for stage in stages:
+    logger = logging.getLogger("graspbox")
+    logger.addFilter(_is_news)
+    try:
+        for stage in stages:
 
-        def work(own: Run, stage: Stage[Context] = stage) -> dict[str, Any]:
-            return stage.work(context, own)
+            def work(own: Run, stage: Stage[Context] = stage) -> dict[str, Any]:
+                return stage.work(context, own)
 
-        run.stage(stage.name, 3600 * stage.hours, work)
+            run.stage(stage.name, 3600 * stage.hours, work)
+    finally:
+        logger.removeFilter(_is_news)
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    """Whether a warning says more than that an object fell over from a sampled pose, as many do."""
+    return "before it came to rest" not in record.getMessage()
 
 
 def train_config(stage: Run, options: Options, offset: int = 0, **settings: Any) -> TrainConfig:
