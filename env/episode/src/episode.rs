@@ -86,7 +86,12 @@ impl Episode {
         }
     }
 
-    /// As [`Episode::advance`], for several time steps at once where that is the same: [`World::step_freely`]. Returns whether it did; if not,
+    /// As [`World::expect_rest`].
+    pub fn expect_rest(&mut self) {
+        self.world.expect_rest();
+    }
+
+    /// As [`Episode::advance`], for several time steps at once where nothing is in reach: [`World::step_freely`]. Returns whether it did; if not,
     /// the episode is as before.
     ///
     /// * `world_from_hand`: at the end of the last of them.

@@ -155,7 +155,6 @@ impl Scene {
         let mut world = self.template.place(world_from_hand, &poses, preshape);
         world.scale_objects(factors[0], factors[1]);
         world.set_target(self.target);
-        world.expect_rest();
         world
     }
 

@@ -148,7 +148,8 @@ impl<O: Observer> Trial<O> {
     ) -> Self {
         let object = scene.world_from_object();
         let start = object * pose.object_from_hand;
-        let episode = Episode::reset_at(scene, &start, object, pose.preshape, factors, config.success);
+        let mut episode = Episode::reset_at(scene, &start, object, pose.preshape, factors, config.success);
+        episode.expect_rest();
         let observer = observer(&episode);
         Self::of(episode, &start, pose.preshape, config, observer, trace)
     }

@@ -135,7 +135,7 @@ impl Engine for Implicit {
     fn step_freely(&mut self, input: &StepInput, steps: u32) -> bool {
         let dt = f64::from(steps) * self.shared.dt;
         let (solver, input) = self.drive(input, dt);
-        solver.step_freely(&input, steps)
+        solver.step_freely(&input)
     }
 
     fn is_free(&self) -> bool {

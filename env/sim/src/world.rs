@@ -373,7 +373,8 @@ impl World {
         Ok(())
     }
 
-    /// Takes all objects for at rest where they are: those that stay slow for some steps then cost nothing until something touches them.
+    /// Takes all objects for at rest where they are, as after a settling: those that stay slow for 10 ms then cost nothing until something touches
+    /// them. An object that would fall over very slowly stays, too.
     pub fn expect_rest(&mut self) {
         self.engine.expect_rest();
     }

@@ -122,7 +122,7 @@ pub struct Solver {
     friction_factors: Vec<f64>,
     /// By object: whether it sleeps.
     asleep: Vec<bool>,
-    /// Rates of the driven coordinates before a long step that may not be taken.
+    /// Rates before a long step that may not be taken.
     kept_rates: Vec<f64>,
     /// Contacts of the sleepers, frame of the world.
     rested: Vec<Contact>,
@@ -198,7 +198,9 @@ impl Solver {
         let model = Arc::clone(&self.model);
         let (reference, scenery) = self.begin(&model, input, Springs::Explicit);
         self.find_contacts(&model, input, &reference, scenery);
-        self.end(&model, input, &scenery);
+        let balanced = self.solve(&model, &scenery);
+        self.state.unconverged_steps += u64::from(!balanced);
+        self.end(&model, input, &scenery, &reference);
     }
 
     /// Moves what is prescribed, and computes mass and momenta. Returns the reference point of all twists, and the twist of the scenery there.
@@ -209,7 +211,6 @@ impl Solver {
         self.pose_sleepers(input);
         let reference = self.reference();
         let scenery = scenery_twist(input, &reference);
-        self.carry_sleepers(&scenery, &reference);
         self.kinematics.idle = input.idle;
         self.kinematics.place(model, &self.state.positions);
         self.kinematics.differentiate(model, &reference, &self.state.rates[free..]);
@@ -224,11 +225,10 @@ impl Solver {
         (reference, scenery)
     }
 
-    /// Solves the equations of a step whose contacts are found, and moves by their solution.
+    /// Moves by the solution of a step's equations.
     #[inline]
-    fn end(&mut self, model: &Model, input: &StepInput, scenery: &Twist) {
-        let balanced = self.solve(model, scenery);
-        self.state.unconverged_steps += u64::from(!balanced);
+    fn end(&mut self, model: &Model, input: &StepInput, scenery: &Twist, reference: &Vector3<f64>) {
+        self.carry_sleepers(scenery, reference);
         self.integrate(model, input);
         self.put_to_sleep(model, input, scenery);
     }
@@ -345,8 +345,7 @@ impl Solver {
         self.friction_factors.extend(self.state.objects.iter().map(|object| object.friction_factor));
         loop {
             let (poses, turns, moving, dt) = (&self.poses, &self.turns, &self.moving, input.dt);
-            let prediction = model.config.prediction;
-            let now = Situation { dt, prediction, poses, turns, moving, planes: &planes, idle: input.idle };
+            let now = Situation { dt, poses, turns, moving, planes: &planes, idle: input.idle };
             self.searcher.search(model, &now, &self.asleep);
             let friction_factors = &self.friction_factors;
             let scene = rows::Scene { now, reference: *reference, scenery, friction_factors };
@@ -381,6 +380,10 @@ impl Solver {
             let middle = self.turns[body] * model.center.get(body).copied().unwrap_or_else(Vector3::zeros)
                 + self.poses[body].translation.vector;
             self.moving.push(match model.kind(body) {
+                // As it will be carried in this step.
+                BodyKind::Object(object) if self.asleep[object] => {
+                    BodyMotion { center: middle, velocity: scenery.at(&(middle - reference)), omega: scenery.angular }
+                }
                 BodyKind::Object(object) => {
                     let state = &self.state.objects[object];
                     let arm = match &self.problem.objects[object].lever {
@@ -438,9 +441,11 @@ impl Solver {
         for contact in self.loaded.iter().filter(|c| wanted(c.sides[0].body, c.sides[1].body)) {
             visit(contact);
         }
+        // Those of objects that fell asleep in the last step are among the rested.
+        let sleeps = |side: &BodyKind| matches!(side, BodyKind::Object(o) if self.state.objects[*o].asleep.is_some());
         for (index, source) in self.sources.iter().enumerate() {
             let pair = &self.model.pairs[source.pair as usize];
-            if wanted(pair.a, pair.b) {
+            if wanted(pair.a, pair.b) && !pair.sides.iter().any(sleeps) {
                 visit(&self.contact(index, source));
             }
         }

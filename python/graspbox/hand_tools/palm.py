@@ -176,6 +176,8 @@ def cut_above_palm(path: Path, text: str, base: str | None = None) -> Cut | None
     """
     try:
         robot = ElementTree.fromstring(text)
+        if "<!ENTITY" in text:  # expanded, they have no lines of the file
+            text = ElementTree.tostring(robot, encoding="unicode")
         tree = _Tree(robot)
     except (ElementTree.ParseError, ValueError):
         return None
@@ -192,7 +194,7 @@ def cut_above_palm(path: Path, text: str, base: str | None = None) -> Cut | None
 
 def without_blank_lines(text: str) -> str:
     """Return a text without lines that are blank, such as those of a cut."""
-    return "".join(f"{line.rstrip()}\n" for line in text.splitlines() if line.strip())
+    return "".join(f"{line.rstrip()}\n" for line in text.split("\n") if line.strip())
 
 
 def _palm(path: Path, tree: _Tree, root: str) -> str:
@@ -235,23 +237,23 @@ def _kept(path: Path, text: str, robot: ElementTree.Element, tree: _Tree, kept: 
                 "it fixed, or name another palm with --base LINK"
             )
     spans = _Spans(text)
-    cut = text.encode()
+    cut = bytearray(text.encode())
     for element, span, visuals in zip(robot, spans.elements, spans.visuals, strict=True):
         name = element.get("name", "")
         if not ((element.tag == "link" and name in kept) or (element.tag == "joint" and name in joints)):
-            cut = _blank(cut, span)
+            _blank(cut, span)
         elif element.find("collision") is not None:
             for visual in visuals:
-                cut = _blank(cut, visual)
+                _blank(cut, visual)
     for comment in spans.comments:
-        cut = _blank(cut, comment)
+        _blank(cut, comment)
     return cut.decode()
 
 
-def _blank(content: bytes, span: tuple[int, int]) -> bytes:
+def _blank(content: bytearray, span: tuple[int, int]) -> None:
     """Overwrite a part of a text with spaces; its lines stay."""
-    start, end = span
-    return content[:start] + re.sub(rb"[^\n]", b" ", content[start:end]) + content[end:]
+    part = slice(*span)
+    content[part] = re.sub(rb"[^\n]", b" ", content[part])
 
 
 class _Spans:

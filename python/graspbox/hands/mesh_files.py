@@ -3,6 +3,7 @@
 import warnings
 from io import BytesIO
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 
 #: Largest mesh file, bytes.
 LARGEST_MESH = 32 << 20
+#: Held while the filters of warnings are changed.
+_FILTERS = Lock()
 
 
 def check_reader(file: Path, place: str) -> None:
@@ -56,7 +59,8 @@ def _collada(content: bytes) -> tuple[Array, NDArray[np.uint32]]:
     """
     collada: Any = imported("collada", "reading COLLADA needs the package pycollada", "urdf")
     try:
-        with warnings.catch_warnings(action="ignore"):  # pycollada uses parts of numpy that are old
+        # pycollada uses parts of numpy that are old; the filters of warnings are those of all threads.
+        with _FILTERS, warnings.catch_warnings(action="ignore"):
             document = collada.Collada(BytesIO(content), ignore=[collada.common.DaeError])
             parts = [] if document.scene is None else list(document.scene.objects("geometry"))
             sets = [_triangles(primitive) for part in parts for primitive in part.primitives()]

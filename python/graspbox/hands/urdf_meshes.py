@@ -115,20 +115,20 @@ _PLACEHOLDER = Primitive("box", np.eye(4), (0.01, 0.01, 0.01))
 
 
 def _fitted(places: Sequence[str], meshes: Sequence[dict[str, Any]], files: Sequence[Path]) -> list[MeshFits]:
-    """Fit primitives to every mesh, on all cores."""
-    found = []
+    """Fit primitives to every mesh, on all cores; those of equal files once."""
+    keys = [(file, tuple(mesh["scale"])) for mesh, file in zip(meshes, files, strict=True)]
+    first = {key: number for number, key in reversed(list(enumerate(keys)))}
+    jobs = sorted(first.values())
+    found: dict[int, MeshFits] = {}
     with (
         ThreadPoolExecutor(_core.num_threads()) as pool,
-        ProgressBar("fit shapes to meshes", len(meshes), delay=_DELAY) as bar,
+        ProgressBar("fit shapes to meshes", len(jobs), delay=_DELAY) as bar,
     ):
-        try:
-            for fits in pool.map(_fit, places, meshes, files):
-                found.append(fits)
-                bar.update(len(found))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return found
+        every = ([each[job] for job in jobs] for each in (places, meshes, files))
+        for job, fits in zip(jobs, pool.map(_fit, *every), strict=True):
+            found[job] = fits
+            bar.update(len(found))
+    return [found[first[key]] for key in keys]
 
 
 def _replaced(

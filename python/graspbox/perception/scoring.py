@@ -133,8 +133,9 @@ class Scoring:
         best = ranked.best(config.grasps)
         shares = np.full(len(ranked.scores), np.nan)
         sure = rehearsed_score(ranked.scores[best], np.ones(len(best)), config)
-        for first in range(0, len(best), _AT_ONCE):
-            tried, now = best[:first], best[first : first + _AT_ONCE]
+        at_once = len(best) if order else _AT_ONCE
+        for first in range(0, len(best), at_once):
+            tried, now = best[:first], best[first : first + at_once]
             if not order and (rehearsed_score(ranked.scores[tried], shares[tried], config) > sure[first]).any():
                 break
             shares[now] = rehearsal.shares(ranked.poses[now], ranked.preshapes[now])

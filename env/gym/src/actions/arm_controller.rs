@@ -289,7 +289,7 @@ impl ArmController {
     ) -> Isometry3<f64> {
         let (dt, truth) = (world.dt(), self.world_from_hand());
         let Some(mut drive) = self.drive.take() else { return truth };
-        drive.feel(world, arm, dt);
+        drive.feel(world, arm, f64::from(ticks) * dt);
         let begins = drive.begins_period(dt, most);
         if begins {
             drive.look_around(world, arm);
@@ -300,9 +300,11 @@ impl ArmController {
         for _ in 0..ticks {
             self.stop.feel(load, &truth, (&drive.wanted.0, &drive.wanted.1), dt);
         }
-        let (pose, duration) = (drive.advance(arm, dt, ticks), f64::from(ticks) * dt);
-        self.linear = (pose.translation.vector - self.pose.translation.vector) / duration;
-        self.angular = (pose.rotation * self.pose.rotation.inverse()).scaled_axis() / duration;
+        // The velocity is that of the last time step.
+        let before = if ticks > 1 { drive.advance(arm, dt, ticks - 1) } else { self.pose };
+        let pose = drive.advance(arm, dt, 1);
+        self.linear = (pose.translation.vector - before.translation.vector) / dt;
+        self.angular = (pose.rotation * before.rotation.inverse()).scaled_axis() / dt;
         self.pose = pose;
         self.drive = Some(drive);
         self.world_from_hand()

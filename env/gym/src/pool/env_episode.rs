@@ -72,6 +72,9 @@ impl EnvEpisode {
             arm = arm.on_arm(positions);
             episode.place_arm(&initial.hand_error, &positions[..spec.follower.chain().len()]);
         }
+        if initial.dropped.is_none() {
+            episode.expect_rest();
+        }
         let mut body = EpisodeBody { episode, prepared: initial.prepared.clone(), arm, record };
         body.record.success = spec.config.goal.is_some_and(|goal| body.reached(&goal));
         Self::resume(body, initial.mode.clone())

@@ -57,7 +57,7 @@ impl EpisodeBody {
         }
     }
 
-    /// Moves the arm and advances by `steps` time steps at once where that is the same: [`Episode::advance_freely`]. Returns whether it did; if
+    /// Moves the arm and advances by `steps` time steps at once where nothing is in reach: [`Episode::advance_freely`]. Returns whether it did; if
     /// not, nothing has changed.
     ///
     /// * `motion`: with the time since the control period began, seconds.

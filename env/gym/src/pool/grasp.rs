@@ -30,11 +30,9 @@ impl GraspState {
         let dt = body.episode.world().dt();
         let (mut done, at_once) = (0, body.episode.world().free_steps().min(substeps).max(1));
         while done < substeps {
-            let time = f64::from(done) * dt;
-            if done % at_once == 0
-                && body.advance_freely((&motion, time), &commands, at_once.min(substeps - done), spec)?
-            {
-                done += at_once.min(substeps - done);
+            let (time, next) = (f64::from(done) * dt, at_once.min(substeps - done));
+            if done % at_once == 0 && body.advance_freely((&motion, time), &commands, next, spec)? {
+                done += next;
                 continue;
             }
             let load = body.episode.world().hand_load();

@@ -237,8 +237,7 @@ mod tests {
     fn on_table(with_object: bool, mass: f64, distance: f64) -> Point {
         let model = Model::of_ball(mass, 1.0);
         let planes = model.scenery.planes(&Isometry3::identity());
-        let now =
-            Situation { dt: DT, prediction: 0.001, poses: &[], turns: &[], moving: &[], planes: &planes, idle: 0 };
+        let now = Situation { dt: DT, poses: &[], turns: &[], moving: &[], planes: &planes, idle: 0 };
         let scene = Scene { now, reference: Vector3::zeros(), scenery: Twist::default(), friction_factors: &[1.0] };
         let a = if with_object { BodyKind::Object(0) } else { BodyKind::Hand(0) };
         let mut problem = Problem::new(&model);

@@ -77,9 +77,6 @@ pub(crate) struct BodyMotion {
 /// Poses and motion of all bodies at the beginning of a step.
 pub(crate) struct Situation<'a> {
     pub dt: f64,
-    /// Distance that bodies may cover beyond that at their present velocities, metres; two bodies of the hand only
-    /// [`crate::ImplicitConfig::prediction`].
-    pub prediction: f64,
     /// By [`crate::BodyIndex`].
     pub poses: &'a [Isometry3<f64>],
     /// The rotations of `poses` as matrices.
@@ -179,7 +176,7 @@ impl Searcher {
         let (a, b) = (&now.moving[pair.a], &now.moving[pair.b]);
         let radius = model.radius[pair.a];
         let speed = (a.velocity - b.velocity - b.omega.cross(&a.center)).norm() + (a.omega - b.omega).norm() * radius;
-        let reach = now.prediction + now.dt * speed;
+        let reach = model.config.prediction + now.dt * speed;
         let cache = &mut self.pairs[index];
         cache.reach = reach;
         let far = radius + reach;
@@ -215,8 +212,7 @@ impl Searcher {
         let between = b.center - a.center;
         let turning = (b.omega - a.omega).norm() * radius_a.min(radius_b);
         let speed = (b.velocity - a.velocity - a.omega.cross(&between)).norm() + turning;
-        let within_hand = matches!(pair.sides, [BodyKind::Hand(_), BodyKind::Hand(_)]);
-        let reach = if within_hand { model.config.prediction } else { now.prediction } + now.dt * speed;
+        let reach = model.config.prediction + now.dt * speed;
         let cache = &mut self.pairs[index];
         cache.reach = reach;
         if between.norm_squared() > (radius_a + radius_b + reach).powi(2) {

@@ -36,39 +36,39 @@ impl Solver {
         !touched && self.state.objects.iter().all(|object| object.asleep.is_some())
     }
 
-    /// Advances by one step that lasts as long as `steps` of them, if [`Solver::is_free`] and no bodies come within reach in it. Returns whether
-    /// it did; if not, poses and velocities are as before.
+    /// Advances by one step of any duration, if [`Solver::is_free`] and no bodies come within reach in it. Returns whether it did; if not, poses
+    /// and velocities are as before.
     ///
-    /// Bodies are within reach if they may touch at their present velocities, or farther apart by at most `steps` times
-    /// [`crate::ImplicitConfig::prediction`], which allows for the speed that they gain. Two bodies of the hand may overlap by what they gain:
-    /// the fingers of most hands are always near each other.
-    pub fn step_freely(&mut self, input: &StepInput, steps: u32) -> bool {
+    /// Bodies are within reach if they may touch at their velocities at the end of the step, by which they move, or are nearer than
+    /// [`crate::ImplicitConfig::prediction`] then.
+    pub fn step_freely(&mut self, input: &StepInput) -> bool {
         if !self.is_free() || input.forces.iter().any(|force| *force != Vector3::zeros()) {
             return false;
         }
         let model = std::sync::Arc::clone(&self.model);
         let free = model.tree.coordinates.len();
         self.kept_rates.clear();
-        self.kept_rates.extend(&self.state.rates[free..]);
+        self.kept_rates.extend(&self.state.rates);
         let (reference, scenery) = self.begin(&model, input, Springs::Implicit);
-        self.place_bodies(&model, input, &reference, &scenery);
-        self.referred = reference;
-        if !self.nothing_in_reach(&model, input, steps) {
-            self.state.rates[free..].copy_from_slice(&self.kept_rates);
-            return false;
-        }
         self.problem.points.clear();
         self.problem.patches.clear();
-        self.end(&model, input, &scenery);
+        let balanced = self.solve(&model, &scenery);
+        self.state.rates[..free].copy_from_slice(&self.problem.hand.velocity);
+        self.place_bodies(&model, input, &reference, &scenery);
+        self.referred = reference;
+        if !balanced || !self.nothing_in_reach(&model, input) {
+            self.state.rates.copy_from_slice(&self.kept_rates);
+            return false;
+        }
+        self.end(&model, input, &scenery, &reference);
         true
     }
 
     /// Searches every pair, and tells whether none of their points come within reach.
-    fn nothing_in_reach(&mut self, model: &Model, input: &StepInput, steps: u32) -> bool {
+    fn nothing_in_reach(&mut self, model: &Model, input: &StepInput) -> bool {
         let planes = model.scenery.planes(&input.base_from_world);
         let (poses, turns, moving, dt) = (&self.poses, &self.turns, &self.moving, input.dt);
-        let prediction = f64::from(steps) * model.config.prediction;
-        let now = Situation { dt, prediction, poses, turns, moving, planes: &planes, idle: input.idle };
+        let now = Situation { dt, poses, turns, moving, planes: &planes, idle: input.idle };
         self.searcher.search(model, &now, &self.asleep);
         let mut pairs = model.pairs.iter().zip(&self.searcher.pairs);
         pairs.all(|(pair, cache)| rests(&self.asleep, pair) || rows::none_in_reach(&now, pair, cache))

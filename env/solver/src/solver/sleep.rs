@@ -1,8 +1,8 @@
 //! Sleep: objects that rest are not simulated until something touches them.
 //!
-//! An island without the hand falls asleep once all of its objects have been slower than [`SLOW`] relative to the scenery for [`RESTS`], or
-//! [`CONFIRMED`] if they were placed at rest. Its objects then keep their poses in the world exactly. They wake together, in the step in which a contact with a body that is awake becomes
-//! possible, a force acts on one of them, or their state is set.
+//! An island without the hand falls asleep once all of its objects have been slower than [`SLOW`] relative to the scenery for [`RESTS`], or for
+//! [`CONFIRMED`] if they are expected to rest. Its objects then keep their poses in the world exactly. They wake together, in the step in which a
+//! contact with a body that is awake becomes possible, a force acts on one of them, or their state is set.
 //!
 //! The contact points of the last step before sleep remain the contacts of the sleepers.
 
@@ -19,7 +19,7 @@ const SLOW: f64 = 1e-3;
 /// Time for which it stays so before it sleeps, seconds.
 const RESTS: f64 = 0.2;
 
-/// The same for an object that was placed at rest, seconds: one that falls or tilts is faster by then.
+/// The same for an object that came to rest before where it is, seconds. One that falls is faster by then; one that stands on an edge may not be.
 const CONFIRMED: f64 = 0.01;
 
 /// A sleeping object.
@@ -49,7 +49,7 @@ pub(crate) fn rests(asleep: &[bool], pair: &Pair) -> bool {
 }
 
 impl Solver {
-    /// Takes all objects for at rest: those that stay slow for [`CONFIRMED`] sleep.
+    /// Takes all objects for at rest where they are, as after a settling: those that stay slow for [`CONFIRMED`] sleep.
     pub fn expect_rest(&mut self) {
         self.state.objects.iter_mut().for_each(|object| object.slow_for = RESTS - CONFIRMED);
     }
@@ -70,7 +70,7 @@ impl Solver {
         }
     }
 
-    /// Gives the sleepers the velocity of the scenery.
+    /// Gives the sleepers the velocity of the scenery in this step, which they have at its end.
     pub(super) fn carry_sleepers(&mut self, scenery: &Twist, reference: &Vector3<f64>) {
         for index in 0..self.state.objects.len() {
             if self.asleep[index] {

@@ -59,7 +59,7 @@ def try_choices(
 def _try_scene(sampler: SceneSampler, number: int, finder: GraspFinder) -> Choices:
     rng = np.random.default_rng([sampler.seed, number, 7])
     rendered = render_scene(sampler, number, rng, finder.grid.hand)
-    query = Query(number, keep_off=rendered.objects.obstacles)
+    query = Query(number, keep_off=rendered.objects.obstacles, order=True)
     grasp = None if rendered.crops is None else finder.find(Seen(rendered.crops), query)
     if grasp is None or grasp.judged is None or rendered.scene is None:
         flags, numbers = np.zeros((0, len(SECURE_WEIGHTS)), dtype=np.bool_), np.zeros((0, len(SECURE_WEIGHTS), 2))

@@ -130,7 +130,7 @@ def _collect_scene(
             finder = GraspFinder(grid, complete, _unscored, replace(config.finder, refinements=0))
         else:
             finder = GraspFinder(grid, complete, score, config.finder, head=head)
-        grasp = finder.find(Seen(rendered.crops), Query(number, keep_off=rendered.objects.obstacles))
+        grasp = finder.find(Seen(rendered.crops), Query(number, keep_off=rendered.objects.obstacles, order=True))
     if grasp is None or rendered.scene is None:
         return GraspTrials.empty(rendered.source, rendered.world_from_object)
     chosen = _choose(len(grasp.preshapes), config.per_scene, rng, None if score is None else grasp.scores)
