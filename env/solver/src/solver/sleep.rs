@@ -49,7 +49,7 @@ pub(crate) fn rests(asleep: &[bool], pair: &Pair) -> bool {
 }
 
 impl Solver {
-    /// Takes all objects for at rest where they are, as after a settling: those that stay slow for [`CONFIRMED`] sleep.
+    /// Takes all objects for at rest where they are, as after a settling: those that stay slow for 10 ms sleep.
     pub fn expect_rest(&mut self) {
         self.state.objects.iter_mut().for_each(|object| object.slow_for = RESTS - CONFIRMED);
     }
