@@ -175,26 +175,34 @@ def test_an_episode_ends_at_success_only_if_asked(env_id: str) -> None:
         assert ends or steps == 50
 
 
-def test_a_lost_object_ends_nothing() -> None:
-    """To end there would be better than -1 in every further step. The hand sweeps a ball off the table."""
+def swept(env_id: str, place: float) -> list[Any]:
+    """Return the steps of a hand that sweeps a ball towards the edge of the table."""
     options = {
         "object": "ball-000000",
-        "place": [0.0, 0.32, 0.0],
-        "world_from_hand": [[1, 0, 0, 0], [0, -1, 0, 0.12], [0, 0, -1, 0.1], [0, 0, 0, 1]],
+        "place": [0.0, place, 0.0],
+        "world_from_hand": [[1, 0, 0, 0], [0, -1, 0, place - 0.2], [0, 0, -1, 0.1], [0, 0, 0, 1]],
     }
-    ends = []
-    for env_id in (PLACE, "graspbox/Grasp-v0"):
-        env = make(env_id, obs="state", control="top_down")
-        env.reset(seed=0, options=options)
-        steps = [env.step(np.array([0, 0, -0.5, 0, -1, 0])) for _ in range(3)]
-        while len(steps) < 30 and not steps[-1][2]:
-            steps.append(env.step(np.array([0, 1, 0, 0, -1, 0])))
-        ends.append((len(steps), steps[-1]))
-    assert ends[0][0] == 30
-    assert ends[0][1][0]["achieved_goal"][2] < -0.5
-    assert ends[0][1][1] == -1.0
-    assert ends[1][0] < 30
-    assert ends[1][1][4]["failure"] != ""
+    env = make(env_id, obs="state", control="top_down")
+    env.reset(seed=0, options=options)
+    steps = [env.step(np.array([0, 0, -0.5, 0, -1, 0])) for _ in range(3)]
+    while len(steps) < 30 and not steps[-1][2]:
+        steps.append(env.step(np.array([0, 1, 0, 0, -1, 0])))
+    return steps
+
+
+def test_a_lost_object_ends_nothing() -> None:
+    """To end there would be better than -1 in every further step. Where the ball bounces off the hand, it may stay."""
+    for place in (0.25, 0.27, 0.29, 0.31, 0.33):
+        steps = swept(PLACE, place)
+        assert len(steps) == 30
+        if steps[-1][0]["achieved_goal"][2] < -0.5:
+            break
+    else:
+        pytest.fail("no ball falls off the table")
+    assert steps[-1][1] == -1.0
+    ended = swept("graspbox/Grasp-v0", place)
+    assert len(ended) < 30
+    assert ended[-1][4]["failure"] != ""
 
 
 @EVERY
