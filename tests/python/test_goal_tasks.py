@@ -175,12 +175,12 @@ def test_an_episode_ends_at_success_only_if_asked(env_id: str) -> None:
         assert ends or steps == 50
 
 
-def swept(env_id: str, place: float) -> list[Any]:
-    """Return the steps of a hand that sweeps a ball towards the edge of the table."""
+def swept(env_id: str, aside: float) -> list[Any]:
+    """Return the steps of a hand that sweeps a ball towards the edge of the table, from a little aside, metres."""
     options = {
         "object": "ball-000000",
-        "place": [0.0, place, 0.0],
-        "world_from_hand": [[1, 0, 0, 0], [0, -1, 0, place - 0.2], [0, 0, -1, 0.1], [0, 0, 0, 1]],
+        "place": [0.0, 0.3, 0.0],
+        "world_from_hand": [[1, 0, 0, aside], [0, -1, 0, 0.1], [0, 0, -1, 0.1], [0, 0, 0, 1]],
     }
     env = make(env_id, obs="state", control="top_down")
     env.reset(seed=0, options=options)
@@ -192,15 +192,15 @@ def swept(env_id: str, place: float) -> list[Any]:
 
 def test_a_lost_object_ends_nothing() -> None:
     """To end there would be better than -1 in every further step. Where the ball bounces off the hand, it may stay."""
-    for place in (0.25, 0.27, 0.29, 0.31, 0.33):
-        steps = swept(PLACE, place)
+    for aside in (0.0, 0.002, 0.004, 0.006, 0.008, -0.002, -0.004, -0.006):
+        steps = swept(PLACE, aside)
         assert len(steps) == 30
         if steps[-1][0]["achieved_goal"][2] < -0.5:
             break
     else:
         pytest.fail("no ball falls off the table")
     assert steps[-1][1] == -1.0
-    ended = swept("graspbox/Grasp-v0", place)
+    ended = swept("graspbox/Grasp-v0", aside)
     assert len(ended) < 30
     assert ended[-1][4]["failure"] != ""
 
