@@ -98,7 +98,7 @@ def test_grasps_without_trials_stay_behind(scene: RenderedScene) -> None:
 
 @pytest.mark.parametrize(("slope", "gain"), [(0.55, 1.65), (0.0, 1.65), (2.0, 1.0)])
 def test_trials_end_once_nothing_better_can_come(scene: RenderedScene, slope: float, gain: float) -> None:
-    """The choice is that of all trials; where the trials alone decide, they end with the first secure hold."""
+    """The choice is that of all trials; where scores weigh much, few are needed, and where they weigh nothing, all."""
     config = replace(CONFIG, rehearsal=RehearsalConfig(grasps=48, slope=slope, gain=gain))
     every, few = decide(scene, config), decide(scene, config, order=False)
     assert few.rehearsed is not None
@@ -109,6 +109,8 @@ def test_trials_end_once_nothing_better_can_come(scene: RenderedScene, slope: fl
     assert 0 < tried.sum() <= np.isfinite(every.rehearsed).sum()
     if slope == 2.0:
         assert tried.sum() < np.isfinite(every.rehearsed).sum()
+    if slope == 0.0:
+        assert tried.sum() == np.isfinite(every.rehearsed).sum()
 
 
 def test_the_same_image_gives_the_same_bits(scene: RenderedScene) -> None:

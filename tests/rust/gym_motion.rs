@@ -331,8 +331,8 @@ fn a_varied_object_weighs_and_slides_as_it_was_told() {
     }
 }
 
-/// Measurements of a real robot do not reveal where the object is. Fingers that swing end up to 2 mrad apart, less than their encoders tell, where
-/// one hand takes long steps and the other not yet.
+/// Measurements of a real robot do not reveal where the object is, but for milliradians of fingers that swing: where one object sleeps earlier, the
+/// hand takes long steps earlier.
 #[test]
 fn proprioception_and_touch_know_nothing_of_an_object_out_of_reach() {
     let objects = objects(&[Family::Can, Family::Banana]);
