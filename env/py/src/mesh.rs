@@ -191,7 +191,6 @@ impl Mesh {
     #[new]
     #[pyo3(signature = (vertices, faces, name, mass, cleaning, parts, solid = true))]
     fn new(
-        py: Python<'_>,
         vertices: Floats<'_>,
         faces: PyReadonlyArrayDyn<'_, u32>,
         name: String,
@@ -200,12 +199,12 @@ impl Mesh {
         parts: Option<Vec<Floats<'_>>>,
         solid: bool,
     ) -> PyResult<Self> {
-        let (vertices, faces) = (points(&vertices, "vertices")?, triples(&faces, "faces")?);
+        let (vertices, triangles) = (points(&vertices, "vertices")?, triples(&faces, "faces")?);
         let part = |(i, part): (usize, &Floats<'_>)| points(part, &format!("parts[{i}]"));
         let parts = parts.map(|parts| parts.iter().enumerate().map(part).collect()).transpose()?;
         let cleaning = cleaning_options(cleaning)?;
-        let mesh = TriMesh::new(vertices, faces).map_err(CoreError::from)?;
-        Self::cleaned(py, ObjectSpec { name, mesh, mass, parts }, cleaning, None, solid)
+        let mesh = TriMesh::new(vertices, triangles).map_err(CoreError::from)?;
+        Self::cleaned(faces.py(), ObjectSpec { name, mesh, mass, parts }, cleaning, None, solid)
     }
 
     /// A mesh of a closed surface, whose convex parts are made at once, with settings `parts`, and are cached nowhere.
