@@ -17,6 +17,7 @@ from graspbox.data.trials.learned import of_splits
 from graspbox.learn.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings
 from graspbox.object_sets import learned_sets
 from graspbox.perception import HandGrid
+from graspbox.perception.configs import RehearsalConfig
 from graspbox.policies.published.calibration import Calibration
 from graspbox.policies.published.folders import read_depth_policy, save
 from interrupting import train_despite_kills
@@ -277,7 +278,7 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
 
     out, published = tmp_path / "run", trained / "ablations" / "scorer"
     nothing = {"rounds": 0, "scorer_steps": 0, "completion_steps": 0}
-    kept = replace(QUICK, **nothing, proposed=40, predicted=20, enough=8, lever_penalty=4.0)
+    kept = replace(QUICK, **nothing, proposed=40, predicted=20, enough=8, lever_penalty=4.0, rehearsed=5)
     names: dict[str, Any] = {"start": published, "completion": str(published), "layout": ("single", "pile")}
     depth.train(DepthSettings(out=out, sizes=kept, **names, **QUICK_OBJECTS), "graspbox train depth", print)
     assert not (out / "data").exists()
@@ -287,11 +288,13 @@ def test_a_published_policy_is_calibrated_again(trained: Path, tmp_path: Path) -
         assert all(torch.equal(stored[key], values) for key, values in before.items() if key[:4] != "val_"), name
     finder = policy.finder
     assert (finder.proposals.most, finder.predicted, finder.enough, finder.lever_penalty) == (40, 20, 8, 4.0)
+    assert finder.rehearsal == RehearsalConfig(grasps=5)
     assert not policy.uses
     card = (out / "policy" / "README.md").read_text()
     text = " ".join(card.split())
     assert f"The networks are those of `{published}`, calibrated on `procedural:can:10-29`" in text
     assert "The score loses 4 for each metre from the fingertips" in text
+    assert "A single object's 5 best grasps are first tried in simulation" in text
     assert "### How its networks were trained" not in card
     again = tmp_path / "again"
     depth.train(DepthSettings(out=again, sizes=kept, **{**names, "start": out / "policy"}, **QUICK_OBJECTS), "", print)

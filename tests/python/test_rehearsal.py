@@ -20,6 +20,7 @@ from graspbox.perception.crops import OCCUPIED
 from graspbox.perception.depth_views import Seen
 from graspbox.perception.finder import FoundGrasp, GraspFinder, Query
 from graspbox.perception.shapes import Rehearsal, rehearsed_score, rehearsed_success, surface_of
+from graspbox.policies.published.folders import read_depth_policy, save
 
 CROP = CropConfig()
 CONFIG = FinderConfig(ProposalConfig(most=48), predicted=0, refinements=0, rehearsal=RehearsalConfig(grasps=48))
@@ -261,6 +262,25 @@ def test_only_policies_that_score_grasps_of_single_objects_rehearse(tmp_path: Pa
     policies.load(tmp_path / "depth", rehearsed=0)
 
 
+def test_a_policy_that_rehearses_by_its_folder_does_so_with_single_objects(tmp_path: Path) -> None:
+    tiny_policy.make(tmp_path)
+    published = read_depth_policy(tmp_path)
+    save(tmp_path, replace(published, finder=published.finder.rehearsing(3)))
+    policy = policies.load(tmp_path)
+    assert isinstance(policy, policies.DepthGrasp)
+    tried = {}
+    for env_id, objects in (("GraspPose-v0", "procedural:can:0"), ("Clear-v0", "procedural:can:0-3")):
+        envs = gymnasium.make_vec(f"graspbox/{env_id}", 1, objects=objects, obs=policy.obs, **policy.settings)
+        policy.bind(policies.Task.of(envs))
+        observation, info = envs.reset(seed=0)
+        policy.reset(seed=0, info=info)
+        policy.act(observation)
+        envs.close()
+        assert policy.found[0] is not None
+        tried[env_id] = policy.found[0].rehearsed is not None
+    assert tried == {"GraspPose-v0": True, "Clear-v0": False}
+
+
 def test_the_probability_of_a_grasp_without_trials_is_that_of_the_scorer(scene: RenderedScene) -> None:
     config, success = RehearsalConfig(), np.array([0.9, 0.9, 0.2])
     stated = rehearsed_success(success, np.array([np.nan, 0.0, 1.0]), config)
@@ -268,8 +288,9 @@ def test_the_probability_of_a_grasp_without_trials_is_that_of_the_scorer(scene: 
     np.testing.assert_array_equal(stated[1:], rehearsed_score(success[1:], np.array([0.0, 1.0]), config))
     finder = GraspFinder(HandGrid(), scene.true_occupancy, highest, CONFIG)
     assert scene.crops is not None
+    targeted = Seen(scene.crops, np.ones((CROP.resolution,) * 3, dtype=np.bool_))
     with pytest.raises(ConfigError, match="takes all that is seen for one object; rehearse none, or pass no target"):
-        finder.find(Seen(scene.crops, np.ones((CROP.resolution,) * 3, dtype=np.bool_)))
+        finder.find(targeted, Query(rehearsed=4))
 
 
 def test_the_command_line_rehearses(tmp_path: Path) -> None:

@@ -162,7 +162,7 @@ class Query:
     hand_error : PoseNoise, optional
         As `FinderConfig.tolerating`; by default as the finder is configured.
     rehearsed : int, optional
-        As `FinderConfig.rehearsing`; by default as the finder is configured.
+        As `FinderConfig.rehearsing`; by default as the finder is configured, but none of a target among other objects.
     order : bool
         The order of all grasps matters: without it, a rehearsal ends once no other grasp can become the best.
     known : (k, 4, 4) and (k,) float64, optional
@@ -345,6 +345,8 @@ class GraspFinder(Finder):
     def propose(self, volume: NDArray[np.uint8], seen: Seen, query: Query) -> Proposed:
         """Propose grasps of geometry, then of the head, off obstacles where any can be: see `Finder.propose`."""
         config, frame = query.settings(self.config), seen.crops.world_from_crop[0]
+        if seen.target is not None and query.rehearsed is None:
+            config = config.rehearsing(0)
         if seen.target is not None and config.rehearsal is not None:
             raise ConfigError("a rehearsal takes all that is seen for one object; rehearse none, or pass no target")
         # A grasp that touches a wall may still succeed: the hand stops only where a wall resists.

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -195,8 +196,8 @@ class DepthGrasp(DepthPolicy):
         long.
     rehearsed : int, optional
         How many of the best grasps are first tried in simulation on the completed shape
-        (`graspbox.perception.configs.RehearsalConfig`), 0 for none; by default as in the folder. A decision then takes
-        several times as long. For single objects.
+        (`graspbox.perception.configs.RehearsalConfig`), 0 for none; by default as in the folder, and none where there
+        are several objects. A decision then takes several times as long.
     backend : {"onnx", "torch"}
         Runs the networks: onnxruntime (extra ``onnx``), or torch.
     num_threads : int, optional
@@ -227,6 +228,7 @@ class DepthGrasp(DepthPolicy):
         check_backend(backend)
         published = read_depth_policy(Path(folder))
         settings = Query(hand_error=hand_error, rehearsed=rehearsed).settings(config or published.finder)
+        self._rehearsed = rehearsed
         load = partial(load_finder, Path(folder), published, config=settings, backend=backend, num_threads=num_threads)
         super().__init__(partial(Observer, noise=noise), MadeOnce(load))
         self._describe(folder, published)
@@ -266,11 +268,16 @@ class DepthGrasp(DepthPolicy):
 
     def _bind(self, task: Task) -> None:
         super()._bind(task)
-        if self.finder.config.rehearsal is not None and (self._clears or task.layout != "single"):
+        if self.finder.config.rehearsal is None or (task.layout == "single" and not self._clears):
+            return
+        if self._rehearsed is not None:
             raise ConfigError(
                 f"the policy {self.name!r} rehearses grasps of a single object, and {task.env_id!r} has the layout "
                 f"{task.layout!r}; let it rehearse none (rehearsed=0, --rehearse 0)"
             )
+        # Copies of the policy share the finder.
+        self.finder = copy(self.finder)
+        self.finder.config = self.finder.config.rehearsing(0)
 
 
 def _grasper(folder: Path, backend: Backend, num_threads: int | None, hand: HandLike | None) -> ImageGrasper:

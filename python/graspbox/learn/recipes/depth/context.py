@@ -51,6 +51,8 @@ class DepthContext:
         self.finder, self.anchors = replace(FINDER, proposals=proposals), fitted.anchors
         self.grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
+        #: How the published policy finds a grasp.
+        self.published_finder = self.policy_finder.rehearsing(self.sizes.rehearsed)
         self.networks = TrainedNetworks(settings.out, self.sizes, self.grid, self.scenes)
         self.data = settings.data or (settings.out / "data" / "set",)
 
@@ -61,7 +63,7 @@ class DepthContext:
 
     @property
     def policy_finder(self) -> FinderConfig:
-        """How the policy finds a grasp; it refines none, since refinement exploits errors of the scorer."""
+        """How the policy finds a grasp in training; it refines none, since refinement exploits errors of the scorer."""
         sizes = self.sizes
         return replace(
             self.finder,

@@ -24,7 +24,7 @@ __all__ = ["export_ablations", "export_policy"]
 def export_policy(context: DepthContext, stage: Run) -> dict[str, Any]:
     """Write the folder of the policy."""
     del stage
-    rounds, finder = context.sizes.rounds, context.policy_finder
+    rounds, finder = context.sizes.rounds, context.published_finder
     config = _export(context, context.policy_folder, context.settings.name, rounds, finder, licence=package_licence())
     return {"files": len(config.files)}
 

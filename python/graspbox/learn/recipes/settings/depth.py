@@ -63,6 +63,8 @@ class Sizes:
     """Number of geometric proposals from which on the policy does not ask its head; by default it always does."""
     lever_penalty: float | None = None
     """What the score of a grasp loses for each metre from the hand to the middle of the object; by default nothing."""
+    rehearsed: int = 0
+    """Grasps of a single object that the policy tries on the completed shape before it chooses one; 0 for none."""
     scenes: int = 4_000
     """Scenes of each round."""
     held_out_scenes: int = 150
@@ -137,7 +139,8 @@ class DepthSettings(HandOption):
     7. calibrate: choices on held-out objects. They determine the weight of a secure hold in the choice, and calibrate
        the scorer's logits to probabilities. --sizes.lever-penalty 4 prefers grasps near the middle of an object.
     8. export, ablations: the policy's folder, and in ablations the policy before the rounds, and without the head;
-       scripts/evaluate_policies.py measures the effect of each step.
+       scripts/evaluate_policies.py measures the effect of each step. With --sizes.rehearsed 16 the policy tries its 16
+       best grasps in simulation before it chooses, which helps hands of many fingers.
     9. evaluate: the exported policy in GraspPose-v0 on objects excluded from training, and its calibration there.
     10. clear: rounds of clearing scenes of several objects (graspbox benchmark clutter), if --layout has any.
 
