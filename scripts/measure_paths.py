@@ -109,7 +109,7 @@ def measure(seed: int, arm: arms.Arm, hand: graspbox.Hand, placing: bool, judgin
     if not judging:
         return
     limits = limits_of(arm)
-    tally.ratios.append(limit_ratios(path, limits.speed, limits.acceleration, limits.jerk))
+    tally.ratios.append(limit_ratios(path, limits))
     verdict = Judge(arm, hand, base, others, (mesh, pose), place)(path)
     tally.postures += verdict.postures
     tally.collided += bool(verdict.touches)

@@ -290,6 +290,13 @@ class Arm:
     def jerks(self) -> NDArray[np.float64]:
         """Greatest jerk of each joint, (k,), rad/s3 or m/s3; inf where none is known."""
     @property
+    def slowing(self) -> NDArray[np.float64]:
+        """Lower speeds near the ends of ranges, (k, 4), rad or m and s.
+
+        At a distance d from the least position (column 0) or the greatest (1) a joint moves towards it by at most
+        sqrt(rate d) - offset (columns 2 and 3); infinite positions where nothing is slowed.
+        """
+    @property
     def home(self) -> NDArray[np.float64]:
         """Positions of the joints at home, (k,), rad or m."""
     @property

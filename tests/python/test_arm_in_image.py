@@ -217,7 +217,7 @@ def test_the_command_takes_joints(tiny: Path, tmp_path: Path) -> None:
     wrong = invoke([*words, "--joints", "0 -45 0 -135 0 90 45"])
     assert isinstance(wrong.exception, errors.ConfigError)
     assert re.search(
-        r"joints put joint2 of the arm fr3 at -45, beyond its range -1\.784 \.\. 1\.784", str(wrong.exception)
+        r"joints put joint2 of the arm fr3 at -45, beyond its range -1\.78 \.\. 1\.78", str(wrong.exception)
     )
 
 

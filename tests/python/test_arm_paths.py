@@ -140,7 +140,7 @@ def test_a_judge_of_its_own_finds_no_collision_and_no_limit_exceeded(name: str, 
     verdict = judge(made)
     assert verdict.touches == []
     assert verdict.postures > 300
-    ratios = limit_ratios(made, limits.speed, limits.acceleration, limits.jerk)
+    ratios = limit_ratios(made, limits)
     assert (ratios <= 1.0 + 1e-6).all(), ratios
     assert ratios.max() > 0.9, "some limit is used"
     # A path through the things is judged so: the same one, with them where the can is carried along.
@@ -177,7 +177,7 @@ def test_curves_keep_to_the_limits() -> None:
     """A spline with strong bends: its speeds are limited by accelerations and jerks across the line."""
     limits = replace(limits_of(Arm.named("fr3")), acceleration=np.full(7, 2.0), jerk=np.full(7, 10.0))
     s = np.linspace(0.0, 0.1, 21)
-    postures = np.stack([np.sin(40 * s + i) * 0.1 for i in range(7)], axis=1)
+    postures = Arm.named("fr3").home + np.stack([np.sin(40 * s + i) * 0.1 for i in range(7)], axis=1)
     (piece,) = timed("approach", postures, s, limits)
     states = np.abs(piece.at(np.linspace(0, piece.duration, 20_000)))
     for row, limit in zip(states[1:], (limits.speed, limits.acceleration, limits.jerk), strict=True):
@@ -188,6 +188,29 @@ def test_curves_keep_to_the_limits() -> None:
     for count in (2, 3):
         (short,) = timed("approach", postures[:count], s[:count], limits)
         np.testing.assert_allclose(short.at(np.array([short.duration]))[0][0], postures[count - 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("line", [False, True], ids=["straight", "curve"])
+def test_joints_slow_down_near_the_ends_of_their_ranges(line: bool) -> None:
+    arm = Arm.named("fr3")
+    limits, (low, high) = limits_of(arm), arm.joint_limits.T
+    free = replace(limits, slowing=np.tile([-np.inf, np.inf, 1.0, 0.0], (7, 1)))
+    s = np.linspace(0.0, 1.0, 41 if line else 2)
+    # All joints move to an end, some to the least position; the curve wavers on its way.
+    goal = np.where(np.arange(7) % 2, low, high)
+    postures = arm.home + s[:, None] * (goal - arm.home) + 0.02 * np.sin(np.pi * s)[:, None] * np.sin(20 * s)[:, None]
+    over = {}
+    for name, given in (("slowed", limits), ("free", free)):
+        (piece,) = timed("approach", postures, s if line else None, given)
+        positions, velocities = piece.at(np.linspace(0.0, piece.duration, 20_000))[:2]
+        over[name] = (np.abs(velocities) / limits.allowed(positions, velocities)).max(), piece.duration
+    assert over["free"][0] > 1.5
+    assert 0.5 < over["slowed"][0] <= 1.0
+    assert over["slowed"][1] < 4 * over["free"][1]
+    # At 0.1 rad from the end, by the formula of the maker; away from an end nothing is slowed.
+    near = np.full((1, 7), high - 0.1)
+    np.testing.assert_allclose(limits.allowed(near, np.ones((1, 7)))[0, 0], np.sqrt(12 * (2.7501 - near[0, 0])) - 0.3)
+    np.testing.assert_array_equal(limits.allowed(near, -np.ones((1, 7)))[0, [0, 2, 4, 6]], limits.speed[[0, 2, 4, 6]])
 
 
 def test_limits_that_an_arm_does_not_state_are_told_once(plan: graspbox.Plan, monkeypatch: pytest.MonkeyPatch) -> None:

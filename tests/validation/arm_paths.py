@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox.arms import Arm, Trajectory
+from graspbox.arms.timing import Limits
 from graspbox.hands.conventions import mechanism_of
 
 __all__ = ["Judge", "Verdict", "limit_ratios"]
@@ -282,8 +283,8 @@ def _times(path: Trajectory) -> Array:
     )
 
 
-def limit_ratios(path: Trajectory, speed: Array, acceleration: Array, jerk: Array, hz: float = 10_000.0) -> Array:
-    """Return the greatest speed, acceleration and jerk of a path as shares of the limits (k,).
+def limit_ratios(path: Trajectory, limits: Limits, hz: float = 10_000.0) -> Array:
+    """Return the greatest speed, acceleration and jerk of a path as shares of the limits, and of the speed near ends.
 
     Each is a difference of the positions, speeds and accelerations over 0.1 ms: at most the greatest in it.
     """
@@ -291,4 +292,10 @@ def limit_ratios(path: Trajectory, speed: Array, acceleration: Array, jerk: Arra
     step = np.diff(dense.times[:-1])[:, None]
     rows = [dense.positions[:-1], dense.velocities[:-1], dense.accelerations[:-1]]
     rates = [np.abs(np.diff(row, axis=0) / step) for row in rows]
-    return np.array([(rate / limit).max() for rate, limit in zip(rates, (speed, acceleration, jerk), strict=True)])
+    plain = (limits.speed, limits.acceleration, limits.jerk)
+    shares = [(rate / limit).max() for rate, limit in zip(rates, plain, strict=True)]
+    least, greatest, rate, offset = limits.slowing.T
+    positions, velocities = dense.positions[:-1], dense.velocities[:-1]
+    left = np.where(velocities > 0, greatest - positions, positions - least)
+    slowed = np.sqrt(rate * left) - offset
+    return np.array([*shares, (np.abs(velocities) / slowed).max()])

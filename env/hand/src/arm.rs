@@ -37,8 +37,32 @@ pub struct Axis {
     pub acceleration: Option<f64>,
     /// Greatest jerk, rad/s3 or m/s3; `None` where none is known.
     pub jerk: Option<f64>,
+    /// Lower speeds near the ends of its range, if the arm has them.
+    pub slowing: Option<Slowing>,
     /// Position at home, rad or m.
     pub home: f64,
+}
+
+/// Lower speeds of a joint near the ends of its range: at a distance d from an end it moves towards it by at most sqrt(`rate` d) - `offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slowing {
+    /// Least and greatest position, rad or m.
+    pub ends: [f64; 2],
+    /// rad/s2 or m/s2.
+    pub rate: f64,
+    /// rad/s or m/s.
+    pub offset: f64,
+}
+
+impl Slowing {
+    /// Least speed, rad/s or m/s, that a joint must be able to have: nearer to an end it could not brake in time.
+    const LEAST: f64 = 0.05;
+
+    /// The part of a range in which the joint may move by the least speed at least.
+    fn usable(&self, [lower, upper]: [f64; 2]) -> [f64; 2] {
+        let least = (self.offset + Self::LEAST).powi(2) / self.rate;
+        [lower.max(self.ends[0] + least), upper.min(self.ends[1] - least)]
+    }
 }
 
 /// Where a hand is mounted on an arm.

@@ -51,7 +51,7 @@ pub mod urdf;
 
 pub use actuator::{ActuatorCommand, ActuatorState, Hold};
 pub use arm::carrier::{Carrier, CarrierAxis, CarrierBody};
-pub use arm::{Arm, Axis, Mount};
+pub use arm::{Arm, Axis, Mount, Slowing};
 pub use chains::Chain;
 pub use error::{HandError, Problem, ProblemKind, Problems};
 pub use grasp::{FaceRule, Grasp, Preshape, PreshapeCoordinate, QuarterTurn};

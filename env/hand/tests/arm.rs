@@ -3,7 +3,7 @@
 
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
 use graspbox_hand::assets::ASSETS;
-use graspbox_hand::{Arm, HandError};
+use graspbox_hand::{Arm, HandError, Slowing};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -155,6 +155,28 @@ fn an_arm_begins_at_its_base_and_ends_at_its_flange() {
     // The base is the origin, wherever it stands in the file.
     let flange = arm.forward_kinematics(&[0.0, 0.3]).unwrap()[arm.flange];
     assert!((flange.translation.vector - Vector3::new(0.0, 0.0, 0.3)).norm() < 1e-12);
+}
+
+const SLOWING: &str = r#"[slowing.shoulder]
+ends = { value = [-1.05, 1.0], unit = "rad", source = "test" }
+rate = { value = 5.0, unit = "rad/s2", source = "test" }
+offset = { value = 0.45, unit = "rad/s", source = "test" }
+"#;
+
+#[test]
+fn a_joint_that_slows_down_leaves_the_ends_of_its_range_out() {
+    let arm = Arm::from_strs(URDF, &format!("{TOML}{SLOWING}"), ["arm.urdf", "arm.toml"]).unwrap();
+    let slowing = Slowing { ends: [-1.05, 1.0], rate: 5.0, offset: 0.45 };
+    assert_eq!([arm.axes[0].slowing, arm.axes[1].slowing], [Some(slowing), None]);
+    // Slower than 0.05 rad/s within 0.05 rad of an end: (0.45 + 0.05)^2 / 5.
+    assert_eq!(arm.joints[arm.axes[0].joint].limits, [-1.0, 0.95]);
+    let with = |from: &str, to: &str| problems(URDF, &format!("{TOML}{}", SLOWING.replace(from, to)));
+    assert_eq!(with("5.0", "0.0"), "arm.toml:12: joint \"shoulder\": rate is 0; it must be greater than 0");
+    assert_eq!(
+        with("[-1.05, 1.0]", "[0.5, 0.55]"),
+        "arm.toml:11: joint \"shoulder\": ends is [0.5, 0.55]; the joint must be able to move between them"
+    );
+    assert!(with("[slowing.shoulder]", "[slowing.grip]").contains("known: shoulder, slide"));
 }
 
 #[test]

@@ -15,7 +15,7 @@ use graspbox_arm::reach::Reacher;
 use graspbox_arm::{ArmBodies, Inverse, Mounted, Reach, ReachParams, Reason, Scene, Solution, Touched, on_arm, reach};
 use graspbox_gym::robot_arm::surface;
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
-use graspbox_hand::{Arm as Core, HandError};
+use graspbox_hand::{Arm as Core, Axis, HandError, Slowing};
 use nalgebra::Isometry3;
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
@@ -101,7 +101,7 @@ impl Arm {
         Ok(prepared(&self.prepared, &self.core).inverse.positions_of(&numbers))
     }
 
-    fn numbers<'py>(&self, py: Python<'py>, number: impl Fn(&graspbox_hand::Axis) -> f64) -> PyResult<Array<'py, f64>> {
+    fn numbers<'py>(&self, py: Python<'py>, number: impl Fn(&Axis) -> f64) -> PyResult<Array<'py, f64>> {
         array(py, self.core.axes.iter().map(number).collect(), &[self.core.axes.len()])
     }
 }
@@ -210,6 +210,17 @@ impl Arm {
     #[getter]
     fn jerks<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
         self.numbers(py, |axis| axis.jerk.unwrap_or(f64::INFINITY))
+    }
+
+    /// Lower speeds near the ends of ranges, (k, 4): at a distance d from the least position (column 0) or the greatest (1) a joint moves
+    /// towards it by at most sqrt(rate d) - offset (2 and 3), rad or m and s; infinite positions where nothing is slowed.
+    #[getter]
+    fn slowing<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, f64>> {
+        let row = |axis: &Axis| match &axis.slowing {
+            Some(Slowing { ends: [lower, upper], rate, offset }) => [*lower, *upper, *rate, *offset],
+            None => [f64::NEG_INFINITY, f64::INFINITY, 1.0, 0.0],
+        };
+        crate::convert::table(py, self.core.axes.iter().map(row))
     }
 
     /// Positions of the joints at home, (k,), rad or m.

@@ -8,9 +8,13 @@ the checked geometry: q' = dq/ds and its derivatives bound speed, acceleration a
     |d3q/dt3|  <= |q'''| v^3 + 3 |q''| v a + |q'| j
 
 for any time at which v, a, j bound the derivatives of s. A straight motion of the joints has q'' = q''' = 0.
+
+Where an arm slows down near the ends of its ranges (`Arm.slowing`), also ds/dt <= u(s). A course from rest to rest over
+a length l has v^2 <= 2 a s and v^2 <= 2 a (l - s), so that an a is chosen which keeps these below u^2 where u < v.
 """
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -34,16 +38,25 @@ _SPEEDS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
 _ACCELERATIONS = (1.0, 0.75, 0.5, 0.25)
 #: Share of a limit that is used: rounding must not exceed it.
 _USED = 0.9999
+#: Places along a piece at which the speeds near the ends of ranges are computed.
+_PLACES = 257
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Greatest speed, acceleration and jerk of each joint, (k,), and what was assumed of them."""
+    """Greatest speed, acceleration and jerk of each joint, (k,), `Arm.slowing` (k, 4), and what was assumed."""
 
     speed: NDArray[np.float64]
     acceleration: NDArray[np.float64]
     jerk: NDArray[np.float64]
+    slowing: NDArray[np.float64]
     assumed: tuple[str, ...] = ()
+
+    def allowed(self, positions: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the greatest speeds (m, k) at positions (m, k), in the directions of signs (m, k)."""
+        least, greatest, rate, offset = self.slowing.T
+        left = np.where(towards > 0, greatest - positions, positions - least)
+        return np.minimum(self.speed, np.maximum(np.sqrt(rate * np.maximum(left, 0.0)) - offset, 0.0))
 
 
 def limits_of(arm: Arm, share: float = 1.0) -> Limits:
@@ -58,7 +71,8 @@ def limits_of(arm: Arm, share: float = 1.0) -> Limits:
             least = f"{numbers[missing].min():.3g} rad/s{'2' if name == 'acceleration' else '3'}"
             assumed.append(f"arm {arm.name!r} states no {name} of {joints}: {least} or more is assumed")
     # Slower by a factor in time: its square in accelerations, its cube in jerks.
-    return Limits(share * speed, share**2 * acceleration, share**3 * jerk, tuple(assumed))
+    slowing = arm.slowing * (1.0, 1.0, share**2, share)
+    return Limits(share * speed, share**2 * acceleration, share**3 * jerk, slowing, tuple(assumed))
 
 
 def tell(arm: Arm, limits: Limits) -> None:
@@ -152,8 +166,12 @@ def _straight(phase: str, start: NDArray[np.float64], end: NDArray[np.float64], 
         least = [float((limit / np.abs(change)).min()) for limit in (limits.speed, limits.acceleration, limits.jerk)]
     coefficients = np.zeros((1, 4, len(start)))
     coefficients[0, :2] = start, change
-    starts, course, duration = _course(1.0, *(_USED * x for x in least))
-    return TimedPiece(phase, np.array([0.0, 1.0]), coefficients, starts, course, duration)
+    speed, acceleration, jerk = (_USED * x for x in least)
+    knots, choices = np.array([0.0, 1.0]), [(speed, acceleration)]
+    if (gentle := _gentle(knots, coefficients, limits, speed)) is not None:
+        choices = [(share * speed, min(acceleration, gentle(share * speed))) for share in _SPEEDS]
+    starts, course, duration = min((_course(1.0, *choice, jerk) for choice in choices), key=lambda found: found[2])
+    return TimedPiece(phase, knots, coefficients, starts, course, duration)
 
 
 def _curve(phase: str, postures: NDArray[np.float64], lengths: NDArray[np.float64], limits: Limits) -> TimedPiece:
@@ -166,9 +184,11 @@ def _curve(phase: str, postures: NDArray[np.float64], lengths: NDArray[np.float6
             np.sqrt(limits.acceleration / second).min(),
             np.cbrt(limits.jerk / third).min(),
         )
+        gentle = _gentle(lengths, coefficients, limits, fastest)
         choices = []
         for speed in _USED * fastest * np.array(_SPEEDS):
             most = ((_USED * limits.acceleration - second * speed**2) / first).min()
+            most = most if gentle is None else min(most, gentle(speed))
             for acceleration in most * np.array(_ACCELERATIONS):
                 bent = third * speed**3 + 3 * second * speed * acceleration
                 jerk = ((_USED * limits.jerk - bent) / first).min()
@@ -176,6 +196,29 @@ def _curve(phase: str, postures: NDArray[np.float64], lengths: NDArray[np.float6
                     choices.append(_course(float(lengths[-1]), float(speed), float(acceleration), float(jerk)))
     starts, course, duration = min(choices, key=lambda choice: choice[2])
     return TimedPiece(phase, lengths, coefficients, starts, course, duration)
+
+
+def _gentle(
+    knots: NDArray[np.float64], coefficients: NDArray[np.float64], limits: Limits, fastest: float
+) -> Callable[[float], float] | None:
+    """Return the greatest acceleration of s for a speed of s, since joints slow down; None if `fastest` is allowed."""
+    low, high = knots[0], knots[-1]
+    # Closest at both ends, where joints are slowest.
+    s = low + (high - low) * (0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _PLACES)))
+    once = np.array([[low, 1.0, 0.0, 0.0]])
+    positions, slopes = TimedPiece("", knots, coefficients, np.zeros(1), once, float(high - low)).at(s - low)[:2]
+    with np.errstate(divide="ignore"):
+        most = (limits.allowed(positions, slopes) / np.abs(slopes)).min(axis=1)
+    if (most >= fastest).all():
+        return None
+    # Between two places holds the lesser of their speeds; no end of the piece is farther than this.
+    most, far = np.minimum(most[:-1], most[1:]), np.minimum(s[1:] - low, high - s[:-1])
+
+    def acceleration(speed: float) -> float:
+        slow = most < speed
+        return float((_USED * most[slow] ** 2 / (2 * far[slow])).min()) if slow.any() else np.inf
+
+    return acceleration
 
 
 def _spline(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:

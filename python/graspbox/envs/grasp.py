@@ -280,7 +280,7 @@ stands at ``base``: by default on the table opposite the camera ``front``, 0.55 
 
 | index | column | min | max | unit | meaning |
 |---|---|---|---|---|---|
-| 15-21 | arm_q | -3.0421 | 4.5169 | rad | position of each joint of the arm, from the base on |
+| 15-21 | arm_q | -3.03279 | 4.50595 | rad | position of each joint of the arm, from the base on |
 | 22-28 | arm_dq | -5.26 | 5.26 | rad/s | its speed |
 
 <!-- end -->

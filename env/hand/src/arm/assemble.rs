@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use toml::Spanned;
 
-use super::table::{ArmTable, LimitTable};
-use super::{Arm, Axis, Mount};
+use super::table::{ArmTable, LimitTable, SlowingTable};
+use super::{Arm, Axis, Mount, Slowing};
 use crate::assemble::{find, pose};
 use crate::error::{ProblemKind, Report};
 use crate::model::{Joint, JointKind, Link};
@@ -45,7 +45,8 @@ pub(super) fn assemble<'a>(
     tables: &mut Report<'a>,
 ) -> Option<Arm> {
     let mut reader = Reader::new(toml, tables);
-    for (what, count) in [("tables of limits", table.limits.len()), ("mounts", table.mounts.len())] {
+    let (limits, slowing, mounts) = (table.limits.len(), table.slowing.len(), table.mounts.len());
+    for (what, count) in [("tables of limits", limits), ("tables of slowing", slowing), ("mounts", mounts)] {
         if count > MAX_TABLES {
             reader.add(&table.name, ProblemKind::TooMany { what, count, limit: MAX_TABLES });
             return None;
@@ -153,11 +154,17 @@ fn axes(
     }
     let mut axes: Vec<Axis> = chain
         .iter()
-        .map(|&joint| Axis { joint, speed: arm.joints[joint].velocity, acceleration: None, jerk: None, home: f64::NAN })
+        .map(|&joint| {
+            let speed = arm.joints[joint].velocity;
+            Axis { joint, speed, acceleration: None, jerk: None, slowing: None, home: f64::NAN }
+        })
         .collect();
     let mut used = vec![false; axes.len()];
     for (name, limits) in &table.limits {
         set_limits(arm, &mut axes, &mut used, name, limits, reader)?;
+    }
+    for (name, slowing) in &table.slowing {
+        set_slowing(arm, &mut axes, name, slowing, reader)?;
     }
     for (axis, &joint) in axes.iter().zip(chain) {
         if axis.speed <= 0.0 {
@@ -199,6 +206,34 @@ fn set_limits(
         axis.acceleration = positive(&limits.acceleration, "acceleration", units.acceleration, reader);
         axis.jerk = positive(&limits.jerk, "jerk", units.jerk, reader);
     }
+    Some(())
+}
+
+/// Sets how a joint slows down, and leaves out the ends of its range in which it could hardly move.
+fn set_slowing(
+    arm: &mut Arm,
+    axes: &mut [Axis],
+    name: &Spanned<String>,
+    slowing: &SlowingTable,
+    reader: &mut Reader<'_, '_>,
+) -> Option<()> {
+    let axis = &mut axes[find_axis(arm, axes, name, reader)?];
+    let (item, joint) = (("joint", name.get_ref().as_str()), &mut arm.joints[axis.joint]);
+    let units = units(joint.kind);
+    let found = Slowing {
+        ends: reader.interval(item, "ends", &slowing.ends, units.position),
+        rate: reader.positive(item, "rate", &slowing.rate, units.acceleration),
+        offset: reader.not_negative(item, "offset", &slowing.offset, units.speed),
+    };
+    let [lower, upper] = found.usable(joint.limits);
+    if lower < upper {
+        joint.limits = [lower, upper];
+    } else if found.rate > 0.0 && found.ends[0] < found.ends[1] {
+        let (name, must) = (name.get_ref().clone(), "the joint must be able to move between them");
+        let [lower, upper] = found.ends;
+        reader.add(&slowing.ends, ProblemKind::Interval { item: "joint", name, quantity: "ends", lower, upper, must });
+    }
+    axis.slowing = Some(found);
     Some(())
 }
 

@@ -23,6 +23,9 @@ tables! {
         pub home: Named<Number<f64>>,
         #[serde(default)]
         pub limits: Named<LimitTable>,
+        /// What lowers the speeds of joints near the ends of their ranges, by the name of the joint.
+        #[serde(default)]
+        pub slowing: Named<SlowingTable>,
         /// Mounting frames of hands in the flange frame, by the name of the hand.
         #[serde(default)]
         pub mounts: Named<MountTable>,
@@ -37,5 +40,12 @@ tables! {
         pub speed: Option<Number<f64>>,
         pub acceleration: Option<Number<f64>>,
         pub jerk: Option<Number<f64>>,
+    }
+
+    /// Speeds near the ends of a range: see [`Slowing`](super::Slowing).
+    pub(crate) struct SlowingTable {
+        pub ends: Number<[f64; 2]>,
+        pub rate: Number<f64>,
+        pub offset: Number<f64>,
     }
 }
