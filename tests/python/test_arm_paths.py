@@ -324,7 +324,8 @@ def test_files_hold_the_samples(path: Trajectory, tmp_path: Path) -> None:
     with (tmp_path / "a.csv").open() as file:
         rows = list(csv.reader(file))
     assert rows[0][:2] == ["time", "joint1.position"]
-    assert rows[0][-2:] == ["hand", "phase"]
+    assert rows[0][-3:] == ["hand", "preshape", "phase"]
+    assert {float(row[-2]) for row in rows[1:]} == {path.preshape}
     assert len(rows) == len(path) + 1
     np.testing.assert_array_equal(np.array([row[1:8] for row in rows[1:]], float), path.positions)
     read = json.loads((tmp_path / "a.json").read_text())
@@ -349,12 +350,14 @@ def test_files_hold_the_samples(path: Trajectory, tmp_path: Path) -> None:
 def test_the_command_writes_a_trajectory_or_says_why_not(tmp_path: Path) -> None:
     out = tmp_path / "path.csv"
     words = ["arm", "path", "procedural:can:3", "--base", "-0.5", "0", "0", "0"]
-    made = invoke([*words, "--out", str(out), "--place", "0", "0.3", "90", "--json"])
+    made = invoke([*words, "--out", str(out), "--place", "0", "0.3", "90", "--json", "--prefix", "fr3_"])
     assert made.exit_code == 0, made.output
     answer = json.loads(made.stdout)
     assert answer["object"].startswith("can")
     assert set(answer["phases"]) == set(CARRIES)
     assert len(out.read_text().splitlines()) == len(answer["times"]) + 1
+    assert out.read_text().startswith("time,fr3_joint1.position,")
+    assert answer["joints"][0] == "joint1"
     shown = invoke([*words, "--seed", "3"])
     assert shown.exit_code == 0, shown.output
     assert "approach" in shown.stdout

@@ -155,6 +155,9 @@ def test_the_clock_decides_rounds_and_ctrl_c_loses_nothing(
     run(own=36.0)
     assert [options.sizes.rounds for options in called] == [1, 3]
     assert called[1].publish == out / "own/policy"
+    assert {options.sizes.rehearsed for options in called} == {0}, "jaws rehearse nothing"
+    settings = OwnHandSettings(file=str(file), out=out, **PUBLISHED)
+    assert settings.training("a,b", "hand", out / "policy", fingers=3, own=False).sizes.rehearsed == 16
     assert 2 * (called[1].hours.collect + called[1].hours.round) == pytest.approx(0.85 * 0.6)
     # With too little more nothing is done; another round keeps the earlier policy aside.
     (out / "own/policy").mkdir()

@@ -174,6 +174,10 @@ class Trajectory(ByValue):
         }
         return replace(self, times=times, **arrays)
 
+    def prefixed(self, prefix: str) -> Self:
+        """Return the same trajectory with a prefix before the names of its joints, such as ``fr3_``."""
+        return replace(self, joints=tuple(f"{prefix}{joint}" for joint in self.joints))
+
     def to_json(self) -> dict[str, Any]:
         """Return all samples and facts as plain values."""
         arrays = {
@@ -255,10 +259,10 @@ class Trajectory(ByValue):
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         kinds = ("position", "velocity", "acceleration")
-        writer.writerow(["time", *(f"{joint}.{kind}" for kind in kinds for joint in self.joints), "hand", "phase"])
-        numbers = np.hstack(
-            [self.times[:, None], self.positions, self.velocities, self.accelerations, self.hand[:, None]]
-        )
+        states = (f"{joint}.{kind}" for kind in kinds for joint in self.joints)
+        writer.writerow(["time", *states, "hand", "preshape", "phase"])
+        hand = np.stack([self.hand, np.full(len(self), self.preshape)], axis=1)
+        numbers = np.hstack([self.times[:, None], self.positions, self.velocities, self.accelerations, hand])
         writer.writerows([*row, phase] for row, phase in zip(numbers.tolist(), self.phases.tolist(), strict=True))
         return text.getvalue()
 

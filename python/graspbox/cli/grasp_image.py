@@ -54,7 +54,7 @@ PathOption = Annotated[
     Path | None,
     typer.Option(
         help=f"With --arm: write the path to the best grasp that has one ({', '.join(FORMATS)}; YAML is a ROS "
-        "message); --place, --speed, --hand-time, --max-duration and --hz are its."
+        "message); --place, --speed, --hand-time, --max-duration, --hz and --prefix are its."
     ),
 ]
 
@@ -127,7 +127,9 @@ def grasp_image_command(
     if path is not None and search.arm is None:
         raise ConfigError("--path is that of an arm; pass --arm and --base too")
     if path is None and following != PathOptions():
-        raise ConfigError("--place, --speed, --hand-time, --max-duration and --hz are those of --path; pass it too")
+        raise ConfigError(
+            "--place, --speed, --hand-time, --max-duration, --hz and --prefix are those of --path; pass it too"
+        )
     marks = {"labels" if everything or label is not None else "mask": mask}
     seen = _capture(source, frames, {**reading.settings(), "time": time, **marks})
     check_files(out, picture)
@@ -176,7 +178,7 @@ def _follow(found: ImageGrasps | SceneGrasps, following: PathOptions, file: Path
         console.print(str(error), style="red", soft_wrap=True)
         raise typer.Exit(1) from None
     console.print(f"a path of {path.duration:.2f} s to grasp {path.grasp + 1}{of}{_passed_over(grasps, path)}")
-    save_path(path, file)
+    save_path(path, file, following)
 
 
 def _passed_over(grasps: ImageGrasps, path: Trajectory) -> str:

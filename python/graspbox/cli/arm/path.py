@@ -65,7 +65,7 @@ def path_command(
     else:
         _show(made, spec.name)
     if out is not None:
-        save_path(made, out)
+        save_path(made, out, following)
     if video is not None:
         pictures.save_path(video, made, with_arm, with_hand, world_from_base, target=(thing, rest))
         common.console.print(f"wrote {video}")

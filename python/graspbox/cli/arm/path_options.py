@@ -31,6 +31,7 @@ class PathOptions:
     hand_time: Annotated[float, typer.Option(min=0.0, help="Seconds for the hand to close, and to open.")] = 1.0
     max_duration: Annotated[float | None, typer.Option(help="Refuse a longer path, seconds.")] = None
     hz: Annotated[float, typer.Option(min=0.1, max=10_000.0, help="Samples of the path per second.")] = 100.0
+    prefix: Annotated[str, typer.Option(help="Put before the names of the joints in the file, such as fr3_.")] = ""
 
     def timing(self) -> dict[str, Any]:
         """Return arguments of `graspbox.arms.plan_path`."""
@@ -61,7 +62,7 @@ def told_assumptions() -> Iterator[None]:
             console.print(f"warning: {message}", style="yellow", soft_wrap=True)
 
 
-def save_path(path: Trajectory, file: Path) -> None:
+def save_path(path: Trajectory, file: Path, following: PathOptions) -> None:
     """Write a trajectory, and say so."""
-    path.save(file)
+    path.prefixed(following.prefix).save(file)
     console.print(f"wrote {file}")

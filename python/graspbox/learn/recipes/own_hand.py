@@ -171,8 +171,9 @@ def _evaluate_start(context: _Context, stage: Run) -> dict[str, Any]:
 def _train_policy(context: _Context, stage: Run, own: bool) -> dict[str, Any]:
     """Run or continue ``graspbox train depth``, whose run the stages `tuned` and `own` share."""
     settings, (urdf, toml) = context.settings, context.files
-    name, folder = settings.name or load_hand(context.files).name, stage.folder / "policy"
-    options = settings.training(f"{urdf},{toml}", name, folder, own=own)
+    hand, folder = load_hand(context.files), stage.folder / "policy"
+    name = settings.name or hand.name
+    options = settings.training(f"{urdf},{toml}", name, folder, fingers=len(hand.chains), own=own)
     done = depth.train(options, context.command, context.echo).results
     return {"policy": str(folder), "objects": {each: done["evaluate"][each] for each in options.evaluated}}
 

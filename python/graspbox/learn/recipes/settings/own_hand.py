@@ -30,6 +30,8 @@ _TUNED = {
 _ROUND = {"collect": 0.45, "round": 0.4}
 #: Share of the minutes of stage `own` for what follows its rounds.
 _AFTER = {"head_rounds": 0.075, "calibrate": 0.075}
+#: Grasps that the policy of a hand with three fingers or more rehearses; with jaws it helps nothing.
+_REHEARSED, _FINGERS = 16, 3
 #: Least minutes of stage `tuned`, and those of a round of stage `own`.
 _LEAST, _PER_ROUND = 5.0, 18.0
 
@@ -141,7 +143,7 @@ class OwnHandSettings(Options):
         """Objects of the evaluations, and trials of each set."""
         return (QUICK_OBJECTS["evaluated"], QUICK.trials) if self.quick else (self.evaluated, self.trials)
 
-    def training(self, hand: str, name: str, publish: Path, *, own: bool) -> DepthSettings:
+    def training(self, hand: str, name: str, publish: Path, *, fingers: int, own: bool) -> DepthSettings:
         """Return the options of ``graspbox train depth`` for a stage: `tuned`, or `own`, which adds rounds to it."""
         minutes, (evaluated, trials) = self.minutes, self.tested
         hours = {stage: share * minutes.tuned / 60 for stage, share in _TUNED.items()}
@@ -150,6 +152,7 @@ class OwnHandSettings(Options):
             hours |= {stage: share * minutes.own / 60 for stage, share in _AFTER.items()}
         # Of few minutes more objects, of both splits, are worth more than more grasps of each.
         sizes = QUICK if self.quick else Sizes(poses=32, held_out_scenes=40, choices=500)
+        rehearsed = _REHEARSED if fingers >= _FINGERS else 0
         objects: dict[str, Any] = {**(QUICK_OBJECTS if self.quick else {}), "evaluated": evaluated}
         return DepthSettings(
             out=self.out / "training",
@@ -162,6 +165,6 @@ class OwnHandSettings(Options):
             completion=self.completion,
             publish=publish,
             hours=Hours(**hours),
-            sizes=replace(sizes, rounds=1 + (self.own_rounds if own else 0), trials=trials),
+            sizes=replace(sizes, rounds=1 + (self.own_rounds if own else 0), trials=trials, rehearsed=rehearsed),
             **objects,
         )
