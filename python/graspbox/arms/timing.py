@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from graspbox._common.imports import imported
 from graspbox._core import Arm
+from graspbox.errors import PathError
 from graspbox.hands.loading import AssumedWarning
 
 __all__ = ["NEED", "Limits", "TimedPiece", "limits_of", "tell", "timed"]
@@ -153,6 +154,11 @@ def timed(
     Returns
     -------
     list of TimedPiece
+
+    Raises
+    ------
+    PathError
+        For a line on which a joint moves where the arm lets it move no more.
     """
     if lengths is None:
         return [_straight(phase, a, b, limits) for a, b in pairwise(postures) if not np.array_equal(a, b)]
@@ -194,6 +200,8 @@ def _curve(phase: str, postures: NDArray[np.float64], lengths: NDArray[np.float6
                 jerk = ((_USED * limits.jerk - bent) / first).min()
                 if acceleration > 0 and jerk > 0:
                     choices.append(_course(float(lengths[-1]), float(speed), float(acceleration), float(jerk)))
+    if not choices:
+        raise PathError(f"on the way of phase {phase!r} a joint passes the end of its range", phase, "beyond_limit")
     starts, course, duration = min(choices, key=lambda choice: choice[2])
     return TimedPiece(phase, lengths, coefficients, starts, course, duration)
 

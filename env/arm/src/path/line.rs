@@ -8,6 +8,8 @@ use nalgebra::{Isometry3, Vector3};
 const STEP: f64 = 0.005;
 /// Greatest change of an axis from posture to posture, rad or m: a greater one is a jump, or a singularity that no drive passes.
 const JUMP: f64 = 0.15;
+/// How far a smooth curve may leave the chord between two postures, as a share of the second difference of the positions.
+const BULGE: f64 = 0.375;
 /// Greatest distance of a point of the hand from its straight line between two postures, metres.
 pub const DEVIATION: f64 = 5e-4;
 
@@ -75,7 +77,20 @@ impl Line {
             line.postures.push(next);
             before = next;
         }
-        Ok(line)
+        line.beyond(chain).map_or(Ok(line), |axis| Err(Broken::AtLimit(axis)))
+    }
+
+    /// The first axis that a smooth curve through the postures would move beyond its limit.
+    fn beyond(&self, chain: &Chain) -> Option<usize> {
+        // A curve leaves the chord between two postures by an eighth of its second derivative, which is up to three times the difference.
+        let bulge =
+            |three: &[Positions], axis: usize| BULGE * (three[0][axis] - 2.0 * three[1][axis] + three[2][axis]).abs();
+        let leaves = |axis: &usize| {
+            let [lower, upper] = chain.limits(*axis);
+            let inside = |at: f64, bulge: f64| lower <= at - bulge && at + bulge <= upper;
+            !self.postures.windows(3).all(|three| three.iter().all(|one| inside(one[*axis], bulge(three, *axis))))
+        };
+        (0..chain.len()).find(leaves)
     }
 
     /// The same line, the other way.
