@@ -18,6 +18,7 @@ from command_line import invoke
 from graspbox import errors, object_sets
 from graspbox.captures import read_capture
 from graspbox.policies.grasp_image import SceneGrasps
+from graspbox.simulation.path_motion import PathMotion
 from graspbox.tools.hand_links import HandLinks
 from graspbox.tools.viewer import Viewer, ViewerOptions, show
 from graspbox.tools.viewer.grasp_points import GraspPoints
@@ -76,7 +77,7 @@ def test_the_page_opens_on_the_best_grasp_and_returns_to_it(can: Viewer) -> None
     page.select(other)
     assert page.poses.shown == 0
     assert not page.back.disabled
-    page.player.seek(len(page.player.trace.time) - 1)
+    page.player.playback.seek(len(page.player.trace.time) - 1)
     page.show_all()
     assert page.player.trace is None
     assert page.poses.shown == 8
@@ -117,7 +118,7 @@ def test_the_trace_of_a_trial_moves_hand_and_object(can: Viewer) -> None:
     assert page.verdict.content.startswith(f"pose {won + 1}: **success")
     finger = next(iter(page.hand.links.values()))
     before, height = finger.wxyz.copy(), page.node.position[2]
-    player.seek(len(trace.time) - 1)
+    player.playback.seek(len(trace.time) - 1)
     assert page.node.position[2] > height + 0.1
     assert np.abs(finger.wxyz - before).max() > 0.01
     np.testing.assert_allclose(page.hand.root.position, trace.world_from_hand[-1, :3, 3])
@@ -126,10 +127,40 @@ def test_the_trace_of_a_trial_moves_hand_and_object(can: Viewer) -> None:
     player.with_contacts.value = False
     assert not can.canvas.scene.get_handle_by_name("/contacts").visible
     player.with_contacts.value = True
-    player.toggle()  # at the end: from the beginning
-    wait_for(lambda: 0 < player.slider.value < len(trace.time) - 1 or player.play.label == "play")
-    player.stop()
+    player.playback.toggle()  # at the end: from the beginning
+    wait_for(lambda: 0 < player.playback.slider.value < len(trace.time) - 1 or player.playback.play.label == "play")
+    player.playback.stop()
     page.show_poses.value = True
+
+
+def test_a_path_moves_arm_hand_and_object_on_a_time_slider(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = object_sets.load("procedural:can:3")[0].load()
+    planned = graspbox.plan(mesh, hand="panda_gripper", seed=0)
+    rest, base = planned.world_from_object, np.eye(4)
+    base[0, 3] = -0.5
+    other = rest.copy()
+    other[:2, 3] += (0.1, 0.3)
+    around = graspbox.Arrangement("packed", (0,), (mesh,), other[None], np.zeros((0, 4, 4)), np.zeros((0, 3)))
+    path = planned.path("fr3", base, mesh=mesh, neighbours=around)
+    with pytest.raises(errors.ConfigError, match="arm is 'ur5e', but the trajectory is that of 'fr3'"):
+        PathMotion.of(path, "ur5e", "panda_gripper", base, target=(mesh, rest))
+    motion = PathMotion.of(path, "fr3", "panda_gripper", base, target=(mesh, rest), neighbours=around)
+    with shown(motion) as viewer:
+        page: Any = viewer.page
+        assert page.title == "path"
+        last, (link, node) = len(motion.times) - 1, list(page.links.items())[-1]
+        np.testing.assert_allclose(node.position, motion.link_frames(0)[link, :3, 3], atol=1e-6)
+        page.playback.seek(last)
+        np.testing.assert_allclose(node.position, motion.link_frames(last)[link, :3, 3], atol=1e-6)
+        np.testing.assert_allclose(page.node.position, rest[:3, 3] + (0.0, 0.0, 0.1), atol=1e-3)
+        np.testing.assert_allclose(viewer.canvas.scene.get_handle_by_name("/others/0").position, other[:3, 3])
+        assert page.reading.content.startswith(f"lift, {path.duration:.2f} s")
+        page.playback.toggle()
+        wait_for(lambda: 0 < page.playback.slider.value < last or page.playback.play.label == "play")
+    viewed: list[PathMotion] = []
+    monkeypatch.setattr("graspbox.cli.arm.path.load_entry_point", lambda *_: viewed.append)
+    assert invoke(["arm", "path", "procedural:can:3", "--base", "-0.5", "0", "0", "0", "--view"]).exit_code == 0
+    assert viewed[0].arm.name == "fr3"
 
 
 def test_a_pose_that_does_not_exist_is_an_error_in_the_page(can: Viewer) -> None:

@@ -57,7 +57,7 @@ class Limits:
         """Return the greatest speeds (m, k) at positions (m, k), in the directions of signs (m, k)."""
         least, greatest, rate, offset = self.slowing.T
         left = np.where(towards > 0, greatest - positions, positions - least)
-        return np.minimum(self.speed, np.maximum(np.sqrt(rate * np.maximum(left, 0.0)) - offset, 0.0))
+        return np.asarray(np.minimum(self.speed, np.maximum(np.sqrt(rate * np.maximum(left, 0.0)) - offset, 0.0)))
 
 
 def limits_of(arm: Arm, share: float = 1.0) -> Limits:

@@ -4,17 +4,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from graspbox._common.arguments import floats
 from graspbox._common.colors import OBJECT
-from graspbox.arms import ArmLike, Trajectory, load_arm
-from graspbox.configs import TrialConfig
-from graspbox.errors import ConfigError
+from graspbox.arms import ArmLike, Trajectory
 from graspbox.hands import HandLike, load_hand
-from graspbox.hands.conventions import mechanism_of
 from graspbox.hands.geometry import corners_of
-from graspbox.meshes import Mesh, MeshLike, Surroundings, as_mesh, mesh_from_arrays
+from graspbox.meshes import MeshLike, Surroundings
 from graspbox.meshes.shapes import Floats
 from graspbox.pictures.files import PathLike, check_path, pixels, write
 from graspbox.pictures.hand_frames import AXES, frame_axes, plot_axes
@@ -23,7 +19,8 @@ from graspbox.pictures.solids import Solid, box_edges, solids_of
 from graspbox.pictures.videos import check_video, save_video
 from graspbox.pictures.view import Camera, View
 from graspbox.planning import Box
-from graspbox.simulation import Hand, Scene
+from graspbox.simulation import Hand
+from graspbox.simulation.path_motion import PathMotion
 
 #: Names of the panels, and the shares by which the hand is closed in them.
 _STAGES = {"open": 0.0, "half closed": 0.5, "closed": 1.0}
@@ -40,8 +37,6 @@ _CAMERA = Camera(-66.0, 18.0)
 _SIZE, _RATE, _STILL = (560, 420), 10.0, 1.0
 #: Colours of the links, in turn.
 _LINKS = ("#e9e9e6", "#cfd2d6")
-#: Phases in which the object moves with the hand.
-_HELD = ("lift", "carry", "lower")
 
 
 def save_hand_motion(path: PathLike, hand: HandLike) -> None:
@@ -104,65 +99,28 @@ def save_path(
     SimulationError
         If the grasp cannot be simulated.
     """
-    file, loaded, with_hand = check_video(path), load_arm(arm), load_hand(hand)
-    for given, own, argument in ((loaded, trajectory.arm, "arm"), (with_hand, trajectory.hand_name, "hand")):
-        if given.name != own:
-            raise ConfigError(f"{argument} is {given.name!r}, but the trajectory is that of {own!r}; pass that one")
-    base, mesh = _pose(world_from_base, "world_from_base"), as_mesh(target[0])
-    first, around = _pose(target[1], "the pose of the target"), [] if neighbours is None else solids_of(neighbours)
-    flange_from_base = loaded.flange_from_base_of(with_hand) if mount is None else _pose(mount, "mount")
-    flange_from_hand = flange_from_base @ mechanism_of(with_hand).base_from_hand
-    times = np.append(np.arange(0.0, trajectory.duration, 1 / _RATE), trajectory.duration)
-    sample = trajectory.sample(times)
-    hands = base @ loaded.flange_poses(sample.positions) @ flange_from_hand
-    at_grasp = int(np.flatnonzero(np.isin(sample.phases, ("close", *_HELD)))[0])
-    joints = _closing(with_hand, mesh, first, hands[at_grasp], trajectory.preshape, sample.hand)
-    posed = [PosedHand(with_hand, place, row) for place, row in zip(hands, joints, strict=True)]
-    objects = _carried(first, hands, hands[at_grasp], sample.phases)
-    surfaces = [(link, mesh_from_arrays(v, f, name="link", clean=None)) for link, v, f in loaded.link_surfaces()]
-    poses = [base @ loaded.link_frames(q) for q in sample.positions]
-    arms = [[Solid(one, _LINKS[i % 2], frames[link]) for i, (link, one) in enumerate(surfaces)] for frames in poses]
+    file = check_video(path)
+    motion = PathMotion.of(
+        trajectory, arm, hand, world_from_base, target=target, neighbours=neighbours, mount=mount, hz=_RATE
+    )
+    around = [] if neighbours is None else solids_of(neighbours)
+    hands = zip(motion.world_from_hand, motion.joints, strict=True)
+    posed = [PosedHand(motion.hand, place, joints) for place, joints in hands]
+    links = motion.links()
+    frames = [motion.link_frames(sample) for sample in range(len(motion.times))]
+    arms = [[Solid(one, _LINKS[i % 2], at[link]) for i, (link, one) in enumerate(links)] for at in frames]
     corners = [solid.points for solid in around] + [solid.points for row in arms for solid in row]
     shown = np.concatenate([*corners, *(one.corners() for one in posed)])
-    view = camera or Camera.across(first[:3, 3] - base[:3, 3], elevation=22.0)
-    pictures = [
-        View([*around, *row, Solid(mesh, OBJECT, at)], view, size=_SIZE, shown=shown, hand=one, table=shown).image
-        for row, one, at in zip(arms, posed, objects, strict=True)
+    way = motion.world_from_object[0, :3, 3] - motion.world_from_base[:3, 3]
+    look = camera or Camera.across(way, elevation=22.0)
+    views = [
+        View([*around, *row, Solid(motion.mesh, OBJECT, at)], look, size=_SIZE, shown=shown, hand=one, table=shown)
+        for row, one, at in zip(arms, posed, motion.world_from_object, strict=True)
     ]
-    captions = [f"{phase}, {time:.1f} s" for phase, time in zip(sample.phases, times, strict=True)]
+    pictures = [view.image for view in views]
+    captions = [f"{phase}, {time:.1f} s" for phase, time in zip(motion.phases, motion.times, strict=True)]
     still = round(_STILL * _RATE)
     save_video(file, pictures + still * pictures[-1:], captions + still * captions[-1:], seconds=1 / _RATE)
-
-
-def _closing(
-    hand: Hand, mesh: Mesh, world_from_object: Floats, world_from_hand: Floats, preshape: float, command: Floats
-) -> Floats:
-    """Return the joints (m, c) by the command (m,), from open to where a simulation of the grasp stops them.
-
-    If the open hand cannot be at the grasp, they close without resistance.
-    """
-    opened, held = hand.open(preshape), hand.closed(preshape, 1.0)
-    scene = Scene(mesh, hand=hand, world_from_object=world_from_object)
-    _, trace = scene.trace(np.linalg.inv(scene.world_from_object) @ world_from_hand, preshape)
-    if len(trace.time):
-        held = trace.joints[np.searchsorted(trace.time[:-1], TrialConfig().close_time)]
-    return np.asarray(opened + command[:, None] * (held - opened))
-
-
-def _pose(values: ArrayLike, name: str) -> Floats:
-    pose = floats(values, name)
-    if pose.shape != (4, 4):
-        raise ConfigError(f"{name} has the shape {pose.shape}; give (4, 4)")
-    return pose
-
-
-def _carried(first: Floats, hands: Floats, grasp: Floats, phases: NDArray[np.str_]) -> list[Floats]:
-    """Return the poses of an object that rests, is carried by a hand (m, 4, 4) that grasped it, and is released."""
-    hand_from_object, poses, pose = np.linalg.inv(grasp) @ first, [], first
-    for hand, phase in zip(hands, phases, strict=True):
-        pose = hand @ hand_from_object if phase in _HELD else pose
-        poses.append(pose)
-    return poses
 
 
 def _plot(panel: Any, hand: Hand, preshape: float, share: float) -> None:

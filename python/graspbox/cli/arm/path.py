@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 import graspbox
 from graspbox import pictures
+from graspbox._common.entry_points import load_entry_point
 from graspbox._common.options import flattened
 from graspbox._common.rotations import upright_pose
 from graspbox.arms import Trajectory, load_arm
@@ -16,6 +17,7 @@ from graspbox.arms.trajectories import FORMATS
 from graspbox.cli import common
 from graspbox.cli.arm.path_options import PathOptions, check_path_file, save_path, told_assumptions
 from graspbox.errors import ArmError, PathError
+from graspbox.simulation.path_motion import PathMotion
 
 __all__ = ["path_command"]
 
@@ -37,6 +39,9 @@ def path_command(
         Path | None, typer.Option(help=f"Write the trajectory here: {', '.join(FORMATS)} (YAML is a ROS message).")
     ] = None,
     video: Annotated[Path | None, typer.Option(help="Write a video here: .webp, .gif or .mp4.")] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show it in a browser, with a time slider, until Ctrl-C.")
+    ] = False,
     grasps: Annotated[int, typer.Option(min=1, max=10_000, help="Grasps that are tried, the best first.")] = 50,
     seed: common.Seed = 0,
     scale: common.Scale = 1.0,
@@ -69,6 +74,9 @@ def path_command(
     if video is not None:
         pictures.save_path(video, made, with_arm, with_hand, world_from_base, target=(thing, rest))
         common.console.print(f"wrote {video}")
+    if view:
+        shown = PathMotion.of(made, with_arm, with_hand, world_from_base, target=(thing, rest))
+        load_entry_point("graspbox.viewers", "browser", "viewer", "install the extra 'view'")(shown)
 
 
 def _made(

@@ -3,7 +3,7 @@
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -56,28 +56,33 @@ def view(
     seed: Seed = 0,
 ) -> None:
     """Open an interactive view in a browser; Ctrl-C ends it."""
+    open_view(
+        source,
+        hand=None if hand is None else find_hand(hand),
+        objects=objects,
+        layout=layout,
+        objects_per_scene=objects_per_scene,
+        scale=scale,
+        seed=seed,
+        poses=poses,
+        policy=policy,
+        mask=mask,
+        time=time,
+        camera_pose=camera_pose,
+        **vars(reading),
+        host=host,
+        port=port,
+        insecure=insecure,
+        open_browser=browser,
+    )
+
+
+def open_view(source: Any, *, open_browser: bool = True, **options: Any) -> None:
+    """Open a view and wait until Ctrl-C; arguments as of `graspbox.tools.viewer.show`."""
     from graspbox.tools.viewer import show
 
     with console.status("preparing"):
-        viewer = show(
-            source,
-            hand=None if hand is None else find_hand(hand),
-            objects=objects,
-            layout=layout,
-            objects_per_scene=objects_per_scene,
-            scale=scale,
-            seed=seed,
-            poses=poses,
-            policy=policy,
-            mask=mask,
-            time=time,
-            camera_pose=camera_pose,
-            **vars(reading),
-            host=host,
-            port=port,
-            insecure=insecure,
-            open_browser=browser,
-        )
+        viewer = show(source, open_browser=open_browser, **options)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     typer.echo(f"{viewer.page.title} at {viewer.url} (Ctrl-C ends)")
     sys.stdout.flush()

@@ -13,6 +13,7 @@
 | a hand, its name, or its two files | joints and preshape as sliders, shapes, tendons, sensors, swept volume; re-read |
 | the id of an environment | stepped live by ``policy``, by sliders or by keys, with its images and all of its objects |
 | the folder of a policy, or of a run of ``graspbox train sb3`` | the same, in its environment and with its objects |
+| `graspbox.simulation.path_motion.PathMotion` | an arm on its path, on a time slider |
 | a depth image, cloud or recording (`graspbox.captures`), `ImageGrasps`, `SceneGrasps` | points, crop, completed object, grasps by score |
 
 ``graspbox report`` shows tables of grasps, data sets and runs.

@@ -1,6 +1,5 @@
 """`Player`: the trace of a trial on a time slider, with the hand's joints, contacts and tactile values."""
 
-import threading
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -12,9 +11,10 @@ from graspbox.tools.hand_links import HandLinks
 from graspbox.tools.viewer.canvas import Canvas
 from graspbox.tools.viewer.drawn_hand import DrawnHand
 from graspbox.tools.viewer.geometry import FAILURE, ramp
+from graspbox.tools.viewer.playback import Playback
 
-#: Frames per second while a trace plays.
-_RATE = 30.0
+#: Seconds between samples of a trace.
+_PERIOD = 0.01
 #: Length of a force arrow, metres per N, and its bounds, metres.
 _LENGTH, _SHORTEST, _LONGEST = 0.005, 0.01, 0.08
 #: Seconds between changes of the readings while a trace plays, and a change of place that is not sent, metres.
@@ -30,12 +30,10 @@ class Player:
         self._canvas, self._hand, self._nodes = canvas, hand, (node, *others)
         self._links = HandLinks(hand.hand)
         self.trace: Trace | None = None
-        self._plays, self._read_at = threading.Event(), 0.0
+        self._read_at = 0.0
         gui = canvas.gui
         with gui.add_folder("Time"):
-            self.slider = gui.add_slider("sample", 0, 1, 1, 0, disabled=True, hint="one sample per 10 ms")
-            self.play = gui.add_button("play", icon="player-play", disabled=True)
-            self.speed = gui.add_dropdown("speed", ("1", "0.5", "0.25", "0.1"), initial_value="1")
+            self.playback = Playback(canvas, self._show, _PERIOD)
             self.with_contacts = gui.add_checkbox("contacts", True, hint="forces on the object, and tactile sensors")
             self.readings = gui.add_markdown("")
         self.arrows = canvas.scene.add_arrows(
@@ -51,8 +49,7 @@ class Player:
         if count := len(self._links.sensor_links):
             path, grey = f"{hand.name}/sensors", np.full((count, 3), 150, dtype=np.uint8)
             self.sensors = canvas.spheres(path, _SENSOR, np.zeros((count, 3)), grey, visible=False)
-        canvas.on(self.slider, self.with_contacts, call=self._moved)
-        canvas.on(self.play, call=self.toggle)
+        canvas.on(self.with_contacts, call=lambda: self.playback.seek(int(self.playback.slider.value)))
 
     def load(self, trace: Trace) -> None:
         """Load a trace, and show its first sample; an empty one shows nothing."""
@@ -61,16 +58,13 @@ class Player:
             return
         with self._canvas.lock:
             self.trace = trace
-            self.play.disabled = self.slider.disabled = False
-            self.slider.max = max(len(trace.time) - 1, 1)
-            self.seek(0)
+            self.playback.load(len(trace.time))
 
     def clear(self) -> None:
         """Forget the trace, and hide its contacts."""
-        self.stop()
+        self.playback.load(0)
         with self._canvas.lock:
             self.trace = None
-            self.play.disabled = self.slider.disabled = True
             self._hide()
 
     def _hide(self) -> None:
@@ -79,17 +73,9 @@ class Player:
             if node is not None:
                 node.visible = False
 
-    def seek(self, sample: int) -> None:
-        """Show a sample of the trace."""
-        with self._canvas.lock:
-            if self.slider.value == sample:
-                self._moved()
-            else:
-                self.slider.value = sample  # calls `_moved`
-
-    def _moved(self) -> None:
+    def _show(self, sample: int) -> None:
         if self.trace is not None:
-            self._draw(self.trace, min(int(self.slider.value), len(self.trace.time) - 1))
+            self._draw(self.trace, sample)
 
     def _draw(self, trace: Trace, sample: int) -> None:
         with self._canvas.server.atomic():
@@ -103,7 +89,7 @@ class Player:
                 self._hide()
         # While a trace plays, readings change at a lower rate.
         now = time.monotonic()
-        if not self._plays.is_set() or now - self._read_at > _READING_PERIOD:
+        if not self.playback.plays or now - self._read_at > _READING_PERIOD:
             self._read_at = now
             self.readings.content = self._text(trace, sample)
 
@@ -141,36 +127,3 @@ class Player:
                 if row.any():
                     lines.append(f"tactile {self._links.names[link]}: " + " ".join(f"{v:.1f}" for v in row) + " N")
         return "  \n".join(lines)
-
-    def toggle(self) -> None:
-        """Play from the present sample, or from the beginning at the end; stop if it plays."""
-        if self._plays.is_set():
-            self.stop()
-        elif self.trace is not None:
-            if self.slider.value >= len(self.trace.time) - 1:
-                self.seek(0)
-            self._plays.set()
-            self.play.label = "stop"
-            self._canvas.thread(self._run, "player")
-
-    def stop(self) -> None:
-        """Stop playing."""
-        self._plays.clear()
-
-    def _run(self) -> None:
-        trace, first = self.trace, int(self.slider.value)
-        began = time.monotonic()
-        while self._plays.is_set() and not self._canvas.closed.is_set() and trace is self.trace and trace is not None:
-            passed = (time.monotonic() - began) * float(self.speed.value)
-            sample = min(first + int(passed / 0.01), len(trace.time) - 1)
-            last = sample == len(trace.time) - 1
-            with self._canvas.lock:
-                if time.monotonic() - self._read_at > _READING_PERIOD or last:
-                    self.seek(sample)
-                else:
-                    self._draw(trace, sample)
-            if last:
-                break
-            self._canvas.closed.wait(1.0 / _RATE)
-        self._plays.clear()
-        self.play.label = "play"

@@ -31,6 +31,7 @@ from graspbox.policies.published.folders import CONFIG, policy_of
 from graspbox.policies.published.registry import other_policy
 from graspbox.simulation import Scene
 from graspbox.simulation.layouts import Arrangement
+from graspbox.simulation.path_motion import PathMotion
 from graspbox.tools.viewer.named_objects import find_object
 from graspbox.tools.viewer.page import Page, ViewerOptions
 from graspbox.tools.viewer.pages.depth_images import DepthImagePage
@@ -38,6 +39,7 @@ from graspbox.tools.viewer.pages.environments import EnvironmentPage
 from graspbox.tools.viewer.pages.galleries import GalleryPage
 from graspbox.tools.viewer.pages.hands import HandPage
 from graspbox.tools.viewer.pages.objects import ObjectPage, PlannedObject
+from graspbox.tools.viewer.pages.paths import PathPage
 
 #: Largest JSON document that is read to recognise it, and longest header of a PLY file, bytes.
 _MAX_BYTES, _LONGEST_HEADER = 256 << 20, 1 << 16
@@ -172,6 +174,11 @@ def _plan(source: Any, options: ViewerOptions) -> PlannedObject | None:
     return PlannedObject(find_object(source.name, source.mesh_sha256, options), source)
 
 
+def _path(source: Any, options: ViewerOptions) -> PathMotion | None:
+    del options
+    return source if isinstance(source, PathMotion) else None
+
+
 def _is_json(source: Any) -> bool:
     return isinstance(source, str | Path) and Path(source).suffix.lower() == ".json"
 
@@ -184,6 +191,7 @@ PAGES: tuple[PageKind, ...] = (
     PageKind("policy: the folder of one, or of a run", _policy, EnvironmentPage),
     PageKind("object, mesh file, scene or arrangement", _object, ObjectPage),
     PageKind("object set", _set, GalleryPage),
+    PageKind("path of an arm: a PathMotion", _path, PathPage),
 )
 
 

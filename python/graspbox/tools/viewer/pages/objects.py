@@ -261,4 +261,4 @@ class ObjectPage(Page):
     def close(self) -> None:
         """Stop the player."""
         if hasattr(self, "player"):
-            self.player.stop()
+            self.player.playback.stop()
