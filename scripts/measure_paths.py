@@ -70,9 +70,9 @@ class Tally:
         if self.ratios:
             worst = np.max(self.ratios, axis=0)
             print(f"collisions: {self.collided} paths of {len(self.ratios)}, in {self.postures} postures")
-            print(
-                f"greatest share of the limits: speed {worst[0]:.4f}, acceleration {worst[1]:.4f}, jerk {worst[2]:.4f}"
-            )
+            names = ("speed", "acceleration", "jerk", "speed near the ends of ranges")
+            shares = ", ".join(f"{name} {share:.4f}" for name, share in zip(names, worst, strict=True))
+            print(f"greatest share of the limits: {shares}")
         for text, count in self.why.most_common():
             print(f"  {count}: {text}")
 

@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from graspbox.simulation.neighbours import Neighbours
 from graspbox.simulation.path_motion import PathMotion
 from graspbox.tools.viewer.drawn_hand import DrawnHand
 from graspbox.tools.viewer.geometry import Color
@@ -36,8 +37,9 @@ class PathPage(Page):
         }
         self.hand = DrawnHand(self.canvas, "/hand", motion.hand)
         self.node = self.canvas.mesh("/object", motion.mesh, motion.world_from_object[0])
-        if motion.neighbours is not None:
-            DrawnObjects(self.canvas, "/others").show(motion.neighbours)
+        if (around := motion.neighbours) is not None:
+            walls = around.world_from_walls, around.wall_half_extents
+            DrawnObjects(self.canvas, "/others").show(Neighbours(around.meshes, around.world_from_objects, *walls))
         count = len(motion.times)
         with self.canvas.gui.add_folder("Time"):
             period = float(motion.times[1] - motion.times[0]) if count > 1 else 1.0
