@@ -9,7 +9,7 @@ use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query;
 use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
-use parry3d_f64::shape::{SharedShape, TriMesh as Triangles};
+use parry3d_f64::shape::{SharedShape, SupportMap, TriMesh as Triangles};
 
 /// Rounding of the corners of a hull, metres.
 const ROUNDING: f64 = 1e-9;
@@ -152,8 +152,7 @@ impl Obstacle {
         if let Some((rest, bounds)) = &solids.rest
             && !far(bounds, least)
         {
-            let found = query::distance(place, &*shape.0, &Pose::IDENTITY, rest).map_or(0.0, |d| d.distance);
-            least = least.min(found);
+            least = distance_of_triangles(place, rest, shape, &around, least);
         }
         if solids.parts.is_empty() && self.is_inside(place.translation) {
             return 0.0;
@@ -171,6 +170,22 @@ impl Obstacle {
     }
 }
 
+/// Distance of a convex shape at `place` from triangles, or `most` if it is greater, metres.
+///
+/// * `around`: bounds of the shape at its place.
+fn distance_of_triangles(place: &Pose, triangles: &Triangles, shape: &SharedShape, around: &Aabb, most: f64) -> f64 {
+    let exact = || query::distance(place, &*shape.0, &Pose::IDENTITY, triangles).map_or(0.0, |found| found.distance);
+    let Some(map) = shape.as_support_map() else { return exact().min(most) };
+    let of_face = |face: u32, most: f64| {
+        let triangle = triangles.triangle(face);
+        let whole =
+            || query::distance(&Pose::IDENTITY, &triangle, place, &*shape.0).map_or(0.0, |found| found.distance);
+        Some(bounded(place, &triangle, map, most).unwrap_or_else(whole))
+    };
+    let nearest = triangles.bvh().find_best(most, |node, _| apart(around, &node.aabb()), of_face);
+    nearest.map_or(most, |(_, distance)| distance.min(most))
+}
+
 /// Distance of two convex shapes, or `most` if it is greater, metres; 0 where they touch.
 ///
 /// * `place`: pose of the second shape in the frame of the first.
@@ -179,6 +194,11 @@ impl Obstacle {
 pub fn distance_within(place: &Pose, first: &SharedShape, second: &SharedShape, most: f64) -> f64 {
     let exact = || query::distance(&Pose::IDENTITY, &*first.0, place, &*second.0).map_or(0.0, |found| found.distance);
     let (Some(one), Some(two)) = (first.as_support_map(), second.as_support_map()) else { return exact().min(most) };
+    bounded(place, one, two, most).unwrap_or_else(|| exact().min(most))
+}
+
+/// The same; `None` where the search does not converge.
+fn bounded(place: &Pose, one: &dyn SupportMap, two: &dyn SupportMap, most: f64) -> Option<f64> {
     let toward = |direction: Vector| CsoPoint::from_shapes(place, one, two, direction);
     // Along a direction the shapes are at least so far apart.
     let bound = |direction: Vector, point: &CsoPoint| -direction.dot(point.point);
@@ -186,16 +206,15 @@ pub fn distance_within(place: &Pose, first: &SharedShape, second: &SharedShape, 
     let direction = if length > f64::EPSILON { -place.translation / length } else { Vector::X };
     let point = toward(direction);
     if bound(direction, &point) >= most {
-        return most;
+        return Some(most);
     }
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(point);
     match gjk::closest_points(place, one, two, most, true, &mut simplex) {
-        GJKResult::Intersection => 0.0,
-        GJKResult::ClosestPoints(a, b, _) => (a - b).length().min(most),
-        GJKResult::NoIntersection(direction) if bound(direction, &toward(direction)) >= most => most,
-        // It did not converge.
-        GJKResult::NoIntersection(_) | GJKResult::Proximity(_) => exact().min(most),
+        GJKResult::Intersection => Some(0.0),
+        GJKResult::ClosestPoints(a, b, _) => Some((a - b).length().min(most)),
+        GJKResult::NoIntersection(direction) if bound(direction, &toward(direction)) >= most => Some(most),
+        GJKResult::NoIntersection(_) | GJKResult::Proximity(_) => None,
     }
 }
 
