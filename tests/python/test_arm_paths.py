@@ -185,6 +185,11 @@ def test_curves_keep_to_the_limits() -> None:
     assert (states[3] / limits.jerk).max() > 0.3
     ends = piece.at(np.array([0.0, piece.duration]))[0]
     np.testing.assert_allclose(ends, postures[[0, -1]], atol=1e-9)
+    # A jerk that leaves no room at these speeds: a slower one does.
+    tight = replace(limits, acceleration=np.full(7, 20.0), jerk=np.full(7, 0.5))
+    (slow,) = timed("approach", postures, s, tight)
+    assert slow.duration > piece.duration
+    assert (np.abs(slow.at(np.linspace(0, slow.duration, 20_000)))[3] <= tight.jerk).all()
     for count in (2, 3):
         (short,) = timed("approach", postures[:count], s[:count], limits)
         np.testing.assert_allclose(short.at(np.array([short.duration]))[0][0], postures[count - 1], atol=1e-9)
@@ -207,6 +212,12 @@ def test_joints_slow_down_near_the_ends_of_their_ranges(line: bool) -> None:
     assert over["free"][0] > 1.5
     assert 0.5 < over["slowed"][0] <= 1.0
     assert over["slowed"][1] < 4 * over["free"][1]
+    # Beyond the range no speed is left.
+    beyond = postures.copy()
+    beyond[-1, 3] = -0.14
+    with pytest.raises(errors.PathError, match="in the phase 'approach' joint4 is at its limit") as stopped:
+        timed("approach", np.linspace(beyond[-2], beyond[-1], 5), np.linspace(0.0, 0.1, 5), limits)
+    assert stopped.value.reason == "at_limit"
     # At 0.1 rad from the end, by the formula of the maker; away from an end nothing is slowed.
     near = np.full((1, 7), high - 0.1)
     np.testing.assert_allclose(limits.allowed(near, np.ones((1, 7)))[0, 0], np.sqrt(12 * (2.7501 - near[0, 0])) - 0.3)
@@ -367,6 +378,13 @@ def test_the_command_writes_a_trajectory_or_says_why_not(tmp_path: Path) -> None
     heavy = invoke([*words, "--arm", "so101"])
     assert heavy.exit_code == 2
     assert "carries 0.20 kg" in heavy.output
+    for wrong, message in (
+        (["--prefix", "fr3_"], "--out; pass it too"),
+        (["--json", "--view"], "leave one of them out"),
+    ):
+        refused = invoke([*words, *wrong])
+        assert isinstance(refused.exception, errors.ConfigError)
+        assert message in str(refused.exception)
     suffix = invoke([*words, "--out", str(tmp_path / "path.bag")])
     assert isinstance(suffix.exception, errors.ConfigError)
     assert ".yaml" in str(suffix.exception)

@@ -218,6 +218,20 @@ def test_other_kinds_of_policies_are_refused() -> None:
         ImageGrasper(REPOSITORY / "policies" / "head")
 
 
+def test_a_thing_is_rehearsed_alone_and_none_among_others() -> None:
+    pytest.importorskip("onnxruntime", reason="networks run in onnxruntime, from the extra 'onnx'")
+    pytest.importorskip("PIL", reason="PNG files need Pillow, from the extra 'cli'")
+    from graspbox.policies.grasp_image import ImageGrasper
+
+    capture, grasper = Capture.read(CAPTURES / "pcl_milk_clorox"), ImageGrasper(REPOSITORY / "policies" / "leap")
+    pose = fit_table(capture.depth, capture.intrinsics)
+    place = capture.depth, capture.intrinsics, pose
+    among = grasper.find_all(*place, labels=capture.labels).grasps[2]
+    rehearsed, plain = (grasper.find(*place, mask=capture.labels == 2, rehearsed=number) for number in (None, 0))
+    np.testing.assert_array_equal(among.success, plain.success)
+    assert not np.array_equal(rehearsed.success, plain.success)
+
+
 def test_all_things_of_a_scene_are_grasped(grasper: Any) -> None:
     capture = Capture.read(CAPTURES / "pcl_milk_clorox")
     found = grasper.find_all(capture.depth, capture.intrinsics, count=3)

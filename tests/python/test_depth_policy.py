@@ -18,7 +18,8 @@ QUICK = FinderConfig(proposals=ProposalConfig(most=24), refinements=1)
 
 
 def test_with_oracles_it_grasps_what_it_sees() -> None:
-    policy = DepthOracle(None, ("completion", "scorer"), config=QUICK)
+    # A rehearsal does not overrule them.
+    policy = DepthOracle(None, ("completion", "scorer"), config=QUICK.rehearsing(4))
     result = evaluation.evaluate(policy, objects="procedural:can:0-3", trials=4, seed=0, num_envs=2)
     assert result.succeeded >= 3
     found = policy.found[0]

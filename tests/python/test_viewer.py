@@ -2,6 +2,7 @@
 
 import shutil
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,12 +17,15 @@ import graspbox
 import tiny_policy
 from command_line import invoke
 from graspbox import errors, object_sets
+from graspbox._common.entry_points import entry_points_of
 from graspbox.captures import read_capture
 from graspbox.policies.grasp_image import SceneGrasps
 from graspbox.simulation.path_motion import PathMotion
+from graspbox.tools.commands.view import open_view
 from graspbox.tools.hand_links import HandLinks
 from graspbox.tools.viewer import Viewer, ViewerOptions, show
 from graspbox.tools.viewer.grasp_points import GraspPoints
+from graspbox.tools.viewer.playback import Playback
 from graspbox.tools.viewer.sources import PAGES, page_of
 
 ROOT = Path(__file__).parents[2]
@@ -157,10 +161,37 @@ def test_a_path_moves_arm_hand_and_object_on_a_time_slider(monkeypatch: pytest.M
         assert page.reading.content.startswith(f"lift, {path.duration:.2f} s")
         page.playback.toggle()
         wait_for(lambda: 0 < page.playback.slider.value < last or page.playback.play.label == "play")
+    # The option --view finds the same viewer.
+    assert entry_points_of("graspbox.viewers")["browser"].load() is open_view
     viewed: list[PathMotion] = []
     monkeypatch.setattr("graspbox.cli.arm.path.load_entry_point", lambda *_: viewed.append)
     assert invoke(["arm", "path", "procedural:can:3", "--base", "-0.5", "0", "0", "0", "--view"]).exit_code == 0
     assert viewed[0].arm.name == "fr3"
+
+
+def test_a_playback_draws_nothing_of_samples_that_were_replaced(can: Viewer) -> None:
+    drawn: list[int] = []
+    begun, go_on = threading.Event(), threading.Event()
+
+    def draw(sample: int) -> None:
+        drawn.append(sample)
+        if len(drawn) == 3:
+            begun.set()
+            go_on.wait(10.0)
+
+    playback = Playback(can.canvas, draw, 0.001)
+    playback.load(5000)
+    playback.toggle()
+    assert begun.wait(10.0)
+    threading.Timer(0.1, go_on.set).start()
+    with can.canvas.lock:
+        time.sleep(0.1)  # the player waits with its next sample
+        drawn.clear()
+        playback.load(5)
+    time.sleep(0.3)
+    assert drawn == [0]
+    assert not playback.plays
+    assert playback.play.label == "play"
 
 
 def test_a_pose_that_does_not_exist_is_an_error_in_the_page(can: Viewer) -> None:

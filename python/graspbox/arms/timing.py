@@ -14,7 +14,7 @@ a length l has v^2 <= 2 a s and v^2 <= 2 a (l - s), so that an a is chosen which
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -37,6 +37,8 @@ _TOLD: set[Arm] = set()
 #: Shares of the greatest speed and acceleration along a curve that are tried: less of one leaves more to the others.
 _SPEEDS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
 _ACCELERATIONS = (1.0, 0.75, 0.5, 0.25)
+#: How often the greatest speed is halved, if none of these shares leaves room for a change of acceleration.
+_HALVINGS = 20
 #: Share of a limit that is used: rounding must not exceed it.
 _USED = 0.9999
 #: Places along a piece at which the speeds near the ends of ranges are computed.
@@ -45,12 +47,13 @@ _PLACES = 257
 
 @dataclass(frozen=True)
 class Limits:
-    """Greatest speed, acceleration and jerk of each joint, (k,), `Arm.slowing` (k, 4), and what was assumed."""
+    """Greatest speed, acceleration and jerk of each joint, (k,), `Arm.slowing` (k, 4), names, and what was assumed."""
 
     speed: NDArray[np.float64]
     acceleration: NDArray[np.float64]
     jerk: NDArray[np.float64]
     slowing: NDArray[np.float64]
+    joints: tuple[str, ...]
     assumed: tuple[str, ...] = ()
 
     def allowed(self, positions: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -73,7 +76,8 @@ def limits_of(arm: Arm, share: float = 1.0) -> Limits:
             assumed.append(f"arm {arm.name!r} states no {name} of {joints}: {least} or more is assumed")
     # Slower by a factor in time: its square in accelerations, its cube in jerks.
     slowing = arm.slowing * (1.0, 1.0, share**2, share)
-    return Limits(share * speed, share**2 * acceleration, share**3 * jerk, slowing, tuple(assumed))
+    names = tuple(arm.joints)
+    return Limits(share * speed, share**2 * acceleration, share**3 * jerk, slowing, names, tuple(assumed))
 
 
 def tell(arm: Arm, limits: Limits) -> None:
@@ -191,19 +195,41 @@ def _curve(phase: str, postures: NDArray[np.float64], lengths: NDArray[np.float6
             np.cbrt(limits.jerk / third).min(),
         )
         gentle = _gentle(lengths, coefficients, limits, fastest)
-        choices = []
-        for speed in _USED * fastest * np.array(_SPEEDS):
-            most = ((_USED * limits.acceleration - second * speed**2) / first).min()
-            most = most if gentle is None else min(most, gentle(speed))
-            for acceleration in most * np.array(_ACCELERATIONS):
-                bent = third * speed**3 + 3 * second * speed * acceleration
-                jerk = ((_USED * limits.jerk - bent) / first).min()
-                if acceleration > 0 and jerk > 0:
-                    choices.append(_course(float(lengths[-1]), float(speed), float(acceleration), float(jerk)))
-    if not choices:
-        raise PathError(f"on the way of phase {phase!r} a joint passes the end of its range", phase, "beyond_limit")
-    starts, course, duration = min(choices, key=lambda choice: choice[2])
+        for _ in range(_HALVINGS):
+            if choices := list(_choices(fastest, (first, second, third), limits, gentle)):
+                break
+            fastest *= 0.5
+        else:
+            raise _at_limit(phase, postures, limits)
+    courses = (_course(float(lengths[-1]), *choice) for choice in choices)
+    starts, course, duration = min(courses, key=lambda found: found[2])
     return TimedPiece(phase, lengths, coefficients, starts, course, duration)
+
+
+def _choices(
+    fastest: float,
+    slopes: tuple[NDArray[np.float64], ...],
+    limits: Limits,
+    gentle: Callable[[float], float] | None,
+) -> Iterator[tuple[float, float, float]]:
+    """Yield bounds of the derivatives of s that keep to the limits, from the greatest derivatives (k,) of a spline."""
+    first, second, third = slopes
+    for speed in (_USED * fastest * np.array(_SPEEDS)).tolist():
+        most = ((_USED * limits.acceleration - second * speed**2) / first).min()
+        most = most if gentle is None else min(most, gentle(speed))
+        for acceleration in (most * np.array(_ACCELERATIONS)).tolist():
+            bent = third * speed**3 + 3 * second * speed * acceleration
+            jerk = float(((_USED * limits.jerk - bent) / first).min())
+            if acceleration > 0 and jerk > 0:
+                yield speed, acceleration, jerk
+
+
+def _at_limit(phase: str, postures: NDArray[np.float64], limits: Limits) -> PathError:
+    """Return the error of a line on which a joint moves where the arm lets it move no more."""
+    least, greatest, _, _ = limits.slowing.T
+    left = np.minimum(greatest - postures.max(axis=0), postures.min(axis=0) - least)
+    sentence = f"in the phase {phase!r} {limits.joints[int(np.argmin(left))]} is at its limit"
+    return PathError(f"no path to the grasp: {sentence}", phase, "at_limit", (sentence,))
 
 
 def _gentle(

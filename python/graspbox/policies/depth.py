@@ -190,7 +190,7 @@ class DepthGrasp(DepthPolicy):
     noise : DepthNoise
         Noise that is added to the depth that the environments render.
     config : FinderConfig, optional
-        Settings of the search for grasps; by default those of the folder.
+        Settings of the search for grasps, a rehearsal of single objects only; by default those of the folder.
     hand_error : PoseNoise, optional
         Expected error of the hand's pose: grasps that tolerate it are chosen. A decision then takes several times as
         long.

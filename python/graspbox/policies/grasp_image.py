@@ -78,7 +78,7 @@ class ImageOptions(TypedDict, total=False):
         together, in the table's frame, metres; needs `table_from_camera`. Grasps keep off them if any can.
     hand_error : PoseNoise
         Expected error of your hand's pose: grasps are then ranked by their mean score under such errors. The
-        probabilities remain those of a hand without error.
+        probabilities remain those of a hand without error, but for rehearsed grasps.
     rehearsed : int
         How many of the best grasps are first tried in simulation on the completed shape, for a single object
         (`graspbox.perception.configs.RehearsalConfig`); by default as in the policy's folder.
@@ -263,7 +263,8 @@ class ImageGrasper:
         else:
             found = seen.things.labels.astype(np.int64)
             found = found if previous is None else _renumbered(found, previous.labels)
-        chosen = _Chosen(count, keep_off, hand_error, None, seed, None, placed)
+        # Among others no thing is rehearsed: it would be alone.
+        chosen = _Chosen(count, keep_off, hand_error, 0, seed, None, placed)
         chosen.query(scene, np.zeros((0, 3)))  # wrong options are no refusals of things
 
         def of(label: int) -> ImageGrasps | str:

@@ -82,7 +82,8 @@ class PathMotion:
         Raises
         ------
         ConfigError
-            For another arm or hand than the trajectory's, or a pose of another shape.
+            For another arm or hand than the trajectory's, a pose of another shape, or `hz` as of
+            `graspbox.arms.Trajectory.resampled`.
         SimulationError
             If the grasp cannot be simulated.
         """
@@ -90,15 +91,18 @@ class PathMotion:
         for given, own, argument in ((loaded, trajectory.arm, "arm"), (with_hand, trajectory.hand_name, "hand")):
             if given.name != own:
                 raise ConfigError(f"{argument} is {given.name!r}, but the trajectory is that of {own!r}; pass that one")
-        base, mesh, first = _pose(world_from_base, "world_from_base"), as_mesh(target[0]), _pose(target[1], "the pose")
+        base, mesh, first = (
+            _pose(world_from_base, "world_from_base"),
+            as_mesh(target[0]),
+            _pose(target[1], "the pose of the target"),
+        )
         flange_from_base = loaded.flange_from_base_of(with_hand) if mount is None else _pose(mount, "mount")
-        times = np.append(np.arange(0.0, trajectory.duration, 1 / hz), trajectory.duration)
-        sample = trajectory.sample(times)
+        sample = trajectory.resampled(hz)
         hands = base @ loaded.flange_poses(sample.positions) @ flange_from_base @ mechanism_of(with_hand).base_from_hand
         grasp = hands[int(np.flatnonzero(np.isin(sample.phases, ("close", *_HELD)))[0])]
         joints = _closing(with_hand, mesh, first, grasp, trajectory.preshape, sample.hand)
         objects = _carried(first, hands, grasp, sample.phases)
-        moving = (times, sample.phases, sample.positions, hands, joints, objects)
+        moving = (sample.times, sample.phases, sample.positions, hands, joints, objects)
         return cls(loaded, with_hand, mesh, neighbours, base, *moving)
 
     def links(self) -> list[tuple[int, Mesh]]:

@@ -8,7 +8,8 @@ use nalgebra::{Isometry3, Vector3};
 const STEP: f64 = 0.005;
 /// Greatest change of an axis from posture to posture, rad or m: a greater one is a jump, or a singularity that no drive passes.
 const JUMP: f64 = 0.15;
-/// How far a smooth curve may leave the chord between two postures, as a share of the second difference of the positions.
+/// How far a smooth curve may leave the chord between two postures, as a share of the greatest second difference of the positions: an eighth
+/// of its second derivative, which is about three times that at most.
 const BULGE: f64 = 0.375;
 /// Greatest distance of a point of the hand from its straight line between two postures, metres.
 pub const DEVIATION: f64 = 5e-4;
@@ -82,13 +83,11 @@ impl Line {
 
     /// The first axis that a smooth curve through the postures would move beyond its limit.
     fn beyond(&self, chain: &Chain) -> Option<usize> {
-        // A curve leaves the chord between two postures by an eighth of its second derivative, which is up to three times the difference.
-        let bulge =
-            |three: &[Positions], axis: usize| BULGE * (three[0][axis] - 2.0 * three[1][axis] + three[2][axis]).abs();
         let leaves = |axis: &usize| {
+            let bend = |three: &[Positions]| (three[0][*axis] - 2.0 * three[1][*axis] + three[2][*axis]).abs();
+            let bulge = BULGE * self.postures.windows(3).map(bend).fold(0.0, f64::max);
             let [lower, upper] = chain.limits(*axis);
-            let inside = |at: f64, bulge: f64| lower <= at - bulge && at + bulge <= upper;
-            !self.postures.windows(3).all(|three| three.iter().all(|one| inside(one[*axis], bulge(three, *axis))))
+            !self.postures.iter().all(|at| lower <= at[*axis] - bulge && at[*axis] + bulge <= upper)
         };
         (0..chain.len()).find(leaves)
     }

@@ -16,7 +16,7 @@ from graspbox.arms import Trajectory, load_arm
 from graspbox.arms.trajectories import FORMATS
 from graspbox.cli import common
 from graspbox.cli.arm.path_options import PathOptions, check_path_file, save_path, told_assumptions
-from graspbox.errors import ArmError, PathError
+from graspbox.errors import ArmError, ConfigError, PathError
 from graspbox.simulation.path_motion import PathMotion
 
 __all__ = ["path_command"]
@@ -53,6 +53,11 @@ def path_command(
     Ends with exit status 1 if there is none. Nothing drives a robot.
     """
     check_path_file("--out", out)
+    if following.prefix and out is None:
+        raise ConfigError(f"--prefix is {following.prefix!r}, which names the joints in the file of --out; pass it too")
+    if view and as_json:
+        raise ConfigError("--view tells its address on standard output, where --json prints; leave one of them out")
+    opened = load_entry_point("graspbox.viewers", "browser", "viewer", "install the extra 'view'") if view else None
     if video is not None:
         pictures.check_video(video)
     spec, with_hand, with_arm = common.find_one(mesh, scale), common.find_hand(hand), load_arm(common.hand_like(arm))
@@ -74,9 +79,8 @@ def path_command(
     if video is not None:
         pictures.save_path(video, made, with_arm, with_hand, world_from_base, target=(thing, rest))
         common.console.print(f"wrote {video}")
-    if view:
-        shown = PathMotion.of(made, with_arm, with_hand, world_from_base, target=(thing, rest))
-        load_entry_point("graspbox.viewers", "browser", "viewer", "install the extra 'view'")(shown)
+    if opened is not None:
+        opened(PathMotion.of(made, with_arm, with_hand, world_from_base, target=(thing, rest)))
 
 
 def _made(

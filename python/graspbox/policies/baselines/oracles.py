@@ -101,10 +101,13 @@ class DepthOracle(DepthPolicy):
         self._oracles = frozenset(oracles)
         published = None if folder is None else read_depth_policy(Path(folder))
 
+        # A rehearsal on the completed shape would overrule what is known.
+        settings = (config or (FinderConfig() if published is None else published.finder)).rehearsing(0)
+
         def finder(hand: Hand) -> GraspFinder:
             if folder is None or published is None:
-                return GraspFinder(HandGrid(hand), observed_only, _no_score, config or FinderConfig())
-            loaded = load_finder(Path(folder), published, hand, config=config)
+                return GraspFinder(HandGrid(hand), observed_only, _no_score, settings)
+            loaded = load_finder(Path(folder), published, hand, config=settings)
             score = _no_score if "scorer" in oracles else loaded.score
             return GraspFinder(loaded.grid, loaded.complete, score, loaded.config, head=loaded.head)
 

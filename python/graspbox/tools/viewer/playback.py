@@ -25,7 +25,9 @@ class Playback:
 
     def __init__(self, canvas: Canvas, draw: Callable[[int], None], period: float) -> None:
         self._canvas, self._draw, self._period = canvas, draw, period
-        self._count, self._plays = 0, threading.Event()
+        #: Number of samples, and the present run of the button, if it plays.
+        self._count = 0
+        self._run: threading.Event | None = None
         gui = canvas.gui
         hint = f"one sample per {1000 * period:g} ms"
         self.slider = gui.add_slider("sample", 0, 1, 1, 0, disabled=True, hint=hint)
@@ -37,7 +39,7 @@ class Playback:
     @property
     def plays(self) -> bool:
         """Whether it plays."""
-        return self._plays.is_set()
+        return self._run is not None
 
     def load(self, count: int) -> None:
         """Take a number of samples, and show the first one; 0 for none."""
@@ -68,29 +70,32 @@ class Playback:
         elif self._count:
             if self.slider.value >= self._count - 1:
                 self.seek(0)
-            self._plays.set()
+            self._run = run = threading.Event()
             self.play.label = "stop"
-            self._canvas.thread(self._run, "player")
+            self._canvas.thread(lambda: self._plays(run), "player")
 
     def stop(self) -> None:
         """Stop playing."""
-        self._plays.clear()
+        with self._canvas.lock:
+            self._run = None
+            self.play.label = "play"
 
-    def _run(self) -> None:
-        count, first = self._count, int(self.slider.value)
-        began, sent = time.monotonic(), 0.0
-        while self.plays and not self._canvas.closed.is_set() and count == self._count:
+    def _plays(self, run: threading.Event) -> None:
+        first, began, sent = int(self.slider.value), time.monotonic(), 0.0
+        while not self._canvas.closed.is_set():
             now = time.monotonic()
-            sample = min(first + int((now - began) * float(self.speed.value) / self._period), count - 1)
-            last = sample == count - 1
             with self._canvas.lock:
-                if now - sent > _SLIDER_PERIOD or last:
+                # Meanwhile it may have been stopped, or got other samples.
+                if self._run is not run:
+                    return
+                passed = int((now - began) * float(self.speed.value) / self._period)
+                sample = min(first + passed, self._count - 1)
+                if now - sent > _SLIDER_PERIOD or sample == self._count - 1:
                     sent = now
                     self.seek(sample)
                 else:
                     self._draw(sample)
-            if last:
-                break
+                if sample == self._count - 1:
+                    self.stop()
+                    return
             self._canvas.closed.wait(1.0 / _RATE)
-        self._plays.clear()
-        self.play.label = "play"

@@ -191,7 +191,7 @@ PAGES: tuple[PageKind, ...] = (
     PageKind("policy: the folder of one, or of a run", _policy, EnvironmentPage),
     PageKind("object, mesh file, scene or arrangement", _object, ObjectPage),
     PageKind("object set", _set, GalleryPage),
-    PageKind("path of an arm: a PathMotion", _path, PathPage),
+    PageKind("path, by graspbox arm path --view", _path, PathPage),
 )
 
 

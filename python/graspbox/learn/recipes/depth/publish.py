@@ -31,7 +31,7 @@ def export_policy(context: DepthContext, stage: Run) -> dict[str, Any]:
 
 def export_ablations(context: DepthContext, stage: Run) -> dict[str, Any]:
     """Write the folders of the ablations."""
-    finder = context.policy_finder
+    finder = context.published_finder
     ablations = {"scorer": (0, finder), "geometry": (context.sizes.rounds, replace(finder, predicted=0))}
     for name, (rounds, changed) in ablations.items():
         _export(context, stage.folder / name, name, rounds, changed, with_head=changed.predicted > 0)

@@ -65,7 +65,8 @@ class OwnHandSettings(Options):
     2. check: findings and a picture of the closing hand (graspbox hand check). Errors end the command; correct
        hand/hand.toml, and repeat it.
     3. start: the policy of many hands with this hand, as it is (graspbox evaluate).
-    4. tuned: that policy after minutes of this hand's trials (graspbox train depth --start any_hand).
+    4. tuned: that policy after minutes of this hand's trials (graspbox train depth --start any_hand). With three
+       fingers or more it tries its 16 best grasps in simulation before it chooses.
     5. own: the hand's own policy, by the clock: rounds of grasps of its choice, in the run of stage 4. Without
        --minutes.own it is left out, and a later call adds it.
 
