@@ -1,5 +1,6 @@
 """Environments in which an arm carries the hand: what Python adds to the core's."""
 
+import json
 import pickle
 from pathlib import Path
 from typing import Any
@@ -381,3 +382,27 @@ def test_a_depth_policy_chooses_grasps_to_which_the_arm_has_a_path(monkeypatch: 
     monkeypatch.setattr(ArmAt, "carried", lambda *_: 0)
     best = evaluate(policies.load(folder), DECIDES, base=aside.tolist(), **given)
     assert best.failures.get("infeasible", 0) > farther.failures.get("infeasible", 0)
+
+
+def test_a_printed_evaluation_names_arm_and_base() -> None:
+    pytest.importorskip("typer", reason="the command line needs the extra 'cli'")
+    pytest.importorskip("ruckig", reason="paths need ruckig, from the extra 'arm'")
+    from command_line import invoke
+
+    words = [
+        "evaluate",
+        "planner",
+        "--objects",
+        "procedural:can:0",
+        "--trials",
+        "1",
+        "--hand",
+        "panda_gripper",
+        "--json",
+    ]
+    made = invoke([*words, "--trials", "1", "--arm", "fr3", "--base", "-0.5", "0", "0", "0"])
+    assert made.exit_code == 0, made.output
+    answer = json.loads(made.stdout)
+    named = {name: answer[name] for name in ("env_id", "hand", "arm", "base")}
+    base = [-0.5, 0.0, 0.0, 0.0]
+    assert named == {"env_id": "graspbox/GraspPose-v0", "hand": "panda_gripper", "arm": "fr3", "base": base}

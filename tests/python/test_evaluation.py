@@ -286,6 +286,8 @@ def test_the_command_prints_json_and_writes_every_trial(tmp_path: Path) -> None:
     done = run("planner", *few, "--env", POSE, "--json", "--out", str(out))
     assert done.returncode == 0, done.stderr
     shown = json.loads(done.stdout)
+    asked = {name: shown.pop(name) for name in ("env_id", "hand", "arm", "base")}
+    assert asked == {"env_id": POSE, "hand": None, "arm": None, "base": None}
     assert list(shown) == KEYS
     assert sum(shown["failures"].values()) == 6 - shown["succeeded"]
     assert all(list(row) == ["name", "trials", "succeeded"] for row in shown["objects"])

@@ -74,9 +74,9 @@ class Carrier:
         return {**keywords, "base": common.standing(self.base).tolist()}
 
 
-def _print(result: Evaluation, as_json: bool, arm: str | None) -> None:
+def _print(result: Evaluation, as_json: bool, carrier: Carrier) -> None:
     if as_json:
-        common.print_json(result.to_json())
+        common.print_json({**result.to_json(), "env_id": result.env_id, **vars(carrier)})
         return
     if not result.trials:
         typer.echo(
@@ -86,7 +86,7 @@ def _print(result: Evaluation, as_json: bool, arm: str | None) -> None:
     rows = [(o.name, str(o.trials), str(o.succeeded), str(o.secure)) for o in result.objects]
     sums = ("total", str(len(result.trials)), str(result.succeeded), str(result.secure))
     where = result.env_id if result.condition == "nominal" else f"{result.env_id}, {result.condition}"
-    where += f" on {arm}" if arm else ""
+    where += f" on {carrier.arm}" if carrier.arm else ""
     common.print_table(f"{result.policy} in {where}", ("object", "trials", "succeeded", "secure"), [*rows, sums])
     secure, (low, high) = result.secure / len(result.trials), result.secure_ci95
     typer.echo(
@@ -188,7 +188,7 @@ def evaluate(
             **carrier.keywords(),
             **_keywords(layout, objects_per_scene),
         )
-    _print(result, as_json, carrier.arm)
+    _print(result, as_json, carrier)
     if out is not None:
         _write(out, result, seed, log, object_set)
     if object_set is not None and recorder is not None:
