@@ -227,7 +227,7 @@ def test_a_thing_is_rehearsed_alone_and_none_among_others() -> None:
     pose = fit_table(capture.depth, capture.intrinsics)
     place = capture.depth, capture.intrinsics, pose
     among = grasper.find_all(*place, labels=capture.labels).grasps[2]
-    rehearsed, plain = (grasper.find(*place, mask=capture.labels == 2, rehearsed=number) for number in (None, 0))
+    rehearsed, plain = (grasper.find(*place, mask=capture.mask(2), rehearsed=number) for number in (None, 0))
     np.testing.assert_array_equal(among.success, plain.success)
     assert not np.array_equal(rehearsed.success, plain.success)
 
