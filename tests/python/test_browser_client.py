@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from acting import EACH
 from browsing import Browser, browsing, needs_browser
 from graspbox.configs import PictureConfig
 from graspbox.tools.remote import EnvironmentServer, ServerSettings
@@ -88,9 +87,8 @@ def local(steps: int) -> tuple[Any, NDArray[np.float32]]:
         reward="dense",
         render_mode="rgb_array",
         picture=PictureConfig(image_size=(360, 480)),
-        **EACH,
     )
-    return env, np.random.default_rng(0).uniform(-1, 1, (steps, 10)).astype(np.float32)
+    return env, np.random.default_rng(0).uniform(-1, 1, (steps, 8)).astype(np.float32)
 
 
 def same_steps(browser: Browser, env: Any, actions: NDArray[np.float32]) -> None:
@@ -125,7 +123,7 @@ def test_errors_are_those_of_the_server(connected: Browser) -> None:
     with pytest.raises(RuntimeError, match="no field 'mass'"):
         connected.run("await graspbox.client.call('reset', {mass: 1})")
     connected.run("await graspbox.reset(3)")
-    with pytest.raises(RuntimeError, match=r"give \(1, 10\)"):
+    with pytest.raises(RuntimeError, match=r"give \(1, 8\)"):
         connected.run("await graspbox.step([0, 0])")
 
 
@@ -135,7 +133,7 @@ def test_a_reader_of_the_page_can_press_its_buttons(browser: Browser, page: str,
     told = "return Object.fromEntries([...document.querySelectorAll('#told tr')].map((row) => "
     told += "[...row.children].map((cell) => cell.textContent)))"
     wait(lambda: browser.run(told).get("step") == "0")
-    assert browser.run("return document.querySelectorAll('#sliders input').length") == 10
+    assert browser.run("return document.querySelectorAll('#sliders input').length") == 8
     browser.run("document.getElementById('step').click()")
     wait(lambda: browser.run(told).get("step") == "1")
     browser.run("for (const name of ['random', 'run']) document.getElementById(name).click()")

@@ -214,7 +214,7 @@ def test_the_player_moves_the_others(viewer: Any, scene: Scene) -> None:
     assert viewer.canvas.scene.get_handle_by_name("/walls") is not None
     page.select(0)
     trace = page.player.trace
-    page.player.seek(len(trace.time) - 1)
+    page.player.playback.seek(len(trace.time) - 1)
     np.testing.assert_allclose(cap.position, trace.world_from_others[-1, OTHER_CAP, :3, 3])
     assert cap.position[2] > 0.3
     page.select(int(np.flatnonzero(~page.plan.feasible)[0]))
