@@ -75,7 +75,8 @@ test-rust: $(STAMPS)/dev
 	GRASPBOX_YCB=$(YCB) cargo test --release --workspace --test hold_suite -- --ignored
 
 # Two processes, each with files of its own: a file's fixtures are made once. On two cores this takes three fifths of the time.
-PARALLEL := -n 2 --dist loadfile
+# A process that crashes ends the run, instead of being started again with the same test.
+PARALLEL := -n 2 --dist loadfile --max-worker-restart 0
 
 test-python: $(STAMPS)/dev $(STAMPS)/core
 	pytest $(PARALLEL) -m 'not train and not slow'
