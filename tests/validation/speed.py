@@ -43,8 +43,7 @@ WORK = {
 #: Scenes of several objects to time, by name: layout, and number of objects; `SCENES` of each.
 HEAPS: dict[str, tuple[Layout, int]] = {
     "5 packed": ("packed", 5),
-    "piles of 5": ("pile", 5),
-    "piles of 15": ("pile", 15),
+    **{f"piles of {count}": ("pile", count) for count in (1, 2, 5, 10, 15, 20, 40)},
 }
 SCENES = 2
 

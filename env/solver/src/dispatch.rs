@@ -28,7 +28,7 @@ const LANES: usize = 4;
 /// Distance between points of two searches that count as the same one, parry's lengths: 1 mm.
 const SAME_POINT: Real = 0.1;
 
-/// Parry's dispatcher, with a faster path for convex parts against boxes and cylinders, and with whole faces.
+/// Parry's dispatcher, with a faster path for convex parts against each other, boxes and cylinders, and with whole faces.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Dispatcher {
     /// Clip the faces that touch in any case; by default only those that parry cuts short. Where a corner of one face lies exactly on the
@@ -158,6 +158,11 @@ where
     C: Default + Copy + Send + Sync,
 {
     match (g1.as_convex_polyhedron(), g2.as_convex_polyhedron()) {
+        (Some(one), Some(two)) => {
+            let (one, two) = (Corners(one), Corners(two));
+            contact_manifold_pfm_pfm(pos12, &one, 0.0, normals1, &two, 0.0, normals2, prediction, manifold);
+            return Ok(());
+        }
         (Some(part), None) => {
             let part = Corners(part);
             if let Some(other) = g2.as_cuboid() {
@@ -290,7 +295,7 @@ mod tests {
         }
     }
 
-    /// Contacts of one part, and of a compound, with boxes and cylinders that move into and out of them. Ends of cylinders are not parry's.
+    /// Contacts of one part, and of a compound, with parts, boxes and cylinders that move into and out of them. Ends of cylinders are not parry's.
     #[test]
     fn contacts_equal_parrys_bit_for_bit() {
         let mut next = numbers(2);
@@ -303,7 +308,14 @@ mod tests {
         let objects = [part(), SharedShape::compound(vec![shifted(-2.0), shifted(2.0)])];
         let cuboid = SharedShape::new(Cuboid::new(Vector::new(0.6, 1.0, 2.0)));
         let cylinder = SharedShape::new(Cylinder::new(1.5, 0.8));
-        for (object, other) in [(&objects[0], &cuboid), (&objects[0], &cylinder), (&objects[1], &cuboid)] {
+        let pairs = [
+            (&objects[0], &cuboid),
+            (&objects[0], &cylinder),
+            (&objects[0], &objects[0]),
+            (&objects[1], &cuboid),
+            (&objects[1], &objects[0]),
+        ];
+        for (object, other) in pairs {
             let mut touched = 0;
             for _ in 0..40 {
                 let (from, drift) = (vector(&mut next) * 5.0, vector(&mut next) * 0.2);
