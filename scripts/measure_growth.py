@@ -4,16 +4,16 @@
     python scripts/measure_growth.py --only scene --only set
     python scripts/measure_growth.py --only envs --envpool-python PATH   # an interpreter that has EnvPool
 
-| part | from | to | rival |
-|---|--:|--:|---|
-| envs | 1 | 1,024 environments of `Grasp-v0` with `panda_gripper` at 50 Hz, random actions | EnvPool's `PandaPickCube-v1` |
-| scene | 1 | 40 objects in a pile, a planner pose for each with `panda_gripper` | `mujoco.rollout` of the same commands |
-| set | 10 | 10,000 objects of a set, until the first observation of 16 environments, cache filled | |
-| pixels | 32 | 256 pixels of a side, depth, of 16 environments | |
-| sessions | 1 | 64 sessions of a server, which share 64 environments | |
+| part | sizes | rival |
+|---|---|---|
+| envs | 1 to 1,024 environments of `Grasp-v0`, `panda_gripper`, 50 Hz, random actions | EnvPool's `PandaPickCube-v1` |
+| scene | piles of 1 to 40 objects, a planner pose for each | `mujoco.rollout` of the same commands |
+| set | 25 to 10,000 objects, until the first observation of 16 environments | |
+| pixels | depth images of 32 to 256 pixels, 16 environments | |
+| sessions | 1 to 64 sessions of a server, which share 64 environments | |
 
-Each point is the median of ``--runs`` processes, and rivals take turns. Run it on an idle machine; Linux. ``scene`` needs
-the extra ``dev``, ``sessions`` cargo.
+Each point is the median of ``--runs`` processes, and rivals take turns. Run it on an idle machine; Linux. ``scene``
+needs the extra ``dev``, and ``sessions`` cargo.
 """
 
 import json
@@ -58,7 +58,7 @@ def steps(env: Any, seconds: float = SECONDS) -> float:
 
 def envs(count: int) -> dict[str, float]:
     """Step `count` environments."""
-    settings = {"objects": "procedural:box:0-3", "hand": "panda_gripper", "control_freq": 50, "obs": "state"}
+    settings: dict[str, Any] = {"objects": "procedural:box:0-3", "hand": "panda_gripper", "control_freq": 50, "obs": "state"}
     return {"env-steps/s": steps(gym.make_vec("graspbox/Grasp-v0", count, **settings))}
 
 
@@ -83,6 +83,7 @@ print(json.dumps({"EnvPool": count * done / (time.perf_counter() - began)}))
 
 def scene(count: int) -> dict[str, float]:
     """Try a pose for each object of piles of `count`, here and in MuJoCo."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
     from validation import speed
 
     rows = {row.engine: row for row in speed.measure(f"piles of {count}", 1, 0, "panda_gripper")}
@@ -101,7 +102,7 @@ def set_of(count: int) -> dict[str, float]:
 
 def pixels(side: int) -> dict[str, float]:
     """Step environments that see depth images."""
-    settings = {"objects": "procedural:box:0-3", "obs": "depth", "image_size": side}
+    settings: dict[str, Any] = {"objects": "procedural:box:0-3", "obs": "depth", "image_size": side}
     return {"env-steps/s": steps(gym.make_vec("graspbox/Grasp-v0", ENVS, **settings))}
 
 
@@ -178,8 +179,8 @@ def draw(rows: dict[str, list[dict[str, float]]], path: Path) -> None:
 def main(args: Args) -> None:
     """Measure, print a table of each part, and draw."""
     if args.point:
-        name, size = args.point.split(":")
-        print(json.dumps(PARTS[name][0](int(size))))
+        part, _, number = args.point.partition(":")
+        print(json.dumps(PARTS[part][0](int(number))))
         return
     if unknown := [name for name in args.only if name not in PARTS]:
         raise SystemExit(f"there is no part {unknown[0]!r}; choose from {', '.join(PARTS)}")

@@ -26,9 +26,9 @@ def command(folder: Path, *more: str) -> list[str]:
 
 
 def run(folder: Path, *more: str, **settings: Any) -> "subprocess.CompletedProcess[str]":
-    """Run that command to its end."""
+    """Run that command to its end, at most ten minutes."""
     env = {**os.environ, "GRASPBOX_THREADS": "1"}
-    return subprocess.run(command(folder, *more), capture_output=True, text=True, env=env, **settings)
+    return subprocess.run(command(folder, *more), capture_output=True, text=True, env=env, timeout=600.0, **settings)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
