@@ -1,5 +1,6 @@
 """Paths of arms: phases, limits, collisions by a judge of its own, what keeps a path from being found, files."""
 
+import contextlib
 import csv
 import json
 import warnings
@@ -17,7 +18,7 @@ import graspbox
 from command_line import invoke
 from graspbox import errors
 from graspbox._common import imports
-from graspbox.arms import Arm, Trajectory
+from graspbox.arms import Arm, Trajectory, plan_path
 from graspbox.arms.timing import limits_of, timed
 from graspbox.hands.conventions import mechanism_of
 from graspbox.hands.loading import AssumedWarning
@@ -276,10 +277,32 @@ def test_failures_say_where_and_why(plan: graspbox.Plan, can: graspbox.Mesh) -> 
     long = failure(max_duration=1.0)
     assert long.reason == "too_long"
     assert "longer than max_duration (1 s)" in str(long)
+    assert len(long.failures) == plan.feasible.sum()
     far_base = BASE.copy()
     far_base[0, 3] = -3.0
     with pytest.raises(errors.PathError, match=r"no path to any of \d+ grasps: at the grasp too far \(\d+\)"):
         plan.path("fr3", far_base, mesh=can)
+
+
+def test_a_grasp_whose_path_takes_too_long_has_none(plan: graspbox.Plan) -> None:
+    poses = plan.world_from_object @ plan.poses[plan.feasible][:8]
+    preshapes = plan.preshape[plan.feasible][:8]
+
+    def path(order: list[int], **options: Any) -> Trajectory:
+        return plan_path("fr3", "panda_gripper", poses[order], preshapes[order], BASE, **options)
+
+    by_duration = []
+    for index in range(len(poses)):
+        with contextlib.suppress(errors.PathError):
+            by_duration.append((path([index]).duration, index))
+    by_duration.sort()
+    (fast, quick), (slow, long) = by_duration[0], by_duration[-1]
+    between = 0.5 * (fast + slow)
+    assert path([long, quick]).grasp == 0
+    taken = path([long, quick], max_duration=between)
+    assert (taken.grasp, taken.duration) == (1, fast)
+    with pytest.raises(errors.PathError, match=r"the fastest of 2 paths takes .* s, longer than max_duration"):
+        path([long, quick], max_duration=0.5 * fast)
 
 
 def test_bad_arguments_are_named(plan: graspbox.Plan, can: graspbox.Mesh, monkeypatch: pytest.MonkeyPatch) -> None:

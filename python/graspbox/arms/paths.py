@@ -1,6 +1,7 @@
 """Paths of a whole arm: to a grasp, up with the object, on to a place, and away from it."""
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -83,7 +84,7 @@ def plan_path(
     hand_time : float
         Time that the arm waits for the hand to close, and to open, seconds.
     max_duration : float, optional
-        Longest duration, seconds.
+        Longest duration, seconds; a grasp whose path takes longer has none.
     hz : float
         Samples per second; `Trajectory.resampled` changes it.
     num_threads : int, optional
@@ -92,7 +93,7 @@ def plan_path(
     Raises
     ------
     PathError
-        If no path was found, or it takes too long: the attributes say where and why.
+        If no grasp has a path: the attributes say where and why.
     ArmError
         If the hand is heavier than the payload, or mounted inside a link.
     ConfigError
@@ -109,10 +110,7 @@ def plan_path(
     settings = config_dict(config, PathConfig)
     natural(config.seed, "seed", 64)
     limits = limits_of(loaded, speed)
-    found = _core.arm_path(
-        loaded,
-        poses,
-        preshapes,
+    given = (
         hand,
         loaded.home if start is None else floats(start, "start"),
         limits.acceleration,
@@ -125,17 +123,14 @@ def plan_path(
         cache_folder(),
         num_threads,
     )
-    if found["grasp"] < 0:
-        raise _failure(found["failures"])
-    pieces = _timed(found["pieces"], limits, hand_time)
-    duration = sum(piece.duration for piece in pieces)
-    if max_duration is not None and duration > max_duration:
-        message = f"the path takes {duration:.2f} s, longer than max_duration ({max_duration:g} s)"
-        raise PathError(message, reason="too_long")
+
+    def plan(first: int) -> dict[str, Any]:
+        return _core.arm_path(loaded, poses[first:], preshapes[first:], *given)  # type: ignore[no-any-return]
+
+    grasp, pieces = _first(plan, len(poses), limits, hand_time, max_duration)
     tell(loaded, limits)
-    facts = {"joints": tuple(loaded.joints), "arm": loaded.name, "hand_name": hand.name, "grasp": found["grasp"]}
-    chosen = float(preshapes[found["grasp"]])
-    return Trajectory.of(pieces, hz, **facts, preshape=chosen, assumptions=limits.assumed)
+    facts = {"joints": tuple(loaded.joints), "arm": loaded.name, "hand_name": hand.name, "grasp": grasp}
+    return Trajectory.of(pieces, hz, **facts, preshape=float(preshapes[grasp]), assumptions=limits.assumed)
 
 
 def _around(
@@ -169,6 +164,37 @@ def _check_numbers(*, speed: float, hand_time: float, max_duration: float | None
         raise ConfigError(f"hand_time is {hand_time}; it must be 0 to 3600 s")
     if max_duration is not None and not max_duration > 0:
         raise ConfigError(f"max_duration is {max_duration}; it must be positive")
+
+
+def _first(
+    plan: Callable[[int], dict[str, Any]], count: int, limits: Limits, hand_time: float, max_duration: float | None
+) -> tuple[int, list[TimedPiece]]:
+    """Find the first of `count` grasps that has a path in time; returns its index and the path.
+
+    `plan` finds the first one with a path among those from an index on.
+    """
+    begin, failures, late = 0, [], []
+    while begin < count:
+        found = plan(begin)
+        failures += found["failures"]
+        if found["grasp"] < 0:
+            break
+        begin += found["grasp"] + 1
+        try:
+            pieces = _timed(found["pieces"], limits, hand_time)
+        except PathError as error:
+            failures.append((error.phase, error.reason, str(error)))
+            continue
+        duration = sum(piece.duration for piece in pieces)
+        if max_duration is None or duration <= max_duration:
+            return begin - 1, pieces
+        late.append(duration)
+        failures.append(("", "too_long", f"the path takes {duration:.2f} s"))
+    if late:
+        which = "the path" if len(late) == 1 else f"the fastest of {len(late)} paths"
+        message = f"{which} takes {min(late):.2f} s, longer than max_duration ({max_duration:g} s)"
+        raise PathError(message, reason="too_long", failures=tuple(sentence for _, _, sentence in failures))
+    raise _failure(failures)
 
 
 def _failure(failures: list[tuple[str, str, str]]) -> PathError:
