@@ -421,6 +421,8 @@ class Hand:
         """Where the hand closes with `preshape`: (3,), hand frame, metres."""
     def open(self, preshape: float) -> NDArray[np.float64]:
         """Positions (c,) of the independent joints of the open hand, rad or m."""
+    def open_positions(self, preshape: float) -> NDArray[np.float64]:
+        """Positions (a,) of the actuators but the preshape's of the open hand, rad or m."""
     def closed(self, preshape: float, share: float) -> NDArray[np.float64]:
         """Positions (c,) of the independent joints of the hand, closed by a share of their way (0 to 1), rad or m."""
     def shapes(

@@ -13,7 +13,7 @@ from graspbox.configs import CameraConfig, TrialConfig
 from graspbox.configs.cameras import camera_pose, lens
 from graspbox.envs.coding import Codec
 from graspbox.envs.expert import ExpertGrasp, planned
-from graspbox.envs.scripted import MotionOptions, ScriptedMotion, ScriptedRelease
+from graspbox.envs.scripted import MotionOptions, ScriptedGrasp, ScriptedMotion, ScriptedRelease
 from graspbox.policies._hand_view import HandView
 
 #: Labels of the hand in ``segmentation`` begin here.
@@ -42,6 +42,35 @@ def test_a_release_puts_the_object_down_and_leaves_it(control: str, fingers: str
     assert np.abs(codec.column(state, "actuator")).max() < 0.05
     np.testing.assert_allclose(codec.pose(state, "object")[:3, 3], lay[:3, 3], atol=0.02)
     np.testing.assert_allclose(codec.pose(state, "hand")[:3, 3], lifted[:3, 3], atol=0.01)
+
+
+@pytest.mark.parametrize(("hand", "preshape"), [("leap", 0.0), ("inspire", 1.0), ("reflex", 0.0)])
+def test_fingers_open_as_far_as_the_preshape_says(hand: str, preshape: float) -> None:
+    """Once, a released LEAP hand opened to the ends of its travel, and its second attempts failed."""
+    options = MotionOptions(control="twist", fingers="each", control_freq=20, hand=hand)
+    env: Any = gymnasium.make("graspbox/Grasp-v0", objects="procedural:can:0", **options).unwrapped
+    codec, loaded = Codec("twist", hand, fingers="each"), graspbox.load_hand(hand)
+    wanted = loaded.open_positions(preshape)
+
+    def follow(motion: ScriptedMotion, state: Any, seconds: float) -> Any:
+        for _ in range(round(20 * seconds)):
+            state, *_ = env.step(motion.follow(codec.pose(state, "hand"), codec.column(state, "actuator")))
+        return state
+
+    state, _ = env.reset(seed=0)
+    high = codec.pose(state, "hand")
+    high[2, 3] = 0.45
+    # On the way to a grasp.
+    grasp = ScriptedGrasp(codec.pose(state, "hand"), high, preshape, 0.1, **options)
+    state = follow(grasp, state, grasp.closes_at)
+    np.testing.assert_allclose(codec.column(state, "actuator"), wanted, atol=0.05)
+    state = follow(grasp, state, 1.0)
+    closed = codec.column(state, "actuator")
+    assert np.abs(closed - wanted).max() > 0.5
+    # And as it lets go.
+    release = ScriptedRelease(high, high, preshape, **options)
+    state = follow(release, state, 2.0)
+    np.testing.assert_allclose(codec.column(state, "actuator"), wanted, atol=0.05)
 
 
 def test_the_hand_backs_off_before_it_goes_elsewhere() -> None:

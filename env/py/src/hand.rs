@@ -174,6 +174,14 @@ impl Hand {
         hand.grasp_actuators().map(speed).collect()
     }
 
+    /// Positions (a,) of the actuators but the preshape's of the open hand, rad or m.
+    fn open_positions<'py>(&self, py: Python<'py>, preshape: f64) -> PyResult<Array<'py, f64>> {
+        let all = self.0.open_positions(preshape);
+        let positions: Vec<f64> = self.0.grasp_actuators().map(|index| all[index]).collect();
+        let count = positions.len();
+        array(py, positions, &[count])
+    }
+
     #[getter]
     fn preshape_limits(&self) -> (f64, f64) {
         let [low, high] = self.0.preshape_limits();

@@ -23,6 +23,8 @@ Pose = NDArray[np.float64]
 
 #: A motion's peak speed as a share of the hand's limit; the rest lets the arm's controller catch up.
 _SPEED_SHARE = 0.9
+#: A finger this near to its open position, in seconds of its motion, does not move.
+_OPEN = 0.005
 #: Clearance between the hand and the object's highest point, metres: longer than the fingers of any hand here.
 _CLEARANCE = 0.20
 
@@ -37,7 +39,7 @@ class MotionOptions(TypedDict, total=False):
 
 
 class ScriptedMotion:
-    """Moves the hand from pose to pose with its fingers at rest.
+    """Moves the hand from pose to pose with its fingers open, or at rest if nobody tells where they are.
 
     Parameters
     ----------
@@ -76,6 +78,9 @@ class ScriptedMotion:
         self._encode = codec(control, loaded, fingers).encode_action
         self._preshape = float(preshape)
         self._close_speeds = np.array(loaded.closing_speeds)
+        self._open = loaded.open_positions(self._preshape)
+        fastest = np.array([row["high"] for row in found["actions"]["twist"]["each"] if row["name"] == "actuator"])
+        self._open_speeds = np.where(self._close_speeds > 0, self._close_speeds, fastest)
         self._steps = 0
         poses = [np.asarray(stop, dtype=np.float64) for stop in stops]
         self._motions = self._between(poses)
@@ -105,13 +110,27 @@ class ScriptedMotion:
             time -= motion.duration
         return self._motions[-1].end
 
-    def _actuator_speed(self, now: float) -> ArrayLike:
+    def _actuator_speed(self, now: float, actuators: NDArray[np.float64] | None) -> ArrayLike:
         """Speed of each actuator except the preshape's, `now` seconds after the start; positive closes."""
         del now
-        return 0.0
+        return 0.0 if actuators is None else self._opening(actuators)
 
-    def follow(self, world_from_hand: Pose) -> NDArray[np.float32]:
-        """Return the next action (k,) from the present pose of the hand ``world_from_hand`` (4, 4)."""
+    def _opening(self, actuators: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Speeds with which the fingers open as far as the preshape says, and no farther."""
+        left = self._open - actuators
+        speeds = np.clip(left * self._control_freq, -self._open_speeds, self._open_speeds)
+        return np.where(np.abs(left) > _OPEN * self._open_speeds, speeds, 0.0)
+
+    def follow(self, world_from_hand: Pose, actuators: NDArray[np.float64] | None = None) -> NDArray[np.float32]:
+        """Return the next action (k,).
+
+        Parameters
+        ----------
+        world_from_hand : (4, 4) array
+            The present pose of the hand.
+        actuators : (a,) array, optional
+            The column ``actuator`` of ``proprio``, rad or m.
+        """
         now = self.time
         self._steps += 1
         wanted = self._wanted(now + self._period)
@@ -121,7 +140,7 @@ class ScriptedMotion:
         return self._encode(
             wanted,
             self._preshape,
-            actuator_speed=self._actuator_speed(now),
+            actuator_speed=self._actuator_speed(now, actuators),
             world_from_start=start,
             control_freq=self._control_freq,
         )
@@ -167,8 +186,8 @@ class ScriptedGrasp(ScriptedMotion):
         lifted[2, 3] += trial.lift_height
         return [*motions, TimedMotion(goal, goal, trial.close_time), TimedMotion(goal, lifted, trial.lift_time)]
 
-    def _actuator_speed(self, now: float) -> ArrayLike:
-        return self._close_speeds if now >= self.closes_at - 1e-9 else 0.0
+    def _actuator_speed(self, now: float, actuators: NDArray[np.float64] | None) -> ArrayLike:
+        return self._close_speeds if now >= self.closes_at - 1e-9 else super()._actuator_speed(now, actuators)
 
 
 class ScriptedRelease(ScriptedMotion):
@@ -197,9 +216,10 @@ class ScriptedRelease(ScriptedMotion):
         leaving = self._between([low, behind, *(np.asarray(pose, dtype=np.float64) for pose in then)])
         self._motions = [*lowering, TimedMotion(low, low, trial.close_time), *leaving]
         self._opens_at = lowering[0].duration
-        self._opened_at = self._opens_at + trial.close_time
         self._length = sum(motion.duration for motion in self._motions)
 
-    def _actuator_speed(self, now: float) -> ArrayLike:
+    def _actuator_speed(self, now: float, actuators: NDArray[np.float64] | None) -> ArrayLike:
         """Open; while the hand is lowered, the actuators keep their positions."""
-        return -self._close_speeds if now >= self._opens_at - 1e-9 else 0.0
+        if now < self._opens_at - 1e-9:
+            return 0.0
+        return -self._close_speeds if actuators is None else self._opening(actuators)

@@ -83,7 +83,9 @@ class GraspExecutor:
     def act(self, env: int, row: Row) -> NDArray[np.float32] | None:
         """Choose the next action of the current motion."""
         motion = self._motions[env]
-        return None if motion is None else motion.follow(self._hand_pose(row))
+        if motion is None:
+            return None
+        return motion.follow(self._hand_pose(row), self._proprio.column(row["proprio"], "actuator"))
 
     def grasping(self, grasp: FoundGrasp, world_from_hand: NDArray[np.float64]) -> ScriptedGrasp:
         """Make the motion from ``world_from_hand`` (4, 4) to a grasp, which then closes and lifts."""

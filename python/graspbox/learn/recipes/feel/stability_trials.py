@@ -142,7 +142,11 @@ class Recorder:
             for env in active:
                 driver, now = drivers[env], {name: observations[name][env] for name in self._inputs.obs}
                 readings[env].add(driver.time - driver.closes_at, now)
-                actions.append(driver.follow(self._proprio.pose(now["proprio"], "hand")))
+                pose, actuators = (
+                    self._proprio.pose(now["proprio"], "hand"),
+                    self._proprio.column(now["proprio"], "actuator"),
+                )
+                actions.append(driver.follow(pose, actuators))
             self._trying.send(np.stack(actions), np.array(active))
             following, _, terminated, truncated, info = self._trying.recv(len(active))
             for row, env in enumerate(info["env_id"].tolist()):
