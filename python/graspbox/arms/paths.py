@@ -125,7 +125,7 @@ def plan_path(
     )
 
     def plan(first: int) -> dict[str, Any]:
-        return _core.arm_path(loaded, poses[first:], preshapes[first:], *given)  # type: ignore[no-any-return]
+        return _core.arm_path(loaded, poses[first:], preshapes[first:], *given)
 
     grasp, pieces = _first(plan, len(poses), limits, hand_time, max_duration)
     tell(loaded, limits)
