@@ -58,7 +58,12 @@ def steps(env: Any, seconds: float = SECONDS) -> float:
 
 def envs(count: int) -> dict[str, float]:
     """Step `count` environments."""
-    settings: dict[str, Any] = {"objects": "procedural:box:0-3", "hand": "panda_gripper", "control_freq": 50, "obs": "state"}
+    settings: dict[str, Any] = {
+        "objects": "procedural:box:0-3",
+        "hand": "panda_gripper",
+        "control_freq": 50,
+        "obs": "state",
+    }
     return {"env-steps/s": steps(gym.make_vec("graspbox/Grasp-v0", count, **settings))}
 
 

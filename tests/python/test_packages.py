@@ -66,7 +66,7 @@ def test_the_wheel_holds_the_policies(wheel: Path, tmp_path: Path, monkeypatch: 
     # Installed, each name leads to its folder, and the policies find the one that they use.
     monkeypatch.syspath_prepend(tmp_path)
     assert {entry.name for entry in entry_points(group=installed.GROUP)} >= set(installed.PUBLISHED)
-    for name, used in (("feel", "depth"), ("feel_inspire", "inspire")):
+    for name, used in (("feel", "depth"), ("feel_inspire", "inspire"), ("feel_leap", "leap")):
         folder = installed.find(name)
         assert used_folder(folder, load(folder), "depth").resolve() == (package / used).resolve()
 

@@ -18,6 +18,7 @@ LEAST = {
     "depth": (20, "graspbox/GraspPose-v0", "depth"),
     "feel": (22, "graspbox/Grasp-v0", "depth-feel"),
     "feel_inspire": (18, "graspbox/Grasp-v0", "inspire-feel"),
+    "feel_leap": (17, "graspbox/Grasp-v0", "leap-feel"),
     "head": (15, "graspbox/GraspPose-v0", "head"),
     "inspire": (17, "graspbox/GraspPose-v0", "inspire"),
     "leap": (17, "graspbox/GraspPose-v0", "leap"),

@@ -27,7 +27,7 @@ GROUP = "graspbox.policies"
 #: The package of the published policies, and their names.
 PACKAGE = "graspbox-policies"
 PUBLISHED = (
-    "any_hand", "depth", "feel", "feel_inspire", "head", "inspire", "leap", "panda",
+    "any_hand", "depth", "feel", "feel_inspire", "feel_leap", "head", "inspire", "leap", "panda",
     "panda_clutter", "reflex_clutter", "robotiq", "soft_hand", "study",
 )  # fmt: skip
 _BARE = re.compile(r"[A-Za-z0-9][\w.-]*")
