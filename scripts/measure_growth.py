@@ -36,6 +36,8 @@ from servers.processes import served
 
 #: Environments of the parts that do not vary their number.
 ENVS = 16
+#: Most environments of EnvPool: each takes 20 MB.
+MOST_ENVPOOL = 256
 #: Seconds of a measurement.
 SECONDS = 3.0
 #: Families whose objects make up a set.
@@ -53,7 +55,7 @@ def steps(env: Any, seconds: float = SECONDS) -> float:
     while time.perf_counter() - began < seconds:
         env.step(actions[count % len(actions)])
         count += 1
-    return env.num_envs * count / (time.perf_counter() - began)
+    return float(env.num_envs * count / (time.perf_counter() - began))
 
 
 def envs(count: int) -> dict[str, float]:
@@ -157,12 +159,12 @@ def answer(command: list[str]) -> dict[str, float]:
 
 def measure(name: str, size: int, args: Args) -> dict[str, float]:
     """Measure a point: the medians of its figures."""
-    commands = [[sys.executable, __file__, "--point", f"{name}:{size}"]]
-    if name == "envs" and args.envpool_python:
-        commands.append([args.envpool_python, "-c", ENVPOOL, str(size), str(SECONDS)])
+    own = [sys.executable, __file__, "--point", f"{name}:{size}"]
+    other = [args.envpool_python, "-c", ENVPOOL, str(size), str(SECONDS)]
     if name == "set":
-        answer(commands[0])  # fills the cache
-    runs = [{key: value for command in commands for key, value in answer(command).items()} for _ in range(args.runs)]
+        answer(own)  # fills the cache
+    with_rival = name == "envs" and args.envpool_python and size <= MOST_ENVPOOL
+    runs = [{**answer(own), **(answer(other) if with_rival else {})} for _ in range(args.runs)]
     return {key: float(np.median([run[key] for run in runs])) for key in runs[0]}
 
 
@@ -173,7 +175,8 @@ def draw(rows: dict[str, list[dict[str, float]]], path: Path) -> None:
     figure = Figure(figsize=(3.2 * len(rows), 3.0), layout="constrained")
     for axes, (name, points) in zip(np.ravel(figure.subplots(1, len(rows))), rows.items(), strict=True):
         for key in (key for key in points[0] if key != "size"):
-            axes.plot([point["size"] for point in points], [point[key] for point in points], "o-", label=key)
+            shown = [point for point in points if key in point]
+            axes.plot([point["size"] for point in shown], [point[key] for point in shown], "o-", label=key)
         axes.set(xscale="log", yscale="log", xlabel=PARTS[name][2])
         axes.grid(alpha=0.3)
         axes.legend(fontsize="small")
