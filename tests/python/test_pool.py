@@ -150,18 +150,21 @@ def test_an_interrupt_calls_back_what_was_sent(objects: _core.Objects) -> None:
     first = pool.now()["state"].copy()
     still = np.zeros((count, 10), np.float32)
     pool.send(still, list(range(count)))
-    timer = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
-    with pytest.raises(KeyboardInterrupt):
+
+    def receive() -> None:
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
         pool.recv(count)
-    # One environment may still be stepping; the others are here, or can be received. All of them would take far longer.
+
+    with pytest.raises(KeyboardInterrupt):
+        receive()
+    # One environment may still be stepping; the others are here, or can be received. All of them would be far more.
     stepped = []
     while True:
         try:
             stepped += pool.recv(1)[0]["env"].tolist()
         except errors.ConfigError:
             break
-    assert len(stepped) <= count - 2
+    assert 0 < len(stepped) < count / 2
     rest = np.setdiff1d(np.arange(count), stepped)
     np.testing.assert_array_equal(pool.now()["state"][rest], first[rest])
     # The environments that stayed step as if they had never been sent.
