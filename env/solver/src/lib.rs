@@ -81,6 +81,5 @@ pub use model::{BodyIndex, BodyKind, Model};
 pub use object::{Object, ObjectPart};
 pub use scenery::{Scenery, Surface, Wall};
 pub use solver::saved::SavedState;
-pub use solver::sleep::Sleep;
 pub use solver::{CableCommand, ObjectState, Solver, State, StepInput};
 pub use tree::{Body, BodyShape, Cable, Coordinate, Joint, JointKind, Primitive, Tree};

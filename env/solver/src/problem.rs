@@ -208,9 +208,12 @@ impl Problem {
         }
     }
 
-    /// Whether an object of the island touches the scenery.
+    /// Whether an object of the island touches the scenery, or a sleeper.
     pub fn rests_on_scenery(&self) -> bool {
-        self.touching.iter().any(|touching| matches!(touching.sides, [Side::Object { .. }, Side::Scenery]))
+        let rests = |touching: &Touching| {
+            matches!(touching.sides, [Side::Object { .. }, Side::Scenery] | [Side::Scenery, Side::Object { .. }])
+        };
+        self.touching.iter().any(rests)
     }
 
     /// Computes contact impulses and residual at `v`.

@@ -20,7 +20,7 @@ use crate::problem::rows::{self, PointSource};
 use crate::scenery::Surface;
 use crate::search::{BodyMotion, Opposite, Searcher, Situation};
 use crate::solver::free::Springs;
-use crate::solver::sleep::Sleep;
+use crate::solver::sleep::{Load, rests};
 
 /// Inputs of one step.
 pub struct StepInput<'a> {
@@ -63,10 +63,10 @@ pub struct ObjectState {
     pub friction_factor: f64,
     /// Factor on its mass and inertia.
     pub mass_factor: f64,
-    /// For how long its island has been slow, seconds.
+    /// For how long it has been slow, seconds.
     pub slow_for: f64,
-    /// Its sleep; `None` while it is simulated.
-    pub asleep: Option<Sleep>,
+    /// The object in the world while it sleeps; `None` while it is simulated.
+    pub asleep: Option<Isometry3<f64>>,
 }
 
 impl Default for ObjectState {
@@ -124,7 +124,10 @@ pub struct Solver {
     asleep: Vec<bool>,
     /// Rates before a long step that may not be taken.
     kept_rates: Vec<f64>,
-    /// Contacts of the sleepers, frame of the world.
+    /// By object: whether the hand may touch it in this step.
+    touched: Vec<bool>,
+    loads: Vec<Load>,
+    /// Contacts of the sleepers when they fell asleep, frame of the world; also with objects that have woken since.
     rested: Vec<Contact>,
 }
 
@@ -157,6 +160,8 @@ impl Solver {
             friction_factors: Vec::new(),
             asleep: Vec::new(),
             kept_rates: Vec::new(),
+            touched: Vec::new(),
+            loads: Vec::new(),
             rested: Vec::new(),
             state,
             model,
@@ -197,8 +202,14 @@ impl Solver {
     pub fn step(&mut self, input: &StepInput) {
         let model = Arc::clone(&self.model);
         let (reference, scenery) = self.begin(&model, input, Springs::Explicit);
-        self.find_contacts(&model, input, &reference, scenery);
-        let balanced = self.solve(&model, &scenery);
+        let balanced = loop {
+            self.find_contacts(&model, input, &reference, scenery);
+            let balanced = self.solve(&model, &scenery);
+            if !self.wake_loaded(&model, input) {
+                break balanced;
+            }
+            self.rewind();
+        };
         self.state.unconverged_steps += u64::from(!balanced);
         self.end(&model, input, &scenery, &reference);
     }
@@ -223,6 +234,15 @@ impl Solver {
         }
         self.hand_momentum(model, input, springs);
         (reference, scenery)
+    }
+
+    /// Returns to the velocities at the beginning of the step, to solve its equations anew.
+    fn rewind(&mut self) {
+        let free = self.problem.hand.velocity.len();
+        self.problem.hand.velocity.copy_from_slice(&self.state.rates[..free]);
+        for (terms, state) in self.problem.objects.iter_mut().zip(&self.state.objects) {
+            terms.velocity = six(&state.linear, &state.angular);
+        }
     }
 
     /// Moves by the solution of a step's equations.
@@ -412,8 +432,8 @@ impl Solver {
         for (index, own) in model.objects.iter().enumerate() {
             let terms = &problem.objects[index];
             let object = &mut self.state.objects[index];
-            if let Some(sleep) = &object.asleep {
-                object.base_from_object = input.base_from_world_after * sleep.world_from_object;
+            if let Some(world_from_object) = &object.asleep {
+                object.base_from_object = input.base_from_world_after * world_from_object;
                 continue;
             }
             let Twist { linear, angular } = own_twist(&terms.velocity);
@@ -441,18 +461,20 @@ impl Solver {
         for contact in self.loaded.iter().filter(|c| wanted(c.sides[0].body, c.sides[1].body)) {
             visit(contact);
         }
-        // Those of objects that fell asleep in the last step are among the rested.
-        let sleeps = |side: &BodyKind| matches!(side, BodyKind::Object(o) if self.state.objects[*o].asleep.is_some());
+        let at_rest = |sides: [BodyKind; 2]| rests(&sides, |object| self.state.objects[object].asleep.is_some());
         for (index, source) in self.sources.iter().enumerate() {
             let pair = &self.model.pairs[source.pair as usize];
-            if wanted(pair.a, pair.b) && !pair.sides.iter().any(sleeps) {
+            // Those of objects that fell asleep in the last step are among the rested.
+            if wanted(pair.a, pair.b) && !at_rest(pair.sides) {
                 visit(&self.contact(index, source));
             }
         }
         // Those of a loaded state include them.
         let rested = if self.loaded.is_empty() { self.rested.as_slice() } else { &[] };
         for contact in rested.iter().filter(|c| wanted(c.sides[0].body, c.sides[1].body)) {
-            visit(&self.of_sleeper(contact));
+            if at_rest(contact.sides.map(|side| self.model.kind(side.body))) {
+                visit(&self.of_sleeper(contact));
+            }
         }
     }
 

@@ -103,11 +103,8 @@ fn what_is_touched_wakes() {
     assert_eq!(asleep(&scene)[..4], [true; 4]);
 }
 
-/// With a force on the lower box, both boxes of its stack wake, and the other stack sleeps on.
-#[test]
-fn a_force_wakes_what_fell_asleep_together() {
-    let mut scene = stacks();
-    scene.run(1.0);
+/// Steps once with forces on the objects, N.
+fn push(scene: &mut Scene, forces: &[Vector3<f64>]) {
     let base_from_world = scene.world_from_base.inverse();
     let frame = FrameMotion { gravity: scene.gravity, omega: Vector3::zeros(), alpha: Vector3::zeros() };
     scene.solver.step(&StepInput {
@@ -115,12 +112,70 @@ fn a_force_wakes_what_fell_asleep_together() {
         base_from_world,
         base_from_world_after: base_from_world,
         frame,
-        forces: &[Vector3::zeros(), Vector3::zeros(), Vector3::new(5.0, 0.0, 0.0)],
+        forces,
         driven: &[],
         cables: &[],
         idle: 0,
     });
+}
+
+/// With a strong force on one box of a stack both wake, in the same step; the other stack sleeps on.
+#[test]
+fn a_changed_load_wakes() {
+    for pushed in [2, 3] {
+        let mut scene = stacks();
+        scene.run(1.0);
+        let mut forces = [Vector3::zeros(); 5];
+        forces[pushed].x = 3.0;
+        push(&mut scene, &forces);
+        assert_eq!(asleep(&scene), [true, true, false, false, true], "box {pushed}");
+    }
+}
+
+/// The upper box of a stack is lifted off: the lower one wakes, and then sleeps with its own weight alone.
+#[test]
+fn a_load_that_is_taken_away_wakes() {
+    let mut scene = stacks();
+    scene.run(1.0);
+    let mut forces = [Vector3::zeros(); 5];
+    forces[3].z = 3.0;
+    push(&mut scene, &forces);
     assert_eq!(asleep(&scene), [true, true, false, false, true]);
+    for _ in 0..200 {
+        push(&mut scene, &forces);
+    }
+    assert!(scene.center(3).z > 4.0 * HALF, "the upper box was not lifted");
+    assert!(asleep(&scene)[2]);
+    let table = scene.solver.model().scenery_body();
+    let weight: f64 = contacts(&scene).iter().filter(|c| (c.0, c.1) == (2, table)).map(|c| c.2).sum();
+    assert!((weight - 0.2 * GRAVITY).abs() < 0.01 * GRAVITY, "the table carries {weight} N");
+}
+
+/// A push that friction holds wakes the box alone: the one that bears it sleeps on, and both keep their places and contacts.
+#[test]
+fn a_small_change_leaves_what_bears_it_asleep() {
+    let mut scene = stacks();
+    scene.run(1.0);
+    let (before, places) = (contacts(&scene), scene.centers());
+    let mut forces = [Vector3::zeros(); 5];
+    forces[3].x = 0.05;
+    for _ in 0..200 {
+        push(&mut scene, &forces);
+        assert!(asleep(&scene)[2], "the lower box woke");
+    }
+    let after = contacts(&scene);
+    assert_eq!(before.len(), after.len());
+    for (one, other) in before.iter().zip(&after) {
+        assert_eq!((one.0, one.1), (other.0, other.1));
+    }
+    let borne =
+        |found: &[(usize, usize, f64)]| -> f64 { found.iter().filter(|c| (c.0, c.1) == (2, 3)).map(|c| c.2).sum() };
+    assert!((borne(&after) - 0.2 * GRAVITY).abs() < 0.01 * GRAVITY, "the lower box bears {} N", borne(&after));
+    for (place, now) in places.iter().zip(scene.centers()) {
+        assert!((now - place).norm() < 1e-4, "an object moved from {place} to {now}");
+    }
+    scene.run(0.5);
+    assert_eq!(asleep(&scene), [true; 5]);
 }
 
 /// A bug here: a state that forgets who sleeps, or what touches whom.
@@ -136,6 +191,19 @@ fn snapshots_of_sleepers_continue_with_the_same_bits() {
     }
     assert_eq!(asleep(&other), [true; 5]);
     assert_eq!(contacts(&scene), contacts(&other));
+    // One box awake on a sleeper, which remembers its load.
+    let mut forces = [Vector3::zeros(); 5];
+    forces[3].x = 0.05;
+    push(&mut scene, &forces);
+    other.solver.load(scene.solver.save()).unwrap();
+    assert_eq!(contacts(&scene), contacts(&other));
+    for forces in [forces, [Vector3::x(); 5]] {
+        for each in [&mut scene, &mut other] {
+            push(each, &forces);
+        }
+        assert_eq!(contacts(&scene), contacts(&other));
+        assert_eq!(asleep(&scene), asleep(&other));
+    }
     for each in [&mut scene, &mut other] {
         each.solver.state_mut().objects[4].linear = Vector3::new(0.3, -0.6, 0.0);
         each.run(0.7);

@@ -1,6 +1,6 @@
 //! Islands: sets of bodies that touch each other, directly or through others. The equations of a step fall apart into those of its islands.
 //!
-//! Bodies that cannot move join nothing: the scenery, and bodies of the hand without free coordinates. All other bodies of the hand count as one.
+//! Bodies that cannot move join nothing: the scenery, sleepers, and bodies of the hand without free coordinates. All other bodies of the hand count as one.
 
 use std::ops::Range;
 
@@ -49,7 +49,7 @@ impl Islands {
         self.neighbours.resize(objects, 0);
         self.touch_hand = 0;
         for patch in patches {
-            let [a, b] = patch.sides.map(|side| node(model, side));
+            let [a, b] = patch.sides.map(|side| node(model, side, asleep));
             if let (Some(a), Some(b)) = (a, b) {
                 self.join(a, b);
                 self.note_contact(a, b);
@@ -166,6 +166,8 @@ impl Problem {
     /// The unknowns that move a body.
     fn side(&self, model: &Model, kinematics: &Kinematics, body: BodyKind) -> Side {
         match body {
+            // A sleeper, which is no member.
+            BodyKind::Object(object) if self.start[object] == usize::MAX => Side::Scenery,
             BodyKind::Object(object) => Side::Object { start: self.start[object], lever: self.objects[object].lever },
             BodyKind::Hand(body) => {
                 let first = kinematics.first[body];
@@ -211,9 +213,9 @@ impl Problem {
 }
 
 /// Node of a body; `None` if it cannot move.
-fn node(model: &Model, body: BodyKind) -> Option<usize> {
+fn node(model: &Model, body: BodyKind, asleep: &[bool]) -> Option<usize> {
     match body {
-        BodyKind::Object(object) => Some(object),
+        BodyKind::Object(object) => (!asleep[object]).then_some(object),
         BodyKind::Hand(body) => (!model.columns[body].is_empty()).then_some(model.object_count()),
         BodyKind::Scenery => None,
     }

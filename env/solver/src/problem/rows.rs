@@ -67,7 +67,7 @@ pub(crate) fn collect(
     sources.clear();
     for (index, (pair, cache)) in model.pairs.iter().zip(pairs).enumerate() {
         let first = problem.points.len();
-        if cache.candidates.is_empty() || rests(asleep, pair) {
+        if cache.candidates.is_empty() || rests(&pair.sides, |object| asleep[object]) {
             continue;
         }
         let sides = pair.sides;
@@ -85,27 +85,22 @@ pub(crate) fn collect(
         }
         let last = problem.points.len();
         if last > first {
-            let [of_a, of_b] = sides.map(|side| prescribed_twist(scene, kinematics, side));
+            let [of_a, of_b] = sides.map(|side| prescribed_twist(scene, kinematics, side, asleep));
             problem.patches.push(Patch { sides, first, last, prescribed: of_b - of_a });
         }
     }
 }
 
-/// A sleeper that a body which is awake may touch in this step.
+/// A sleeper that the hand may touch in this step.
 pub(crate) fn touched_sleeper(model: &Model, scene: &Scene, pairs: &[PairCache], asleep: &[bool]) -> Option<usize> {
     if !asleep.contains(&true) {
         return None;
     }
-    let sleeper = |side: &BodyKind| match side {
-        BodyKind::Object(object) if asleep[*object] => Some(*object),
-        _ => None,
-    };
-    model.pairs.iter().zip(pairs).find_map(|(pair, cache)| {
-        let object = pair.sides.iter().find_map(sleeper)?;
-        if rests(asleep, pair) {
-            return None;
+    model.pairs.iter().zip(pairs).find_map(|(pair, cache)| match pair.sides {
+        [BodyKind::Object(object), BodyKind::Hand(_)] if asleep[object] => {
+            (!none_in_reach(&scene.now, pair, cache)).then_some(object)
         }
-        (!none_in_reach(&scene.now, pair, cache)).then_some(object)
+        _ => None,
     })
 }
 
@@ -117,9 +112,10 @@ pub(crate) fn none_in_reach(now: &Situation, pair: &Pair, cache: &PairCache) -> 
     }
 }
 
-/// The part of a body's twist that is prescribed: the motion of the scenery, and that of driven coordinates.
-fn prescribed_twist(scene: &Scene, kinematics: &Kinematics, body: BodyKind) -> Twist {
+/// The part of a body's twist that is prescribed: the motion of the scenery, with the sleepers, and that of driven coordinates.
+fn prescribed_twist(scene: &Scene, kinematics: &Kinematics, body: BodyKind, asleep: &[bool]) -> Twist {
     match body {
+        BodyKind::Object(object) if asleep[object] => scene.scenery,
         BodyKind::Object(_) => Twist::default(),
         BodyKind::Hand(body) => kinematics.prescribed[body],
         BodyKind::Scenery => scene.scenery,

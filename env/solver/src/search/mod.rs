@@ -159,7 +159,10 @@ impl Searcher {
     /// Updates the candidates of every pair, but of those that sleep.
     pub fn search(&mut self, model: &Model, now: &Situation, asleep: &[bool]) {
         let idle = model.scenery_body() - now.idle..model.scenery_body();
-        for (index, pair) in model.pairs.iter().enumerate().filter(|(_, pair)| !rests(asleep, pair)) {
+        for (index, pair) in model.pairs.iter().enumerate() {
+            if rests(&pair.sides, |object| asleep[object]) {
+                continue;
+            }
             if idle.contains(&pair.b) || idle.contains(&pair.a) {
                 self.pairs[index].forget();
                 continue;

@@ -71,6 +71,8 @@ impl Solver {
         let now = Situation { dt, poses, turns, moving, planes: &planes, idle: input.idle };
         self.searcher.search(model, &now, &self.asleep);
         let mut pairs = model.pairs.iter().zip(&self.searcher.pairs);
-        pairs.all(|(pair, cache)| rests(&self.asleep, pair) || rows::none_in_reach(&now, pair, cache))
+        pairs.all(|(pair, cache)| {
+            rests(&pair.sides, |object| self.asleep[object]) || rows::none_in_reach(&now, pair, cache)
+        })
     }
 }

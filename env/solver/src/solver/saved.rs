@@ -90,7 +90,7 @@ impl ObjectState {
             ("friction factor", factor(self.friction_factor)),
             ("mass factor", factor(self.mass_factor)),
             ("sleep", is_within([&self.slow_for], FASTEST)),
-            ("sleep", self.asleep.as_ref().is_none_or(|sleep| is_pose(&sleep.world_from_object))),
+            ("sleep", self.asleep.as_ref().is_none_or(is_pose)),
         ])
     }
 }
