@@ -171,6 +171,7 @@ def measure(name: str, size: int, args: Args) -> dict[str, float]:
 def draw(rows: dict[str, list[dict[str, float]]], path: Path) -> None:
     """Draw the curves of all parts."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullLocator
 
     figure = Figure(figsize=(3.2 * len(rows), 3.0), layout="constrained")
     for axes, (name, points) in zip(np.ravel(figure.subplots(1, len(rows))), rows.items(), strict=True):
@@ -178,6 +179,13 @@ def draw(rows: dict[str, list[dict[str, float]]], path: Path) -> None:
             shown = [point for point in points if key in point]
             axes.plot([point["size"] for point in shown], [point[key] for point in shown], "o-", label=key)
         axes.set(xscale="log", yscale="log", xlabel=PARTS[name][2])
+        sizes = [point["size"] for point in points]
+        axes.set_xticks(sizes, [f"{size:,}" for size in sizes], fontsize="small")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:,g}")
+        axes.set_ylim(bottom=0.5 * axes.get_ylim()[0])
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_minor_locator(NullLocator())
         axes.grid(alpha=0.3)
         axes.legend(fontsize="small")
     path.parent.mkdir(parents=True, exist_ok=True)
