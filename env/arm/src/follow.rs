@@ -30,8 +30,6 @@ const DAMPING: f64 = 0.0016;
 const FEW_DAMPING: f64 = 1e-5;
 /// Shares of a change that are tried if the whole of it is refused.
 const SHARES: [f64; 3] = [1.0, 0.5, 0.25];
-/// Longest motion between postures that are checked on the way of a stop, metres: twice the usual clearance, so nothing touches between them.
-const CHECKED: f64 = 0.01;
 /// Most periods that a stop takes: beyond, the axes count as stopped.
 const MOST_PERIODS: usize = 1000;
 
@@ -138,6 +136,8 @@ impl Follower {
         target.fixed_rows_mut::<3>(0).copy_from(linear);
         target.fixed_rows_mut::<3>(3).copy_from(&(angular * lever));
         let homing = self.homing(state);
+        let mut ranges = [[0.0; 2]; crate::chain::MAX_AXES];
+        (0..self.count()).for_each(|axis| ranges[axis] = self.brakes(state, axis, period));
         let (mut rates, mut free) = ([0.0; crate::chain::MAX_AXES], [true; crate::chain::MAX_AXES]);
         for _ in 0..=self.count() {
             let mut left = target;
@@ -154,7 +154,7 @@ impl Follower {
             let mut bound = false;
             for axis in (0..self.count()).filter(|axis| free[*axis]) {
                 let wanted = homing[axis] + columns[axis].dot(&solved);
-                let [low, high] = self.brakes(state, axis, period);
+                let [low, high] = ranges[axis];
                 rates[axis] = wanted.clamp(low, high);
                 if rates[axis] != wanted {
                     bound = true;
@@ -165,7 +165,7 @@ impl Follower {
             }
             // All axes that are bound now stay so; the others are solved again.
             for axis in 0..self.count() {
-                let [low, high] = self.brakes(state, axis, period);
+                let [low, high] = ranges[axis];
                 free[axis] &= low < rates[axis] && rates[axis] < high;
             }
         }
@@ -186,14 +186,13 @@ impl Follower {
 
     /// The rates at the end of a period, towards `wanted` as far as limits and free space allow.
     ///
-    /// * `is_free`: whether a posture is in free space.
+    /// * `is_free`: whether a way by straight lines from the first posture over the next ones to the last is in free space.
     pub fn next(
         &self,
         state: &AxesState,
         wanted: &Positions,
         period: f64,
-        mut motion: impl FnMut(&Positions, &Positions) -> f64,
-        mut is_free: impl FnMut(&Positions) -> bool,
+        mut is_free: impl FnMut(&[Positions]) -> bool,
     ) -> Next {
         let mut scaled = *wanted;
         let fastest = |rates: &Positions| {
@@ -207,7 +206,7 @@ impl Follower {
         for share in SHARES {
             let mut rates = stop;
             rates.iter_mut().zip(&goal).for_each(|(rate, goal)| *rate += share * (goal - *rate));
-            if self.can_stop(state, &rates, period, &mut motion, &mut is_free) {
+            if is_free(&self.way(state, &rates, period)) {
                 return Next { rates, blocked: share < 1.0 };
             }
         }
@@ -237,8 +236,7 @@ impl Follower {
         }
         let mut rates = state.rates;
         for (axis, rate) in rates.iter_mut().enumerate().take(self.count()) {
-            let [low, high] = self.range(state, axis, period);
-            *rate = (*rate + share * (wanted[axis] - *rate)).clamp(low, high);
+            *rate = self.within(state, axis, *rate + share * (wanted[axis] - *rate), period);
         }
         rates
     }
@@ -250,17 +248,24 @@ impl Follower {
         let left = if longest <= period { 0.0 } else { 1.0 - period / longest };
         let mut rates = [0.0; crate::chain::MAX_AXES];
         for (axis, rate) in rates.iter_mut().enumerate().take(self.count()) {
-            let [low, high] = self.range(state, axis, period);
-            *rate = (state.rates[axis] * left).clamp(low, high);
+            *rate = self.within(state, axis, state.rates[axis] * left, period);
         }
         rates
     }
 
-    /// Least and greatest rate at the end of a period: within speed and acceleration, and so that the axis can stop before its limits.
-    fn range(&self, state: &AxesState, axis: usize, period: f64) -> [f64; 2] {
-        let ([low, high], rate) = (self.brakes(state, axis, period), state.rates[axis]);
-        let (change, speed) = (self.accelerations[axis] * period, self.speed(axis));
-        [low.max(-speed).max(rate - change), high.min(speed).min(rate + change)]
+    /// The nearest rate at the end of a period within speed and acceleration from which the axis can stop before its limits.
+    fn within(&self, state: &AxesState, axis: usize, wanted: f64, period: f64) -> f64 {
+        let (a, rate, speed) = (self.accelerations[axis], state.rates[axis], self.speed(axis));
+        let [low, high] = [(-speed).max(rate - a * period), speed.min(rate + a * period)];
+        // Nearly always the faster answer, and the same: the limits are far.
+        let [lower, upper] = self.chain.limits(axis);
+        let distance = (state.positions[axis] - lower).min(upper - state.positions[axis]);
+        let fastest = wanted.abs().max(rate.abs()) + a * period;
+        if fastest * (fastest + 2.0 * a * period) < a * distance {
+            return wanted.clamp(low, high);
+        }
+        let [least, most] = self.brakes(state, axis, period);
+        wanted.clamp(low.max(least), high.min(most))
     }
 
     /// Least and greatest rate at the end of a period from which an axis can stop before its limits.
@@ -278,36 +283,20 @@ impl Follower {
         [-most(state.positions[axis] - lower, -rate), most(upper - state.positions[axis], rate)]
     }
 
-    /// True if the arm stays in free space within the period and while it stops after it.
-    fn can_stop(
-        &self,
-        state: &AxesState,
-        rates: &Positions,
-        period: f64,
-        motion: &mut impl FnMut(&Positions, &Positions) -> f64,
-        is_free: &mut impl FnMut(&Positions) -> bool,
-    ) -> bool {
+    /// The way of the arm within a period at whose end it has these rates, and while it stops after it: the present posture and those at the ends of the
+    /// periods.
+    fn way(&self, state: &AxesState, rates: &Positions, period: f64) -> Vec<Positions> {
         let mut at = self.after(state, rates, period);
-        let mut checked = state.positions;
+        let mut way = vec![state.positions];
         for _ in 0..MOST_PERIODS {
-            let stopped = at.rates.iter().all(|rate| *rate == 0.0);
-            let parts = (motion(&checked, &at.positions) / CHECKED).ceil() as usize;
-            for part in 1..=parts {
-                let mut between = checked;
-                let share = part as f64 / parts as f64;
-                between.iter_mut().zip(&at.positions).for_each(|(from, to)| *from += share * (to - *from));
-                if !is_free(&between) {
-                    return false;
-                }
-            }
-            checked = at.positions;
-            if stopped {
+            way.push(at.positions);
+            if at.rates.iter().all(|rate| *rate == 0.0) {
                 break;
             }
             let slower = self.stopping(&at, period);
             at = self.after(&at, &slower, period);
         }
-        true
+        way
     }
 }
 

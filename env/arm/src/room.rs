@@ -1,21 +1,26 @@
 //! How much room a posture leaves: the distances between links that may touch, and from the links to table and walls.
 //!
 //! One distance is true for a neighbourhood: it shrinks by no more than what moves, and that is bounded by the change of each axis between the two
-//! bodies times the length beyond it. So a motion in steps measures a distance anew only where the two come near each other. And two shapes are most
+//! bodies times the length beyond it. So a motion measures a distance anew only where the two come near each other ([`way`]). And two shapes are most
 //! often still apart along the direction in which they were nearest: that costs no query.
+
+pub mod way;
 
 use crate::bodies::{ArmBodies, Body, Carried, Solid, frame, half_extent, half_height, library_pose, library_shape};
 use crate::chain::{Chain, Frames, MAX_AXES, Positions};
 use graspbox_hand::Shape;
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use parry3d_f64::query::details::closest_points_support_map_support_map_with_params as closest_points;
 use parry3d_f64::query::gjk::{GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::SharedShape;
+use std::ops::Range;
 
 /// Greatest distance, metres: that of what no obstacle is near.
 const FAR: f64 = 1.0;
 /// From here on the distance of the spheres about two things, which is less than theirs, is enough, metres: it costs no query.
 const ENOUGH: f64 = 0.03;
+/// Most axes of a meeting of which it is tried to prove that the two never meet.
+const FEW: usize = 2;
 /// Postures that are measured to prove that two things never meet.
 const PROOF: usize = 4000;
 /// Distance that is kept by what never meets, metres: more than is ever asked for.
@@ -32,26 +37,32 @@ struct Fixed {
     at: Isometry3<f64>,
 }
 
-/// Two things that must not touch: a body and what it moves towards.
-#[derive(Clone, Copy, Debug)]
-enum Meeting {
-    Bodies(usize, usize),
-    /// The hand and a body.
-    Hand(usize),
-    /// A body, and table and walls.
-    Surroundings(usize),
+/// Shapes that move together: a body, the hand, or one shape of them.
+struct Part {
+    /// The body in whose frame they are.
+    carrier: usize,
+    body: Body,
+}
+
+/// A part that must not touch another one, or its surroundings.
+struct Meeting {
+    moving: usize,
+    /// What is nearer to the base; `None` for table and walls.
+    other: Option<usize>,
+    /// Axes that move one against the other.
+    axes: Range<usize>,
+    /// How far at most per change of each axis, metres.
+    levers: Positions,
 }
 
 /// What the links of an arm must keep away from.
 pub struct Room {
-    bodies: ArmBodies,
-    hand: Carried,
     world_from_base: Isometry3<f64>,
     walls: Vec<Fixed>,
+    /// The bodies, the hand, and single shapes of them.
+    parts: Vec<Part>,
     meetings: Vec<Meeting>,
-    /// For each of them, how far one can move against the other per change of each axis, metres.
-    levers: Vec<Positions>,
-    /// The same for anything against the base.
+    /// How far anything can move against the base per change of each axis, metres.
     most: Positions,
     count: usize,
 }
@@ -60,19 +71,6 @@ impl std::fmt::Debug for Room {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Room({} meetings, {} walls)", self.meetings.len(), self.walls.len())
     }
-}
-
-/// Distances that were measured, each with the posture; they change no answer, but the time that it takes.
-#[derive(Clone, Debug, Default)]
-pub struct Measured(Vec<Known>);
-
-/// What is known of a meeting.
-#[derive(Clone, Debug)]
-struct Known {
-    at: Positions,
-    room: f64,
-    /// Of each pair of shapes of the two bodies.
-    pairs: Vec<Pair>,
 }
 
 /// Two shapes as they were measured.
@@ -90,10 +88,11 @@ impl Default for Pair {
     }
 }
 
-/// The pairs of shapes of two bodies, and the distance that is asked for, metres.
+/// The pairs of shapes of two bodies, the distance that is asked for, and the one that more of adds nothing to, metres.
 struct Asked<'a> {
     pairs: &'a mut Vec<Pair>,
     least: f64,
+    enough: f64,
 }
 
 impl Room {
@@ -111,49 +110,67 @@ impl Room {
             let shape = Shape::Cuboid(*half);
             Fixed { shape, solid: library_shape(&shape, 0.0), at: base_from_world * world_from_wall }
         };
-        let last = bodies.bodies.len() - 1;
-        let own = bodies.pairs.iter().map(|&[a, b]| Meeting::Bodies(a, b));
-        let meetings: Vec<Meeting> = own
-            .chain(hand.meets.iter().map(|body| Meeting::Hand(*body)))
-            .chain((1..=last).filter(|body| !bodies.bodies[*body].solids.is_empty()).map(Meeting::Surroundings))
-            .collect();
-        let levers = meetings.iter().map(|meeting| match *meeting {
-            Meeting::Bodies(a, b) => levers(chain, a, b, &bodies.bodies[b].solids),
-            Meeting::Hand(body) => levers(chain, body, last, &hand.body.solids),
-            Meeting::Surroundings(body) => levers(chain, 0, body, &bodies.bodies[body].solids),
-        });
-        let levers: Vec<Positions> = levers.collect();
+        let last = bodies.count() - 1;
         let mut most = levers_of_all(chain, bodies, &hand);
         most[chain.len()..].fill(0.0);
+        let own = bodies.bodies.iter().enumerate().map(|(carrier, body)| Part { carrier, body: body.clone() });
+        let parts = own.chain([Part { carrier: last, body: hand.body }]).collect();
         let walls = walls.iter().map(fixed).collect();
-        let mut room =
-            Self { bodies: bodies.clone(), hand, world_from_base, walls, meetings, levers, most, count: chain.len() };
-        room.forget_what_never_meets(chain);
+        let mut room = Self { world_from_base, walls, parts, meetings: Vec::new(), most, count: chain.len() };
+        let pairs =
+            bodies.pairs.iter().map(|&[a, b]| (Some(a), b)).chain(hand.meets.iter().map(|a| (Some(*a), last + 1)));
+        let surroundings = (1..=last).filter(|body| !bodies.bodies[*body].solids.is_empty()).map(|body| (None, body));
+        for (other, moving) in pairs.chain(surroundings) {
+            room.add(chain, other, moving);
+        }
         room
     }
 
-    /// Leaves out what keeps [`NEVER`] in all postures within the limits, of meetings on which at most two axes have an influence.
-    fn forget_what_never_meets(&mut self, chain: &Chain) {
-        let mut kept = Vec::new();
-        for index in 0..self.meetings.len() {
-            let axes: Vec<usize> = (0..self.count).filter(|axis| self.levers[index][*axis] > 0.0).collect();
-            if axes.len() > 2 || !self.never_meet(chain, index, &axes) {
-                kept.push(index);
-            }
+    /// Adds a meeting. On few axes it is divided into those of single shapes, most of which never meet.
+    fn add(&mut self, chain: &Chain, other: Option<usize>, moving: usize) {
+        let from = other.map_or(0, |other| self.parts[other].carrier);
+        let axes = from..self.parts[moving].carrier;
+        let Some(other) = other.filter(|_| axes.len() <= FEW) else { return self.add_one(chain, other, moving) };
+        let [shapes, others] = [moving, other].map(|part| self.shapes(part));
+        for moving in shapes {
+            others.clone().for_each(|other| self.add_one(chain, Some(other), moving));
         }
-        self.levers = kept.iter().map(|index| self.levers[*index]).collect();
-        self.meetings = kept.iter().map(|index| self.meetings[*index]).collect();
     }
 
+    /// Makes parts of the single shapes of a part.
+    fn shapes(&mut self, part: usize) -> Range<usize> {
+        let (first, Part { carrier, body }) = (self.parts.len(), &self.parts[part]);
+        let one = |solid: &Solid| Part { carrier: *carrier, body: Body::new(vec![solid.clone()]) };
+        let shapes: Vec<Part> = body.solids.iter().map(one).collect();
+        self.parts.extend(shapes);
+        first..self.parts.len()
+    }
+
+    /// Adds a meeting, unless the two never meet.
+    fn add_one(&mut self, chain: &Chain, other: Option<usize>, moving: usize) {
+        let fixed = other.map(|other| &self.parts[other]);
+        let axes = fixed.map_or(0, |fixed| fixed.carrier)..self.parts[moving].carrier;
+        let levers = levers(chain, &axes, fixed.map(|fixed| &*fixed.body.solids), &self.parts[moving].body.solids);
+        let meeting = Meeting { moving, other, axes, levers };
+        if !self.never_meet(chain, &meeting) {
+            self.meetings.push(meeting);
+        }
+    }
+
+    /// True if all postures within the limits leave [`NEVER`], for a meeting on which few axes have an influence.
+    ///
     /// Divides the ranges of the axes until each part is proven by the distance at its middle, which is true for a neighbourhood.
-    fn never_meet(&self, chain: &Chain, index: usize, axes: &[usize]) -> bool {
-        let (meeting, levers) = (self.meetings[index], &self.levers[index]);
+    fn never_meet(&self, chain: &Chain, meeting: &Meeting) -> bool {
+        let axes: Vec<usize> = meeting.axes.clone().filter(|axis| meeting.levers[*axis] > 0.0).collect();
+        if axes.len() > FEW {
+            return false;
+        }
         let mut parts = vec![axes.iter().map(|axis| chain.limits(*axis)).collect::<Vec<_>>()];
         for _ in 0..PROOF {
             let Some(part) = parts.pop() else { return true };
             let mut middle = [0.0; MAX_AXES];
             axes.iter().zip(&part).for_each(|(axis, [low, high])| middle[*axis] = 0.5 * (low + high));
-            let moved = |at: usize| 0.5 * (part[at][1] - part[at][0]) * levers[axes[at]];
+            let moved = |at: usize| 0.5 * (part[at][1] - part[at][0]) * meeting.levers[axes[at]];
             let room = self.distance(meeting, &chain.frames(&middle), None);
             if room < NEVER {
                 return false;
@@ -172,60 +189,25 @@ impl Room {
         false
     }
 
-    /// The bodies, to name them.
-    #[must_use]
-    pub fn bodies(&self) -> &ArmBodies {
-        &self.bodies
-    }
-
     /// An upper bound of how far anything moves between two postures, metres.
     #[must_use]
     pub fn motion(&self, from: &Positions, to: &Positions) -> f64 {
         (0..self.count).map(|axis| (from[axis] - to[axis]).abs() * self.most[axis]).sum()
     }
 
-    /// True if a posture leaves at least `least` metres.
-    pub fn leaves(&self, chain: &Chain, positions: &Positions, least: f64, known: &mut Measured) -> bool {
-        if known.0.len() != self.meetings.len() {
-            let nothing = Known { at: [0.0; MAX_AXES], room: f64::NEG_INFINITY, pairs: Vec::new() };
-            known.0 = vec![nothing; self.meetings.len()];
-        }
-        let mut frames: Option<Frames> = None;
-        for ((meeting, levers), own) in self.meetings.iter().zip(&self.levers).zip(&mut known.0) {
-            let moved: f64 = (0..self.count).map(|axis| (own.at[axis] - positions[axis]).abs() * levers[axis]).sum();
-            if own.room - moved - ROUNDING >= least {
-                continue;
-            }
-            let frames = frames.get_or_insert_with(|| chain.frames(positions));
-            own.at = *positions;
-            own.room = self.distance(*meeting, frames, Some(Asked { pairs: &mut own.pairs, least }));
-            if own.room < least {
-                return false;
-            }
-        }
-        true
-    }
-
     /// Distance of a meeting, metres, or less than it beyond [`ENOUGH`] or what is asked for; 0 where they touch.
-    fn distance(&self, meeting: Meeting, frames: &Frames, asked: Option<Asked<'_>>) -> f64 {
+    fn distance(&self, meeting: &Meeting, frames: &Frames, asked: Option<Asked<'_>>) -> f64 {
         let mut least = FAR;
-        let pose = |body: usize| frame(frames, body);
-        let last = self.bodies.bodies.len() - 1;
-        match meeting {
-            Meeting::Bodies(a, b) => {
-                let (one, two) = (pose(a), pose(b));
-                let [one, two] = [(a, &one), (b, &two)].map(|(body, at)| Posed { body: &self.bodies.bodies[body], at });
-                apart(&one, &two, &mut least, asked);
-            }
-            Meeting::Hand(body) => {
-                let (own, other) = (pose(last), pose(body));
-                let hand = Posed { body: &self.hand.body, at: &own };
-                apart(&hand, &Posed { body: &self.bodies.bodies[body], at: &other }, &mut least, asked);
-            }
-            Meeting::Surroundings(body) => {
-                let (own, at) = (&self.bodies.bodies[body], pose(body));
-                self.near_surroundings(own, &at, &(at * own.center), &mut least);
-            }
+        let place = |part: &Part| frame(frames, part.carrier);
+        let moving = &self.parts[meeting.moving];
+        let at = place(moving);
+        if let Some(other) = meeting.other.map(|other| &self.parts[other]) {
+            let theirs = place(other);
+            let moving = Posed { body: &moving.body, at: &at };
+            apart(&Posed { body: &other.body, at: &theirs }, &moving, &mut least, asked);
+        } else {
+            let enough = asked.map_or(ENOUGH, |asked| asked.enough);
+            self.near_surroundings(&moving.body, &at, enough, &mut least);
         }
         least.max(0.0)
     }
@@ -233,32 +215,33 @@ impl Room {
     /// The least distance, metres, or less than it beyond `ENOUGH`; 0 where something touches.
     #[must_use]
     pub fn measure(&self, frames: &Frames) -> f64 {
-        self.meetings.iter().map(|meeting| self.distance(*meeting, frames, None)).fold(FAR, f64::min)
+        self.meetings.iter().map(|meeting| self.distance(meeting, frames, None)).fold(FAR, f64::min)
     }
 
     /// Lowers `least` to the distance of a body from the table and the walls.
-    fn near_surroundings(&self, body: &Body, at: &Isometry3<f64>, center: &Point3<f64>, least: &mut f64) {
+    fn near_surroundings(&self, body: &Body, at: &Isometry3<f64>, enough: f64, least: &mut f64) {
+        let center = &(at * body.center);
         let height = (self.world_from_base * center).z - body.radius;
         let far = |wall: &Fixed| {
             (wall.at.inverse_transform_point(center).coords.abs() - half(&wall.shape)).max() - body.radius
         };
         let nearest = self.walls.iter().map(far).fold(f64::INFINITY, f64::min);
-        if height.min(nearest) >= ENOUGH {
+        if height.min(nearest) >= enough {
             *least = least.min(height.min(nearest));
             return;
         }
         for solid in &body.solids {
             let own = at * solid.body_from_shape;
-            if height < ENOUGH {
+            if height < enough {
                 let world = self.world_from_base * own;
                 *least = least.min(world.translation.z - half_height(&solid.shape, &world.rotation));
             }
-            for wall in self.walls.iter().filter(|wall| far(wall) < ENOUGH) {
+            for wall in self.walls.iter().filter(|wall| far(wall) < enough) {
                 *least = least.min(gap((&solid.shape, &solid.solid, &own), (&wall.shape, &wall.solid, &wall.at)).0);
             }
         }
         // What is not near, but not nothing.
-        for beyond in [height, nearest].into_iter().filter(|beyond| *beyond >= ENOUGH) {
+        for beyond in [height, nearest].into_iter().filter(|beyond| *beyond >= enough) {
             *least = least.min(beyond);
         }
     }
@@ -274,7 +257,8 @@ struct Posed<'a> {
 fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64, mut asked: Option<Asked<'_>>) {
     let between = (one.at * one.body.center - two.at * two.body.center).norm();
     let beyond = between - one.body.radius - two.body.radius;
-    if beyond >= ENOUGH {
+    let enough = asked.as_ref().map_or(ENOUGH, |asked| asked.enough);
+    if beyond >= enough {
         *least = least.min(beyond);
         return;
     }
@@ -288,7 +272,7 @@ fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64, mut asked: Option<As
             let other = two.at * b.body_from_shape;
             let between = other.translation.vector - own.translation.vector;
             let near = between.norm() - a.radius - b.radius;
-            if near >= ENOUGH {
+            if near >= enough {
                 *least = least.min(near);
                 continue;
             }
@@ -300,7 +284,8 @@ fn apart(one: &Posed<'_>, two: &Posed<'_>, least: &mut f64, mut asked: Option<As
                 let along = one.at.rotation * pair.direction;
                 let [a, b] = [(&a.shape, &own), (&b.shape, &other)].map(|(s, at)| half_extent(s, &at.rotation, &along));
                 let apart = along.dot(&between) - a - b;
-                if apart >= NEARLY * pair.distance && apart - ROUNDING >= *wanted {
+                let is_known = apart >= NEARLY * pair.distance && apart - ROUNDING >= *wanted;
+                if is_known || apart >= enough {
                     *least = least.min(apart);
                     continue;
                 }
@@ -340,15 +325,41 @@ fn size(solids: &[Solid]) -> f64 {
     solids.iter().map(|solid| solid.body_from_shape.translation.vector.norm() + solid.radius).fold(0.0, f64::max)
 }
 
-/// How far shapes on body `to` can move against body `from` per change of each axis between them, metres; 1 for a prismatic one.
-fn levers(chain: &Chain, from: usize, to: usize, solids: &[Solid]) -> Positions {
+/// How far shapes can move against those before the first of some axes per change of each of these, metres; 1 for a prismatic one.
+///
+/// * `fixed`: the latter; `None` if they may be anywhere.
+fn levers(chain: &Chain, axes: &Range<usize>, fixed: Option<&[Solid]>, solids: &[Solid]) -> Positions {
     let mut levers = [0.0; MAX_AXES];
     let mut beyond = size(solids);
-    for axis in (from..to).rev() {
+    for axis in axes.clone().rev() {
         levers[axis] = if chain.is_revolute(axis) { beyond } else { 1.0 };
         beyond += length(chain, axis);
     }
+    // What is round about an axis stays where it is as that turns.
+    let [first, last] = [axes.start, axes.end - 1];
+    if chain.is_revolute(last) {
+        levers[last] = levers[last].min(shift(&Isometry3::identity(), solids));
+    }
+    if let Some(fixed) = fixed.filter(|_| chain.is_revolute(first)) {
+        levers[first] = levers[first].min(shift(&chain.before(first).isometry(), fixed));
+    }
     levers
+}
+
+/// How far shapes move, as sets of points, per turn about the z axis of a frame, metres.
+fn shift(body_from_axis: &Isometry3<f64>, solids: &[Solid]) -> f64 {
+    /// Greatest sine of the angle of two directions that count as parallel.
+    const PARALLEL: f64 = 1e-9;
+    let one = |solid: &Solid| {
+        let own = body_from_axis.inverse() * solid.body_from_shape;
+        let is_round = match solid.shape {
+            Shape::Cuboid(_) => false,
+            Shape::Cylinder { .. } => (own.rotation * Vector3::z()).xy().norm() < PARALLEL,
+            Shape::Sphere { .. } => true,
+        };
+        own.translation.vector.xy().norm() + if is_round { 0.0 } else { solid.radius }
+    };
+    solids.iter().map(one).fold(0.0, f64::max)
 }
 
 /// The same for all shapes against the base.

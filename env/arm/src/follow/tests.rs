@@ -2,10 +2,11 @@ use super::*;
 use crate::bodies::{ArmBodies, Carried};
 use crate::chain::MAX_AXES;
 use crate::postures::within_limits;
-use crate::room::{Measured, Room};
+use crate::room::Room;
+use crate::room::way::{Hung, Measured};
 use graspbox_hand::arm::assets::{ARMS, arm_asset};
 use graspbox_hand::assets::asset;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -20,7 +21,7 @@ fn follower(name: &str) -> Follower {
 }
 
 /// An arm on a table, with a wall before it.
-fn room(name: &str) -> (Follower, Room, Positions) {
+fn room(name: &str) -> (Follower, Room, ArmBodies, Positions) {
     let arm = arm_asset(name).unwrap().read().unwrap();
     let chain = Chain::new(&arm);
     let bodies = ArmBodies::new(&arm, &chain);
@@ -30,7 +31,7 @@ fn room(name: &str) -> (Follower, Room, Positions) {
     let room = Room::new(&chain, &bodies, carried, Isometry3::identity(), &[wall]);
     let mut home = [0.0; MAX_AXES];
     home[..chain.len()].copy_from_slice(&arm.home());
-    (Follower::new(&arm, chain), room, home)
+    (Follower::new(&arm, chain), room, bodies, home)
 }
 
 fn random_vector(random: &mut ChaCha8Rng, size: f64) -> Vector3<f64> {
@@ -83,19 +84,20 @@ fn five_axes_meet_the_velocity() {
 #[test]
 fn limits_hold_for_random_wishes() {
     for asset in &ARMS {
-        let (follower, room, home) = room(asset.name);
+        let (follower, room, _, home) = room(asset.name);
         let chain = follower.chain();
         let count = chain.len();
         let mut random = ChaCha8Rng::seed_from_u64(7);
         let (mut travel, mut blocked, mut known) = (0.0, 0, Measured::default());
+        let nothing = Hung { height: &|_| 1.0, center: Point3::origin(), radius: 0.0 };
         for _ in 0..6 {
             let mut state = AxesState { positions: home, rates: [0.0; MAX_AXES] };
             for _ in 0..30 {
                 let mut wanted = [0.0; MAX_AXES];
                 (0..count).for_each(|axis| wanted[axis] = follower.speed(axis) * (4.0 * random.random::<f64>() - 2.0));
                 for _ in 0..20 {
-                    let is_free = |at: &Positions| room.leaves(chain, at, CLEARANCE, &mut known);
-                    let next = follower.next(&state, &wanted, PERIOD, |a, b| room.motion(a, b), is_free);
+                    let is_free = |way: &[Positions]| room.is_clear(chain, way, CLEARANCE, &nothing, &mut known);
+                    let next = follower.next(&state, &wanted, PERIOD, is_free);
                     blocked += usize::from(next.blocked);
                     let begun = state;
                     for step in 0..5 {
@@ -131,7 +133,7 @@ fn limits_hold_for_random_wishes() {
 #[test]
 fn room_is_true_for_a_neighbourhood() {
     for asset in &ARMS {
-        let (follower, room, _) = room(asset.name);
+        let (follower, room, bodies, _) = room(asset.name);
         let chain = follower.chain();
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let mut counts = [0, 0];
@@ -141,12 +143,11 @@ fn room_is_true_for_a_neighbourhood() {
             (0..chain.len()).for_each(|axis| near[axis] += 0.05 * (2.0 * random.random::<f64>() - 1.0));
             let here = room.measure(&chain.frames(&at));
             let frames = chain.frames(&near);
-            let placed = room.bodies().place(&frames);
-            let low = room
-                .bodies()
+            let placed = bodies.place(&frames);
+            let low = bodies
                 .moving(&placed)
                 .map(|(_, solid, at)| at.translation.z - crate::bodies::half_height(&solid.shape, &at.rotation));
-            let touches = room.bodies().self_contact(&placed).is_some() || low.fold(f64::INFINITY, f64::min) < 0.0;
+            let touches = bodies.self_contact(&placed).is_some() || low.fold(f64::INFINITY, f64::min) < 0.0;
             let left = here - room.motion(&at, &near);
             assert!(!touches || left <= 1e-6, "{}: {left} m should be left", asset.name);
             counts[usize::from(touches)] += 1;

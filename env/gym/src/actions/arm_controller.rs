@@ -7,10 +7,11 @@ use crate::actions::guard::{Brake, Guard, ProtectiveStop, TABLE_CLEARANCE};
 use crate::actions::joint_drive::JointDrive;
 use crate::robot_arm::{ArmSpec, RobotArm};
 use graspbox_arm::AxesState;
-use graspbox_arm::chain::{MAX_AXES, Positions};
+use graspbox_arm::chain::{Frames, MAX_AXES, Positions};
+use graspbox_arm::room::way::Hung;
 use graspbox_mesh::range::{OutOfRange, all_within, is_pose};
 use graspbox_sim::{HandLoad, World};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Greatest speed of the grasp frame, m/s: that of a fast arm.
@@ -179,6 +180,14 @@ impl ArmController {
         *self = Self::new(&(robot.world_from_hand(positions) * self.error), &self.error).on_arm(positions);
     }
 
+    /// Goes back to what it was, but keeps the distances that were measured since.
+    pub fn undo(&mut self, mut before: Self) {
+        if let (Some(drive), Some(own)) = (&mut before.drive, &mut self.drive) {
+            drive.take_measured(own);
+        }
+        *self = before;
+    }
+
     /// Notes that the arm found no path.
     pub fn block(&mut self) {
         self.drive.iter_mut().for_each(|drive| drive.blocked = true);
@@ -294,8 +303,11 @@ impl ArmController {
         if begins {
             drive.look_around(world, arm);
             let rates = self.rates(&mut drive, arm, motion, time, dt, guard);
-            let error = self.error;
-            drive.decide(arm, rates, dt, |hand| guard.lowest(&(hand * error)) - 0.5 * TABLE_CLEARANCE);
+            let (robot, error) = (&arm.robot, &self.error);
+            let height =
+                |frames: &Frames| guard.lowest(&(robot.world_from_hand_at(frames) * error)) - 0.5 * TABLE_CLEARANCE;
+            let center = Point3::from((robot.flange_from_hand * error).translation.vector);
+            drive.decide(arm, rates, dt, &Hung { height: &height, center, radius: guard.reach() });
         }
         for _ in 0..ticks {
             self.stop.feel(load, &truth, (&drive.wanted.0, &drive.wanted.1), dt);

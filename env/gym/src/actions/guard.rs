@@ -62,6 +62,11 @@ impl Guard {
         Ok(Self { corners, reach })
     }
 
+    /// Radius of a sphere about the hand's origin that contains the base, metres.
+    pub fn reach(&self) -> f64 {
+        self.reach
+    }
+
     /// A lower bound of [`Guard::lowest`].
     pub fn at_least(&self, world_from_hand: &Isometry3<f64>) -> f64 {
         world_from_hand.translation.vector.z - self.reach

@@ -3,7 +3,7 @@
 use crate::robot_arm::{ArmSpec, LINK_CLEARANCE};
 use graspbox_arm::AxesState;
 use graspbox_arm::chain::{Frames, Positions};
-use graspbox_arm::room::Measured;
+use graspbox_arm::room::way::{Hung, Measured};
 use graspbox_episode::approach::{FORCE_TIME, STOP_FORCE};
 use graspbox_mesh::range::{OutOfRange, all_within, in_range};
 use graspbox_sim::{ARM_IS_FAR, World};
@@ -14,8 +14,6 @@ use serde::{Deserialize, Serialize};
 const PERIOD: f64 = 0.02;
 /// Share of [`STOP_FORCE`] below which links that were stopped by a force move on.
 const RELAXED: f64 = 0.8;
-/// Rounding of heights, metres.
-const ROUNDING: f64 = 1e-6;
 /// Rate at which links yield to a force of twice [`STOP_FORCE`], rad/s.
 const YIELD: f64 = 0.2;
 
@@ -46,8 +44,7 @@ pub struct JointDrive {
 /// Distances that were measured, of links and of the palm; they save time and change no result, so they are no part of the state.
 #[derive(Clone, Debug, Default)]
 struct Known {
-    links: Measured,
-    palm: Option<(Positions, f64)>,
+    distances: Measured,
     /// Frames of the present posture.
     frames: Option<Frames>,
 }
@@ -118,6 +115,11 @@ impl JointDrive {
         *self.known.frames.get_or_insert_with(|| arm.follower.chain().frames(&self.axes.positions))
     }
 
+    /// Takes over the distances that another copy has measured.
+    pub fn take_measured(&mut self, from: &mut Self) {
+        self.known.distances = std::mem::take(&mut from.known.distances);
+    }
+
     /// True if the links are far from all objects in this period.
     pub fn is_far(&self) -> bool {
         self.far
@@ -181,25 +183,12 @@ impl JointDrive {
 
     /// Decides the rates of the period that begins.
     ///
-    /// * `lowest`: height of the palm above the table at a pose of the hand by forward kinematics, metres; it must stay positive.
-    pub fn decide(&mut self, arm: &ArmSpec, mut rates: Positions, dt: f64, lowest: impl Fn(&Isometry3<f64>) -> f64) {
+    /// * `palm`: must stay above the table.
+    pub fn decide(&mut self, arm: &ArmSpec, mut rates: Positions, dt: f64, palm: &Hung<'_>) {
         self.yielded(&mut rates);
-        let chain = arm.follower.chain();
-        let period = self.period(dt);
-        let Known { links, palm, .. } = &mut self.known;
-        let is_free = |positions: &Positions| {
-            // The height is true for a neighbourhood, as the distances of the links.
-            if !palm.is_some_and(|(at, height)| height - arm.room.motion(&at, positions) > ROUNDING) {
-                let height = lowest(&arm.robot.world_from_hand(positions));
-                *palm = Some((*positions, height));
-                if height < 0.0 {
-                    return false;
-                }
-            }
-            arm.room.leaves(chain, positions, LINK_CLEARANCE, links)
-        };
-        let motion = |from: &Positions, to: &Positions| arm.room.motion(from, to);
-        let next = arm.follower.next(&self.axes, &rates, period, motion, is_free);
+        let (follower, period, known) = (&arm.follower, self.period(dt), &mut self.known.distances);
+        let is_free = |way: &[Positions]| arm.room.is_clear(follower.chain(), way, LINK_CLEARANCE, palm, known);
+        let next = follower.next(&self.axes, &rates, period, is_free);
         self.next = next.rates;
         self.blocked |= next.blocked;
     }

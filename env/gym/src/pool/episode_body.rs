@@ -87,7 +87,7 @@ impl EpisodeBody {
         self.drive_arm(spec);
         let advanced = self.episode.advance_freely(&hand, commands, steps)?;
         if !advanced {
-            self.arm = before;
+            self.arm.undo(before);
             self.drive_arm(spec);
         }
         Ok(advanced)
