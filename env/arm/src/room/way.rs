@@ -89,7 +89,7 @@ struct Walk<'a> {
 }
 
 impl Room {
-    /// True if all postures of a way leave at least `least` metres. Those on the lines between `way` count where they are longer than [`CHECKED`]; the
+    /// True if all postures of a way leave at least `least` metres. Those on the lines between `way` count where they are longer than 1 cm; the
     /// first one does not.
     ///
     /// * `hung`: what else must stay above the table.
