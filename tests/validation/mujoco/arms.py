@@ -19,6 +19,7 @@ import graspbox
 from graspbox import arms
 from graspbox.envs import spaces
 from graspbox.hands.description import describe
+from validation.mujoco.arm_replay import urdf_of
 
 __all__ = ["ANGLE", "DISTANCE", "ArmRow", "follow_paths"]
 
@@ -111,8 +112,7 @@ class _Simulated:
     """An arm in MuJoCo, without contacts."""
 
     def __init__(self, arm: graspbox.arms.Arm) -> None:
-        told = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco>'
-        self.model = mujoco.MjModel.from_xml_string(arm.files[0].replace("</robot>", f"{told}</robot>"))
+        self.model = mujoco.MjModel.from_xml_string(urdf_of(arm))
         self.model.opt.timestep = 1.0 / (_RATE * _SUBSTEPS)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.data = mujoco.MjData(self.model)

@@ -114,7 +114,6 @@ class ExportedReplay(Replay):
         # The trial prescribes the carriage, as in the judge's own model.
         model.opt.disableactuator |= 1 << LIFT_GROUP
         mujoco.mj_resetDataKeyframe(model, self.data, model.key(KEYFRAME).id)
-        self._carriage = (int(model.joint("carriage").qposadr[0]), int(model.joint("carriage").dofadr[0]))
 
 
 def replay_export(folder: str | os.PathLike[str], times: TrialTimes | None = None) -> Outcome:

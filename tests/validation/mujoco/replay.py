@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 from collections import deque
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -114,7 +115,7 @@ class Replay:
         for link in hand.moving:
             if link.index not in scene.joints:
                 motion = joint_motion(link, hand.start_position(link.index, positions))
-                body, frame = model.body(link.name).id, link.parent_from_link @ motion
+                body, frame = model.body(scene.prefix + link.name).id, link.parent_from_link @ motion
                 model.body_pos[body], model.body_quat[body] = frame[:3, 3], quaternion(frame[:3, :3])
         mujoco.mj_setConst(model, data)
         mujoco.mj_resetData(model, data)
@@ -125,7 +126,12 @@ class Replay:
         # Servo-driven joints and mimic joints of the open hand.
         for index, (address, _) in scene.joints.items():
             data.qpos[address] = hand.start_position(index, positions)
-        self._carriage = (int(model.joint("carriage").qposadr[0]), int(model.joint("carriage").dofadr[0]))
+
+    @cached_property
+    def _carriage(self) -> tuple[int, int]:
+        """Address in ``qpos`` and index in ``qvel`` of the carriage."""
+        joint = self.model.joint("carriage")
+        return int(joint.qposadr[0]), int(joint.dofadr[0])
 
     def contacts(self, body: int | None = None) -> tuple[bool, int, float]:
         """Return whether an object touches table or walls, how many hand links touch it, and their greatest depth, m.

@@ -40,6 +40,8 @@ class Scene:
     joints: dict[int, tuple[int, int]] = field(default_factory=dict)
     #: MuJoCo's actuators for each of the hand's actuators: one per tendon or driven joint, none for a rigid drive.
     actuators: list[list[int]] = field(default_factory=list)
+    #: Before the names of the hand's parts in the model.
+    prefix: str = ""
 
     @property
     def object(self) -> ObjectData:
@@ -101,8 +103,9 @@ def indexed(
     hand: HandDescription,
     items: Sequence[ObjectData],
     numerics: Numerics,
+    prefix: str = "",
 ) -> Scene:
-    """Find the parts of a compiled model by their names."""
+    """Find the parts of a compiled model by their names; those of the hand have a prefix."""
     names = [model.geom(i).name for i in range(model.ngeom)]
     is_object = np.array([n.startswith("object_") for n in names])
     is_scenery = np.array([n == "table" or n.startswith("wall_") for n in names])
@@ -113,13 +116,14 @@ def indexed(
         is_object=is_object,
         is_scenery=is_scenery,
         is_hand=~(is_object | is_scenery),
-        base_body=model.body(hand.links[BASE].name).id,
+        base_body=model.body(prefix + hand.links[BASE].name).id,
         objects=tuple(items),
         object_bodies=tuple(int(model.body(name).id) for name in object_names(len(items))),
+        prefix=prefix,
     )
     for link in hand.free():
-        joint = model.joint(hand.links[link].joint)
+        joint = model.joint(prefix + hand.links[link].joint)
         scene.joints[link] = (int(joint.qposadr[0]), int(joint.dofadr[0]))
     for index in range(len(hand.actuators)):
-        scene.actuators.append([model.actuator(name).id for name in mujoco_actuators(hand, index)])
+        scene.actuators.append([model.actuator(prefix + name).id for name in mujoco_actuators(hand, index)])
     return scene
