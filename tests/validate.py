@@ -8,7 +8,7 @@
 | ``export``  | the share of trials with equal labels in exported MJCF scenes and in the MuJoCo replay of ``mujoco`` |
 | ``robust``  | the success rate of perturbed copies of grasps, in MuJoCo and in the core |
 | ``clutter`` | attempts of policies that clear scenes of several objects, in the core and in MuJoCo |
-| ``arms``    | the flange along paths of arms in the environments, in the core and in MuJoCo |
+| ``arms``    | the flange along paths of arms, and the verdict on grasps by whole arms, in the core and in MuJoCo |
 | ``forces``  | six forces, a lift and force closure, as DexGraspBench judges grasps, in the core and in MuJoCo |
 | ``engines`` | labels and speed of the engines `implicit` and `rapier` |
 | ``speed``   | trials and simulated seconds per second of CPU time: ours, rapier, MuJoCo |

@@ -48,8 +48,8 @@ def scene(can: graspbox.Scene) -> ArmScene:
 def test_an_arm_carries_the_hand_of_the_other_replays(arm: str, hand: str, can: graspbox.Scene) -> None:
     """Shapes, contacts, joints and actuators of the hand and the object are the same; only the carriage is not."""
     item = judge.object_data(can)
-    own = build_arm(arms.load_arm(arm), graspbox.load_hand(hand), item).scene
-    model, other = own.model, judge.build(judge.describe(hand), item).model
+    own = build_arm(arms.load_arm(arm), graspbox.load_hand(hand), item, patch=0.002).scene
+    model, other = own.model, judge.build(judge.describe(hand), item, patch=0.002).model
 
     def name(text: str) -> str:
         return text if text.startswith(("object", "table")) else own.prefix + text
@@ -135,6 +135,18 @@ def test_half_of_the_trials_fail_in_the_core() -> None:
         assert bool(one.scene.simulate(pose[None], one.path.preshape).success[0]) is one.success
 
 
+def test_first_grasps_come_as_they_do() -> None:
+    """Every reset gives one trial, of another object."""
+    executed: Counter[bool] = Counter()
+    hand = graspbox.load_hand(HAND)
+    cases = list(sample_arm_trials(arms.load_arm("fr3"), hand, ["procedural:can:0-2"], 3, 0, executed, first=True))
+    assert executed.total() == len(cases) == 3
+    assert len({trial.scene.name for _, trial in cases}) == 3
+    assert [sum(trial.success is word for _, trial in cases) for word in (True, False)] == [
+        executed[True], executed[False],
+    ]  # fmt: skip
+
+
 def test_both_engines_judge_grasps_by_whole_arms() -> None:
     counts: list[int] = []
     report = compare_arm("fr3", HAND, ["procedural:can:0-3"], 2, 5, numerics=COARSE, progress=counts.append)
@@ -142,6 +154,8 @@ def test_both_engines_judge_grasps_by_whole_arms() -> None:
     assert sum(row.success and row.arm.trial.success and row.free.success for row in report.rows) == 1
     with pytest.raises(ConfigError, match="trials is 0; give 1 or more"):
         compare_arm("fr3", HAND, ["procedural:can:0"], 0)
+    with pytest.raises(ConfigError, match=r"patch is 0.05; give metres, 0 to 0.02"):
+        compare_arm("fr3", HAND, ["procedural:can:0"], 2, patch=0.05)
 
 
 def row(core: bool, arm: bool, free: bool) -> VerdictRow:
@@ -181,13 +195,13 @@ def test_the_exit_status_follows_the_verdicts(
     rows = [row(True, index >= wrong, True) for index in range(50)] + [row(False, False, False)] * 50
     asked: list[Any] = []
 
-    def compare(*arguments: object, **_: object) -> VerdictReport:
-        asked.append(arguments[:2])
+    def compare(*arguments: object, **options: object) -> VerdictReport:
+        asked.append((*arguments[:2], options["first"], options["patch"]))
         return report(rows)
 
     monkeypatch.setattr(arms_command, "compare_arm", compare)
-    assert main(["arms", "--paths", "0", "--arm", "ur5e", "--json"]) == status
-    assert asked == [("ur5e", "robotiq_2f_85")]
+    assert main(["arms", "--paths", "0", "--arm", "ur5e", "--first", "--patch", "2", "--json"]) == status
+    assert asked == [("ur5e", "robotiq_2f_85", True, 0.002)]
     facts = json.loads(capsys.readouterr().out)
     assert facts["paths"] == []
     assert facts["grasps"][0]["equal"] == 100 - wrong

@@ -24,16 +24,17 @@ from graspbox.tools.scene_export.contents import ObjectData, quaternion
 from graspbox.tools.scene_export.mjcf import scene_model
 from validation.mujoco.compare import describe
 from validation.mujoco.replay import Outcome, Replay, TrialTimes, run_trial
-from validation.mujoco.scene import Numerics, Scene, indexed
+from validation.mujoco.scene import Numerics, Scene, add_patch, indexed
 
 __all__ = ["ArmOutcome", "ArmReplay", "ArmScene", "build_arm", "course_of", "replay_arm", "urdf_of"]
 
 #: Before the names of the parts of the arm and the hand, which may have the same names.
 _ARM, _HAND = "arm/", "hand/"
-#: Inertia of the motors behind their gears, kg m2: MuJoCo Menagerie has it for each joint of these arms.
+#: Inertia of the motors behind their gears, kg m2: MuJoCo Menagerie has this for UR5e and xArm7, 0.07 to 0.2 for FR3.
 _ARMATURE = 0.1
-#: Natural frequency of the critically damped feedback, rad/s: a joint yields 1 mrad to 1 N m, or less.
-_FREQUENCY = 100.0
+#: Natural frequency of the critically damped feedback, rad/s: with `_ARMATURE` at least 9 kN m/rad, so that an arm
+#: yields where a torque is at its limit. With 100 rad/s it yields by millimetres where fingers press on the table.
+_FREQUENCY = 300.0
 #: Collision bit of the arm's links and the table; links meet objects as the hand does.
 _ARM_BIT = 2
 #: Degree of the polynomials of a joint along the lift, whose error is some micrometres at the hand.
@@ -83,8 +84,10 @@ class ArmScene:
     torques: Array
 
 
-def build_arm(arm: Arm, hand: Hand, item: ObjectData, numerics: Numerics | None = None) -> ArmScene:
-    """Compile the model of an arm that carries a hand, one object, and the table."""
+def build_arm(
+    arm: Arm, hand: Hand, item: ObjectData, numerics: Numerics | None = None, *, patch: float = 0.0
+) -> ArmScene:
+    """Compile the model of an arm that carries a hand, one object, and the table; `patch` as for `scene.build`."""
     numerics, described = numerics or Numerics(), describe(hand)
     physics, names = PhysicsConfig(), tomllib.loads(arm.files[1])
     spec = mujoco.MjSpec.from_string(scene_model([item], [], None, physics, numerics))
@@ -97,6 +100,7 @@ def build_arm(arm: Arm, hand: Hand, item: ObjectData, numerics: Numerics | None 
     frame.attach_body(carried.body(described.links[BASE].name), _HAND, "")
     spec.geom("table").conaffinity |= _ARM_BIT
     model = spec.compile()
+    add_patch(model, patch)
     scene = indexed(model, described, [item], numerics, _HAND)
     is_arm = np.array([model.geom(i).name.startswith(_ARM) for i in range(model.ngeom)])
     scene.is_hand &= ~is_arm

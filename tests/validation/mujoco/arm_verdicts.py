@@ -5,7 +5,7 @@ the same grasp is tried there by a hand without an arm (`replay`): a difference 
 the engines, another one is the arm's.
 
 Nearly all grasps of a planner hold, and two engines that always say so agree. So half of the trials fail in the core,
-if enough are found: those of other objects, poses and grasps, in the order of a seed.
+if enough are found, unless the first grasps are asked for, as they come.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from graspbox.hands.description import Array
 from graspbox.tools.scene_export.contents import object_data
 from validation.agreement import kappa
 from validation.mujoco.arm_replay import ArmOutcome, build_arm, replay_arm
-from validation.mujoco.compare import check_settings, describe
+from validation.mujoco.compare import check_patch, check_settings, describe
 from validation.mujoco.replay import Outcome, replay
 from validation.mujoco.report import Agreement
 from validation.mujoco.scene import Numerics, build
@@ -184,33 +184,44 @@ class VerdictReport(Agreement):
 
 
 def sample_arm_trials(
-    arm: arms.Arm, hand: graspbox.Hand, objects: Sequence[str], trials: int, seed: int, executed: Counter[bool]
+    arm: arms.Arm,
+    hand: graspbox.Hand,
+    objects: Sequence[str],
+    trials: int,
+    seed: int,
+    executed: Counter[bool],
+    *,
+    first: bool = False,
 ) -> Iterator[tuple[Array, ArmTrial]]:
     """Yield the pose of an arm's base and a trial, half of them successes in the core, while enough are found.
 
     Every reset of ``GraspPose-v0`` has the next object at another place, and another seed; `executed` counts all
-    grasps that the core executed, by success.
+    grasps that the core executed, by success. With `first` every reset gives one trial: the planner's best grasp that
+    the arm executes.
     """
     specs, wanted = object_sets.load(list(objects)), {True: trials - trials // 2, False: trials // 2}
     order = np.random.default_rng(seed).permutation(len(specs))
     for number in range(_RESETS * trials):
-        if not any(wanted.values()):
+        if executed.total() == trials if first else not any(wanted.values()):
             return
         spec = specs[int(order[number % len(specs)])]
         env: Any = gymnasium.make(
             _ENV, objects=spec.source, scale=spec.scale, mass=spec.mass, arm=arm, hand=hand, obs="state"
         ).unwrapped
-        found = {True: True, False: True}
-        for trial in _executed(env, arm, hand, seed + number):
+        kept: set[bool] = set()
+        for trial in _executed(env, arm, hand, seed + number, ranked=first):
             executed[trial.success] += 1
-            if wanted[trial.success] and found[trial.success]:
-                found[trial.success], wanted[trial.success] = False, wanted[trial.success] - 1
+            if first or (wanted[trial.success] and trial.success not in kept):
+                kept.add(trial.success)
+                wanted[trial.success] -= 1
                 yield env.world_from_arm, trial
+            if first:
+                break
         env.close()
 
 
-def _executed(env: Any, arm: arms.Arm, hand: graspbox.Hand, seed: int) -> Iterator[ArmTrial]:
-    """Execute some of the planner's grasps of the object of a reset."""
+def _executed(env: Any, arm: arms.Arm, hand: graspbox.Hand, seed: int, *, ranked: bool) -> Iterator[ArmTrial]:
+    """Execute some of the planner's grasps of the object of a reset; all in their order if `ranked`."""
     coder = codec("grasp_pose", hand)
     state, _ = env.reset(seed=seed)
     saved, pose = env.get_state(), coder.pose(state, "object")
@@ -218,7 +229,8 @@ def _executed(env: Any, arm: arms.Arm, hand: graspbox.Hand, seed: int) -> Iterat
     plan = graspbox.plan(mesh, hand=hand, world_from_object=pose, seed=seed)
     plan = plan[plan.feasible][:_BEST]
     config = PathConfig(standoff=TrialConfig.standoff, lift=TrialConfig.lift_height)
-    for index in np.random.default_rng(seed).permutation(len(plan))[:_TRIED]:
+    order = np.arange(len(plan)) if ranked else np.random.default_rng(seed).permutation(len(plan))[:_TRIED]
+    for index in order:
         action = coder.encode_action(pose @ plan.poses[index], float(plan.preshape[index]))
         env.set_state(saved)
         *_, info = env.step(action)
@@ -243,8 +255,10 @@ def compare_arm(
     trials: int,
     seed: int = 0,
     *,
+    first: bool = False,
     threads: int | None = None,
     numerics: Numerics | None = None,
+    patch: float = 0.0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> VerdictReport:
     """Execute grasps with a whole arm in the core and in MuJoCo.
@@ -259,10 +273,14 @@ def compare_arm(
         Number of trials, at least two; half of them are failures in the core, if so many are found.
     seed : int
         Seed of the objects' poses and of the grasps.
+    first : bool
+        Whether to execute the planner's best grasps as they come, whether they hold or not.
     threads : int, optional
         Number of threads; by default that of the core.
     numerics : Numerics, optional
         MuJoCo's settings.
+    patch : float
+        Mean distance of a contact area from its middle, metres; 0 for points.
     progress : callable
         Called with the number of finished trials.
 
@@ -273,16 +291,19 @@ def compare_arm(
     """
     numerics = numerics or Numerics()
     check_settings(trials, numerics)
+    check_patch(patch)
     loaded, carried = arms.load_arm(arm), graspbox.load_hand(hand)
     described, report = describe(carried), VerdictReport(loaded.name, carried.name)
 
     def judge(base: Array, trial: ArmTrial) -> VerdictRow:
         item = object_data(trial.scene)
-        outcome = replay_arm(build_arm(loaded, carried, item, numerics), base, trial.path)
-        free = replay(build(described, item, numerics=numerics), trial.world_from_hand, trial.path.preshape)
+        outcome = replay_arm(build_arm(loaded, carried, item, numerics, patch=patch), base, trial.path)
+        free = replay(
+            build(described, item, numerics=numerics, patch=patch), trial.world_from_hand, trial.path.preshape
+        )
         return VerdictRow(trial.scene.name, trial.success, trial.failure, outcome, free)
 
-    cases = sample_arm_trials(loaded, carried, objects, trials, seed, report.executed)
+    cases = sample_arm_trials(loaded, carried, objects, trials, seed, report.executed, first=first)
     with ThreadPoolExecutor(threads or _core.num_threads()) as pool:
         for row in pool.map(lambda case: judge(*case), cases):
             report.rows.append(row)

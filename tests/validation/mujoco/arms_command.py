@@ -2,7 +2,8 @@
 
 Exit status: 0 if every flange is within 1 mm and 0.5 degrees along all paths, and 97 % of the grasps by whole arms have
 the same verdict; else 1. Of the grasps, half fail in the core, if so many are found: of grasps that nearly all hold,
-any two engines agree.
+any two engines agree. With --first they are the planner's best that the arm executes, as they come. With --patch
+MuJoCo's contacts resist turning about their normal, as soft pads do; as points they let an object swing.
 """
 
 import argparse
@@ -38,6 +39,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=4.0, help="length of a path (4)")
     parser.add_argument("--trials", type=int, default=100, help="grasps per arm (100); 0 for none")
     parser.add_argument("--objects", nargs="+", default=list(_OBJECTS), metavar="SET", help="object sets of the grasps")
+    parser.add_argument("--first", action="store_true", help="the planner's best grasps, whether they hold or not")
+    parser.add_argument(
+        "--patch", type=float, default=0.0, help="mean radius of contact areas in MuJoCo, mm (0: points)"
+    )
     args = parser.parse_args(arguments)
     names = args.arm or list(_HANDS)
     with progress_bar(args) as bar:
@@ -73,7 +78,8 @@ def _paths(args: argparse.Namespace, name: str, progress: Callable[[int], None])
 
 def _grasps(args: argparse.Namespace, name: str, progress: Callable[[int], None]) -> VerdictReport:
     hand = _HANDS.get(name, _HAND)
-    return compare_arm(name, hand, args.objects, args.trials, args.seed, threads=args.threads, progress=progress)
+    how = {"first": args.first, "threads": args.threads, "patch": args.patch * 1e-3}
+    return compare_arm(name, hand, args.objects, args.trials, args.seed, **how, progress=progress)
 
 
 def _share(reports: Sequence[VerdictReport]) -> float:

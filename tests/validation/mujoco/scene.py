@@ -18,7 +18,7 @@ from graspbox.hands.description import BASE, HandDescription
 from graspbox.tools.scene_export.contents import ObjectData, WallData, object_names
 from graspbox.tools.scene_export.mjcf import Numerics, mujoco_actuators, scene_model
 
-__all__ = ["Numerics", "ObjectData", "Scene", "build", "build_heap", "indexed"]
+__all__ = ["Numerics", "ObjectData", "Scene", "add_patch", "build", "build_heap", "indexed"]
 
 
 @dataclass
@@ -72,11 +72,11 @@ def build(
         # Only then does the factor of the other surface equal the coefficient.
         raise ConfigError(f"friction.object is {physics.friction.object}; the MuJoCo model needs 1")
     model = mujoco.MjModel.from_xml_string(scene_model([item], [], hand, physics, numerics))
-    _add_patch(model, patch)
+    add_patch(model, patch)
     return indexed(model, hand, [item], numerics)
 
 
-def _add_patch(model: mujoco.MjModel, patch: float) -> None:
+def add_patch(model: mujoco.MjModel, patch: float) -> None:
     """Let contacts resist turning about their normal: see `build`."""
     if patch > 0.0:
         model.geom_condim[:] = 4
@@ -94,7 +94,7 @@ def build_heap(
     """Compile the model of one or more objects, walls and the hand, with default physics."""
     numerics = numerics or Numerics()
     model = mujoco.MjModel.from_xml_string(scene_model(items, walls, hand, PhysicsConfig(), numerics))
-    _add_patch(model, patch)
+    add_patch(model, patch)
     return indexed(model, hand, items, numerics)
 
 
