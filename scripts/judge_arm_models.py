@@ -70,6 +70,8 @@ def compare(name: str, folder: Path, count: int, seed: int) -> dict[str, object]
     """Compare one arm; returns the greatest differences of the flange and of the ranges."""
     arm = arms.load_arm(name)
     path = folder / "robosuite" / "models" / "assets" / "robots" / MODELS[name] / "robot.xml"
+    if not path.is_file():
+        raise SystemExit(f"{path} is no file; give the folder of robosuite's unpacked wheel")
     model = mujoco.MjModel.from_xml_path(str(path))
     low, high = arm.joint_limits.T
     postures = np.random.default_rng(seed).uniform(low, high, (count, len(low)))
@@ -96,6 +98,8 @@ def main() -> None:
     parser.add_argument("--postures", type=int, default=1000, help="random postures (%(default)s)")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
+    if args.postures < 20:
+        parser.error(f"--postures is {args.postures}; give 20 or more")
     for name in MODELS:
         print(json.dumps(compare(name, args.folder, args.postures, args.seed)))
 

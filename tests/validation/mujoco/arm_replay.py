@@ -185,9 +185,13 @@ class ArmReplay(Replay):
     """A trial of an arm in progress: `approach`, then `validation.mujoco.replay.run_trial`."""
 
     def __init__(
-        self, arm_scene: ArmScene, world_from_base: Array, preshape: float, course: tuple[Array, Array],
+        self,
+        arm_scene: ArmScene,
+        world_from_base: Array,
+        preshape: float,
+        course: tuple[Array, Array],
         times: TrialTimes | None = None,
-    ):  # fmt: skip
+    ) -> None:
         self.arm_scene, self._world_from_base = arm_scene, world_from_base
         step = arm_scene.scene.numerics.timestep
         self.positions = np.concatenate(course)

@@ -130,7 +130,7 @@ impl Solver {
         let add = |loads: &mut [Load], sides: &[BodyKind; 2], point: &Vector3<f64>, force: &Vector3<f64>| {
             let [BodyKind::Object(a), BodyKind::Object(b)] = *sides else { return };
             for (object, force) in [(a, -force), (b, *force)] {
-                if asleep[object] && !(asleep[a] && asleep[b]) {
+                if asleep[object] {
                     let arm = point - problem.objects[object].center;
                     loads[object].force += force;
                     loads[object].moment += arm.cross(&force);
@@ -145,14 +145,17 @@ impl Solver {
         }
         let base_from_world = self.poses.last().copied().unwrap_or_default();
         for contact in &self.rested {
-            let contact = moved(contact, &base_from_world);
             let sides = contact.sides.map(|side| model.kind(side.body));
             for side in sides {
                 if let BodyKind::Object(object) = side {
                     self.loads[object].borne += contact.force;
                 }
             }
-            add(&mut self.loads, &sides, &contact.point, &-(contact.normal * contact.force + contact.friction_force));
+            if !rests(&sides, |object| asleep[object]) {
+                let contact = moved(contact, &base_from_world);
+                let force = contact.normal * contact.force + contact.friction_force;
+                add(&mut self.loads, &sides, &contact.point, &-force);
+            }
         }
     }
 
