@@ -25,11 +25,12 @@ from pathlib import Path
 from graspbox._common.files import write_text
 from graspbox._common.options import parse
 from graspbox._common.programs import run_program
-from graspbox.cli.common import console, hand_like, print_json, progress
+from graspbox.cli.common import console, print_json, progress
 from graspbox.errors import GraspboxError
 from graspbox.evaluation.comparisons import PolicyComparison
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.reports import Measured, pooled
+from graspbox.hands.loading import hand_like
 from graspbox.pictures import save_rates, save_reliability
 
 

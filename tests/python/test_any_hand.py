@@ -44,6 +44,7 @@ pytestmark = pytest.mark.train
 
 N = CropConfig().resolution
 POLICIES = Path(__file__).parents[2] / "policies"
+HANDS = Path(__file__).parents[2] / "env" / "hand" / "assets"
 
 
 def grid_of(hand: HandLike) -> HandGrid:
@@ -293,6 +294,30 @@ def test_a_hand_that_does_not_exist_is_refused_before_the_work(tmp_path: Path) -
     assert done.returncode == 2
     assert "there is no hand 'panda'" in done.stderr
     assert not list((tmp_path / "run").glob("trials*"))
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"), [("leap", "as another has"), ("../leap", "cannot name a folder"), ("jaws-0", "beside those")]
+)
+def test_a_hand_of_two_files_has_a_name_of_its_own(tmp_path: Path, name: str, wrong: str) -> None:
+    """It is trained, or only evaluated, as one that has a name; folders of the run have the name in its file."""
+    urdf, toml = HANDS / "reflex" / "reflex.urdf", tmp_path / "hand.toml"
+
+    def settings(called: str) -> AnyHandSettings:
+        toml.write_text((HANDS / "reflex" / "hand.toml").read_text().replace('name = "reflex"', f'name = "{called}"'))
+        return AnyHandSettings(out=tmp_path / "run", hands=("leap", f"{urdf},{toml}"), without=("inspire",))
+
+    found = settings("claw_2").evaluated_hands()
+    assert [(called, hand.trained) for called, hand in found.items()] == [
+        ("inspire", False),
+        ("leap", True),
+        ("claw_2", True),
+    ]
+    assert load_hand(found["claw_2"].hand).name == "claw_2"
+    held_back = replace(settings("claw_2"), without=(f"{urdf},{toml}",)).evaluated_hands()
+    assert [hand.trained for hand in held_back.values()] == [False, True]
+    with pytest.raises(ConfigError, match=wrong):
+        settings(name).evaluated_hands()
 
 
 def test_a_card_without_named_hands_and_without_objects_that_fit(published: Path, tmp_path: Path) -> None:

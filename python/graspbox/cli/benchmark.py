@@ -23,7 +23,6 @@ from graspbox.cli.common import (
     Spread,
     check_files,
     console,
-    hand_like,
     print_json,
     print_table,
 )
@@ -31,6 +30,7 @@ from graspbox.cli.policy_servers import CaFile, Chunk, Keys, Obs, PolicyServers,
 from graspbox.configs import OVERHEAD, CamerasConfig
 from graspbox.errors import ConfigError
 from graspbox.evaluation.rounds import Film, Rounds, clear_rounds
+from graspbox.hands.loading import hand_like
 from graspbox.policies import Policy, names
 from graspbox.simulation.layouts import Layout, layout_named
 

@@ -20,7 +20,7 @@ from graspbox._common.files import check_output, dumps, write_text
 from graspbox._common.rotations import upright_pose
 from graspbox.errors import ObjectSetError
 from graspbox.hands import Hand, load_hand
-from graspbox.hands.loading import AssumedWarning, told
+from graspbox.hands.loading import AssumedWarning, hand_like, told
 from graspbox.object_sets.mesh_folders import MASSES
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
@@ -138,12 +138,6 @@ def end_with(refused: Mapping[str, str]) -> None:
         console.print(f"{name}: {why}", style="red", soft_wrap=True)
     if refused:
         raise typer.Exit(1)
-
-
-def hand_like(name: str) -> str | tuple[str, str]:
-    """Split the hand that the command line names: its name, or its two files."""
-    urdf, comma, toml = name.partition(",")
-    return (urdf, toml) if comma else name
 
 
 def find_hand(name: str) -> Hand:

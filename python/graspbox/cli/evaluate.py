@@ -19,6 +19,7 @@ from graspbox.evaluation import MAX_ENVS, MAX_TRIALS, Evaluation
 from graspbox.evaluation import evaluate as run
 from graspbox.evaluation.conditions import CONDITIONS
 from graspbox.evaluation.replays import ActionLog, failed, shown
+from graspbox.hands.loading import hand_like
 from graspbox.object_sets import ObjectSet
 from graspbox.object_sets.mesh_folders import MASSES
 from graspbox.simulation.layouts import SceneLayout
@@ -67,8 +68,8 @@ class Carrier:
 
     def keywords(self) -> dict[str, Any]:
         """Return the keywords of environments that are given."""
-        keywords = {} if self.hand is None else {"hand": common.hand_like(self.hand)}
-        keywords |= {} if self.arm is None else {"arm": common.hand_like(self.arm)}
+        keywords = {} if self.hand is None else {"hand": hand_like(self.hand)}
+        keywords |= {} if self.arm is None else {"arm": hand_like(self.arm)}
         if self.base is None:
             return keywords
         return {**keywords, "base": common.standing(self.base).tolist()}

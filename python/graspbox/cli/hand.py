@@ -12,14 +12,14 @@ from rich.table import Table
 
 from graspbox._common.entry_points import load_entry_point
 from graspbox._common.files import check_output, write_text
-from graspbox.cli.common import Json, Seed, check_files, console, hand_like, print_json, print_table
+from graspbox.cli.common import Json, Seed, check_files, console, print_json, print_table
 from graspbox.errors import ConfigError, FileError, GraspboxError, HandError
 from graspbox.hand_tools import Finding, GuessedHand, HandReport, check_hand
 from graspbox.hand_tools.checking import unit_findings
 from graspbox.hand_tools.guessing import Guess, begin_guess, guess_converted
 from graspbox.hand_tools.searching import Budget, SearchedHand, search_hand, was_interrupted
 from graspbox.hands import FittedUrdf, Hand, MeshFit, load_hand, urdf_of_mjcf
-from graspbox.hands.loading import load_fitted
+from graspbox.hands.loading import hand_like, load_fitted
 
 __all__ = ["hand_app"]
 

@@ -19,13 +19,13 @@ from graspbox.cli.common import (
     check_files,
     end_with,
     find,
-    hand_like,
     print_json,
     print_table,
     progress,
 )
 from graspbox.configs import PhysicsConfig
 from graspbox.envs._pools.preparation import load_objects, prepare_objects
+from graspbox.hands.loading import hand_like
 from graspbox.simulation import layouts
 
 

@@ -12,6 +12,7 @@ from graspbox.data import episodes as demonstrations
 from graspbox.envs import IDS
 from graspbox.errors import ConfigError
 from graspbox.evaluation import MAX_ENVS
+from graspbox.hands.loading import hand_like
 
 Environments = Annotated[
     int,
@@ -96,7 +97,7 @@ def record(
     # Options that were left out are no settings of the environment.
     overrides: dict[str, Any] = {"scale": scale} if scale != 1.0 else {}
     overrides |= {"mass": mass} if mass is not None else {}
-    overrides |= {"hand": common.hand_like(hand)} if hand is not None else {}
+    overrides |= {"hand": hand_like(hand)} if hand is not None else {}
     with common.progress() as bar:
         task = bar.add_task(policy, total=episodes)
         made = demonstrations.record(

@@ -13,10 +13,16 @@ from graspbox.errors import ConfigError, HandError
 from graspbox.hands.reading import read_hand
 from graspbox.hands.urdf_meshes import FittedUrdf, read_text
 
-__all__ = ["AssumedWarning", "HandLike", "load_fitted", "load_hand", "told"]
+__all__ = ["AssumedWarning", "HandLike", "hand_like", "load_fitted", "load_hand", "told"]
 
 #: A name, a hand, or the paths of a URDF and a ``hand.toml``.
 HandLike: TypeAlias = str | Hand | tuple[str | os.PathLike[str], str | os.PathLike[str]]
+
+
+def hand_like(text: str) -> str | tuple[str, str]:
+    """Split the text that names a hand: its name, or its two files with a comma between."""
+    urdf, comma, toml = text.partition(",")
+    return (urdf, toml) if comma else text
 
 
 def load_hand(hand: HandLike = "reflex") -> Hand:

@@ -13,8 +13,9 @@ from graspbox.arms import load_arm
 from graspbox.arms.drafting import draft_arm
 from graspbox.cli.arm.maps import map_command
 from graspbox.cli.arm.path import path_command
-from graspbox.cli.common import Json, console, hand_like, print_json, print_table
+from graspbox.cli.common import Json, console, print_json, print_table
 from graspbox.errors import ArmError, ConfigError, FileError
+from graspbox.hands.loading import hand_like
 
 __all__ = ["arm_app"]
 

@@ -17,10 +17,10 @@ from graspbox.cli.common import (
     check_files,
     console,
     find_hand,
-    hand_like,
     print_json,
     print_table,
 )
+from graspbox.hands.loading import hand_like
 from graspbox.planning import typical_grasps
 
 __all__ = ["map_command"]

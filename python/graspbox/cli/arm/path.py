@@ -17,6 +17,7 @@ from graspbox.arms.trajectories import FORMATS
 from graspbox.cli import common
 from graspbox.cli.arm.path_options import PathOptions, check_path_file, save_path, told_assumptions
 from graspbox.errors import ArmError, ConfigError, PathError
+from graspbox.hands.loading import hand_like
 from graspbox.simulation.path_motion import PathMotion
 
 __all__ = ["path_command"]
@@ -60,7 +61,7 @@ def path_command(
     opened = load_entry_point("graspbox.viewers", "browser", "viewer", "install the extra 'view'") if view else None
     if video is not None:
         pictures.check_video(video)
-    spec, with_hand, with_arm = common.find_one(mesh, scale), common.find_hand(hand), load_arm(common.hand_like(arm))
+    spec, with_hand, with_arm = common.find_one(mesh, scale), common.find_hand(hand), load_arm(hand_like(arm))
     try:
         with common.console.status("planning"):
             world_from_base = common.standing(base)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from graspbox.arms import load_arm
 from graspbox.captures.files import read_points, read_pose
-from graspbox.cli.common import Seed, hand_like, standing
+from graspbox.cli.common import Seed, standing
 from graspbox.errors import ConfigError
+from graspbox.hands.loading import hand_like
 from graspbox.perception.depth_images import camera_over_table, intrinsics_of
 from graspbox.perception.perturbations import PoseNoise
 from graspbox.perception.real import DepthKind, Frame, Workspace

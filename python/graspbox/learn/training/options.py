@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from graspbox._common.runs import Run
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand, load_hand
+from graspbox.hands.loading import hand_like
 
 __all__ = ["HandOption", "Options", "TrainingOutcome"]
 
@@ -73,8 +74,7 @@ class HandOption(Options):
     @property
     def named_hand(self) -> str | tuple[str, str]:
         """The hand as environments take it: a name, or two files."""
-        urdf, comma, toml = self.hand.partition(",")
-        return (urdf, toml) if comma else self.hand
+        return hand_like(self.hand)
 
     def load_hand(self) -> Hand:
         """Load the hand."""

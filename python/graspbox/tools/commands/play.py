@@ -8,6 +8,7 @@ import typer
 from graspbox.cli import common
 from graspbox.envs import IDS
 from graspbox.evaluation import trial_seeds
+from graspbox.hands.loading import hand_like
 from graspbox.pictures import check_video, playback
 from graspbox.policies import load
 
@@ -42,7 +43,7 @@ def play(
     if not objects:
         objects, split = actor.default_objects(split)
     chosen = common.find(objects, split, 1.0)
-    shown = None if hand is None else common.hand_like(hand)
+    shown = None if hand is None else hand_like(hand)
     made = playback.make_rendered(actor, chosen, env_id=env, hand=shown, as_video=video is not None)
     frames = None if video is None else playback.Frames.of(made)
     report = (lambda _: None) if as_json else typer.echo

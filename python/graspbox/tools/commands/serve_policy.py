@@ -4,8 +4,9 @@ from typing import Annotated
 
 import typer
 
-from graspbox.cli.common import HandOfPolicy, hand_like
+from graspbox.cli.common import HandOfPolicy
 from graspbox.envs import IDS
+from graspbox.hands.loading import hand_like
 from graspbox.tools.commands.serve import (
     Host,
     IdleTimeout,

@@ -15,6 +15,7 @@ from graspbox._common.colors import OBJECT
 from graspbox.configs import PhysicsConfig, TrialConfig
 from graspbox.errors import ConfigError
 from graspbox.hands import load_hand
+from graspbox.hands.loading import hand_like
 from graspbox.object_sets import ObjectSpec
 from graspbox.simulation import Scene
 from graspbox.tools.reports.evaluations import SIZE
@@ -154,9 +155,8 @@ class _Trial:
         from graspbox.pictures import Camera, PosedHand, Solid, Trial, View
         from graspbox.pictures.trials import BESIDE, stages, views
 
-        urdf, comma, toml = self.hand.partition(",")
         mesh = (self.spec if self.mass is None else replace(self.spec, mass=self.mass)).load()
-        hand = load_hand((urdf, toml) if comma else self.hand)
+        hand = load_hand(hand_like(self.hand))
         scene = Scene(mesh, hand=hand, world_from_object=self.world_from_object, physics=self.physics)
         outcomes, trace = scene.trace(self.object_from_hand, self.preshape, config=self.config)
         failure, rest, (rows, columns) = str(outcomes.failure[0]), scene.world_from_object, SIZE

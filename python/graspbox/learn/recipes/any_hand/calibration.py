@@ -1,4 +1,4 @@
-"""Stage ``calibrate``: choices on held-out objects with every shipped hand; the logits of all are fitted together."""
+"""Stage ``calibrate``: choices on held-out objects with every named hand; the logits of all are fitted together."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ __all__ = ["calibrate"]
 def calibrate(context: AnyHandContext, stage: Run) -> dict[str, Any]:
     """Try choices, and fit the calibration."""
     sampler = context.sampler("validation", context.settings.seed + 9000)
-    hands = [hand for hand in context.hands if hand.shipped] or context.hands[:4]
+    hands = [hand for hand in context.hands if hand.named] or context.hands[:4]
     scenes = range(max(1, context.sizes.choices // len(hands)))
     parts, rates = [], {}
     for number, hand in enumerate(hands, 1):

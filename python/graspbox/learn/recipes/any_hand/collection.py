@@ -54,7 +54,7 @@ def _turns(context: AnyHandContext, share: float) -> Iterator[tuple[TrainedHand,
     """List which scenes each hand collects, turn by turn."""
     held_out = context.sizes.held_out_scenes
     for hand in context.hands:
-        yield hand, "validation", range(held_out if hand.shipped else min(held_out, _HELD_OUT))
+        yield hand, "validation", range(held_out if hand.named else min(held_out, _HELD_OUT))
     counts = [round(share * len(hand.scenes)) for hand in context.hands]
     turns = -(-max(counts) // _TURN)
     for turn in range(turns):

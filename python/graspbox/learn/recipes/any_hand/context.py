@@ -36,14 +36,14 @@ __all__ = ["AnyHandContext", "TrainedHand"]
 class TrainedHand:
     """A hand of the training: its name, unique within the run, how its grasps are proposed, and its training scenes.
 
-    `shipped` says whether it is a real hand, not a random one.
+    `named` says whether it is one of --hands, not a random one.
     """
 
     name: str
     grid: HandGrid
     finder: FinderConfig
     scenes: range
-    shipped: bool
+    named: bool
 
 
 class AnyHandContext:
@@ -62,9 +62,6 @@ class AnyHandContext:
             raise ConfigError(f"the completion of {settings.completion!r} takes {published.crop}; name another policy")
         self.completion_folder = completion_folder(source, published)
         self.completion = Completion(onnx_network(self.completion_folder / "completion.onnx"))
-        for name in settings.without:
-            # Refused now, not by the evaluation after hours.
-            load_hand(name)
         self._samplers: dict[tuple[str, int], SceneSampler] = {}
         self.hands = list(self._hands())
         if not self.hands:
@@ -72,21 +69,22 @@ class AnyHandContext:
 
     def _hands(self) -> Iterator[TrainedHand]:
         settings, sizes = self.settings, self.sizes
-        for name in settings.hands:
-            if name not in settings.without:
-                yield self._hand(name, load_hand(name), range(sizes.scenes), shipped=True)
+        # Hands of --without are loaded too: what is wrong is refused now, not by the evaluation after hours.
+        for name, (hand, trained) in settings.evaluated_hands().items():
+            if trained:
+                yield self._hand(name, load_hand(hand), range(sizes.scenes), named=True)
         families = [("jaws", index) for index in range(settings.jaws)]
         families += [("fingers", index) for index in range(settings.fingers)]
         for number, (family, index) in enumerate(families):
             start = number * sizes.random_scenes % max(1, sizes.scenes - sizes.random_scenes + 1)
             scenes = range(start, start + sizes.random_scenes)
-            yield self._hand(f"{family}-{index}", random_hand(family, index), scenes, shipped=False)
+            yield self._hand(f"{family}-{index}", random_hand(family, index), scenes, named=False)
 
-    def _hand(self, name: str, hand: Hand, scenes: range, *, shipped: bool) -> TrainedHand:
+    def _hand(self, name: str, hand: Hand, scenes: range, *, named: bool) -> TrainedHand:
         fitted = settings_of(hand, FINDER.proposals, shape=SHARED_SHAPE)
         grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
         finder = replace(FINDER, proposals=fitted.proposals, predicted=0, refinements=0)
-        return TrainedHand(name, grid, finder, scenes, shipped)
+        return TrainedHand(name, grid, finder, scenes, named)
 
     @property
     def policy_folder(self) -> Path:

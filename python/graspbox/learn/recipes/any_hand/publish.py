@@ -11,6 +11,7 @@ from graspbox.learn.recipes.cards.writing import package_licence
 from graspbox.learn.recipes.depth.calibration import calibration_of
 from graspbox.learn.recipes.depth.context import FINDER
 from graspbox.learn.recipes.depth.evaluate import evaluated
+from graspbox.learn.recipes.settings.any_hand import EvaluatedHand
 from graspbox.perception import HandGridConfig
 from graspbox.policies import DepthGrasp
 
@@ -35,10 +36,10 @@ def export_policy(context: AnyHandContext, stage: Run) -> dict[str, Any]:
     return {"files": len(config.files)}
 
 
-def evaluate(context: AnyHandContext, stage: Run, hand: str) -> dict[str, Any]:
+def evaluate(context: AnyHandContext, stage: Run, hand: EvaluatedHand) -> dict[str, Any]:
     """Evaluate the policy with a hand."""
     policy, trials = DepthGrasp(context.policy_folder), context.sizes.trials
-    results: dict[str, Any] = {"trained": hand not in context.settings.without}
+    results: dict[str, Any] = {"trained": hand.trained}
     return results | {
-        objects: evaluated(stage, policy, objects, trials, hand) for objects in context.settings.evaluated
+        objects: evaluated(stage, policy, objects, trials, hand.hand) for objects in context.settings.evaluated
     }

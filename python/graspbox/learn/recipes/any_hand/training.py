@@ -56,5 +56,5 @@ def _stages(settings: AnyHandSettings) -> Iterator[Stage[AnyHandContext]]:
         yield Stage(f"round-{number}", hours.round, partial(learn, rounds=number))
     yield Stage("calibrate", hours.calibrate, calibrate)
     yield Stage("export", hours.evaluate, export_policy)
-    for hand in dict.fromkeys((*settings.without, *settings.hands)):
-        yield Stage(f"evaluate-{hand}", hours.evaluate, partial(evaluate, hand=hand))
+    for name, hand in settings.evaluated_hands().items():
+        yield Stage(f"evaluate-{name}", hours.evaluate, partial(evaluate, hand=hand))

@@ -1,14 +1,17 @@
 """Options of ``graspbox train any-hand``."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
-from graspbox.hands import Hand
+from graspbox.errors import ConfigError
+from graspbox.hands import Hand, HandLike, load_hand
+from graspbox.hands.loading import hand_like
 from graspbox.learn.recipes.settings.depth import DepthSettings
 from graspbox.learn.training.options import Options
 
-__all__ = ["ANY_HAND_QUICK", "AnyHandHours", "AnyHandSettings", "AnyHandSizes"]
+__all__ = ["ANY_HAND_QUICK", "AnyHandHours", "AnyHandSettings", "AnyHandSizes", "EvaluatedHand"]
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,17 @@ ANY_HAND_QUICK: dict[str, Any] = {
 }
 
 
+#: Names of hands for which the run can have folders beside those of random hands.
+_FOLDER = re.compile(r"(?!(jaws|fingers)-\d)\w[\w.-]{0,99}")
+
+
+class EvaluatedHand(NamedTuple):
+    """A hand of --hands or --without: its name or files, and whether the policy learns from its trials."""
+
+    hand: HandLike
+    trained: bool
+
+
 @dataclass(frozen=True, kw_only=True)
 class AnyHandSettings(Options):
     """Train one scorer on the trials of many hands, to grasp with a hand from which nothing was learned.
@@ -109,7 +123,7 @@ class AnyHandSettings(Options):
     growing: ClassVar[dict[str, tuple[str, ...]]] = {"sizes.rounds": ("calibrate*", "export*", "evaluate*")}
 
     hands: tuple[str, ...] = tuple(Hand.names())
-    """Hands by name, whose policies are evaluated."""
+    """Hands whose policies are evaluated, by their names, or by two files with a comma between: hand.urdf,hand.toml."""
     without: tuple[str, ...] = ()
     """Hands that are evaluated only."""
     jaws: int = 40
@@ -134,3 +148,18 @@ class AnyHandSettings(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(jaws=0, fingers=0)
+
+    def evaluated_hands(self) -> dict[str, EvaluatedHand]:
+        """Return the hands of --without and --hands by name.
+
+        Raises ConfigError if two have the same name or one is no name of a folder, and as `graspbox.hands.load_hand`.
+        """
+        found: dict[str, EvaluatedHand] = {}
+        for text in dict.fromkeys((*self.without, *self.hands)):
+            hand = hand_like(text)
+            name = load_hand(hand).name
+            if name in found or not _FOLDER.fullmatch(name):
+                wrong = "as another has" if name in found else "which cannot name a folder beside those of random hands"
+                raise ConfigError(f"the hand {text!r} has the name {name!r}, {wrong}; write another into its hand.toml")
+            found[name] = EvaluatedHand(hand, text not in self.without)
+        return found

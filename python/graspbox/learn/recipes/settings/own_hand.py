@@ -11,6 +11,7 @@ import typer
 from graspbox._common.files import read_bounded
 from graspbox.errors import ConfigError
 from graspbox.hands import Hand
+from graspbox.hands.loading import hand_like
 from graspbox.hands.urdf_meshes import LARGEST
 from graspbox.learn.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings, Hours, Sizes
 from graspbox.learn.training.options import Options
@@ -117,10 +118,8 @@ class OwnHandSettings(Options):
     @property
     def given(self) -> str | tuple[str, str] | None:
         """The hand, if the user has one already: a name or two files."""
-        urdf, comma, toml = self.file.partition(",")
-        if comma:
-            return urdf, toml
-        return self.file if self.file in Hand.names() else None
+        named = hand_like(self.file)
+        return named if named in Hand.names() or isinstance(named, tuple) else None
 
     @property
     def own_rounds(self) -> int:
