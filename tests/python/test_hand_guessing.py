@@ -161,6 +161,9 @@ def test_the_command_writes_the_urdf_of_the_hand_alone(tmp_path: Path) -> None:
     out = tmp_path / "hand.toml"
     assert run("new", robot, "--out", out, "--base", "palm").exit_code == 0
     assert graspbox.load_hand((tmp_path / "hand.urdf", out)).joints == ["slide"]
+    for toml, alone in (("robot.toml", "robot_hand.urdf"), ("hand.toml", "hand.urdf")):
+        with pytest.raises(HandError, match=f"may belong to .*{alone}, the URDF beside it"):
+            graspbox.load_hand((robot, tmp_path / toml))
     assert run("new", robot, "--out", tmp_path / "other.toml", "--base", "claw").exit_code == 2
     # The names of the files that are written differ from each other.
     found = json.loads(run("new", robot, "--out", tmp_path / "x.urdf", "--json").stdout)

@@ -78,8 +78,15 @@ def told(assumed: Sequence[str], where: str) -> str:
 def load_fitted(urdf: Path, toml: Path) -> tuple[Hand, FittedUrdf]:
     """Load a hand from its files, and its URDF without meshes; both are checked together before meshes are fitted."""
     text = read_text(toml)
-    fitted = read_hand(urdf, partial(_check, text, str(toml)))
-    return Hand(fitted.text, text, (fitted.name, str(toml)), fitted.assumptions), fitted
+    try:
+        fitted = read_hand(urdf, partial(_check, text, str(toml)))
+        return Hand(fitted.text, text, (fitted.name, str(toml)), fitted.assumptions), fitted
+    except HandError as error:
+        # As `graspbox hand new` names the URDF of a hand without its wrist or arm.
+        for alone in (toml.with_name(f"{toml.stem}_hand.urdf"), toml.with_suffix(".urdf")):
+            if alone.is_file() and not alone.samefile(urdf):
+                raise HandError(f"{error}\n{toml} may belong to {alone}, the URDF beside it; pass that") from error
+        raise
 
 
 def _loaded(urdf: Path, toml: Path) -> Hand:
