@@ -296,6 +296,14 @@ def test_a_hand_that_does_not_exist_is_refused_before_the_work(tmp_path: Path) -
     assert not list((tmp_path / "run").glob("trials*"))
 
 
+def test_a_stage_without_time_for_a_trial_says_which_time_to_raise(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "graspbox", "train", "any-hand", "--quick", "--out", str(tmp_path / "run")]
+    command += ["--completion", str(POLICIES / "depth"), "--hours.trials", "1e-9"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "raise --hours.trials, and the same command goes on" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("name", "wrong"), [("leap", "as another has"), ("../leap", "cannot name a folder"), ("jaws-0", "beside those")]
 )

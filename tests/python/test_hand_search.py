@@ -19,10 +19,12 @@ from graspbox.hand_tools.guessing import Guess, begin_guess
 from graspbox.hand_tools.postures import Postures
 from graspbox.hand_tools.searching import Budget, SearchedHand, search_hand
 from graspbox.hand_tools.trials import LEAST_OPENING, Judged, judge, resting
-from made_hands import urdf
+from made_hands import Box, Joint, urdf
 from test_hand_guessing import JAWS, turning
 
 pytest.importorskip("cmaes")
+#: A small link between the palm and a finger.
+ROOT = Box((0.0, 0.0, 0.0), (0.01, 0.01, 0.01))
 ASSETS = Path(__file__).parents[2] / "env/hand/assets"
 
 
@@ -38,7 +40,13 @@ def wrong_guess(folder: Path) -> Guess:
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search with two objects, few first postures and few grasps in the end."""
-    for name, value in {"_OBJECTS": (1,), "_HELD_OUT": (10,), "_FIRST": 8, "_FINAL_POSES": 4}.items():
+    for name, value in {
+        "_OBJECTS": (1,),
+        "_CHOOSING": (4,),
+        "_HELD_OUT": (10,),
+        "_FIRST": 8,
+        "_FINAL_POSES": 4,
+    }.items():
         monkeypatch.setattr(searching, name, value)
 
 
@@ -114,7 +122,7 @@ def test_a_known_journal_is_not_simulated_again(tmp_path: Path, small: None, mon
 
     monkeypatch.setattr(searching, "judge", counted)
     searched(guess, tmp_path / "journal", 96)
-    assert calls == [2]  # the verdict alone
+    assert calls == [1, 2]  # the choice among the best and the verdict alone
 
 
 def same_value(hands: Sequence[graspbox.Hand | None], tasks: Sequence[Any], poses: int, **_: Any) -> list[list[Judged]]:
@@ -172,6 +180,61 @@ def test_numbers_of_a_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.closing_center(0.0), guessed.closing_center(0.0), atol=0.02)
     jaw = Postures(begin_guess(ASSETS / "panda_gripper/panda_gripper.urdf"))
     assert (len(jaw.groups), jaw.free, jaw.size) == (1, [5], 3)
+
+
+def spreading(folder: Path) -> Guess:
+    """Guess two fingers whose roots spread over mirrored ranges, and let one of them begin further open."""
+    path = folder / "spreads.urdf"
+    roots = {"root_left": [ROOT], "root_right": [ROOT]}
+    joints = {
+        "spread_left": Joint("palm", "root_left", (-0.04, 0.0, 0.03), (0.0, 0.0, 1.0), (-0.5, 1.3)),
+        "spread_right": Joint("palm", "root_right", (0.04, 0.0, 0.03), (0.0, 0.0, 1.0), (-1.3, 0.5)),
+        "turn_left": Joint("root_left", "left", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-0.8, 0.6)),
+        "turn_right": Joint("root_right", "right", (0.0, 0.0, 0.0), (0.0, -1.0, 0.0), (-0.8, 0.6)),
+    }
+    path.write_text(urdf({**JAWS, **roots}, joints))
+    guess = begin_guess(path)
+    names = guess.fingers.hand.joints
+    opened = np.where(guess.closing.closes, guess.closing.opened + 0.1 * np.arange(4), guess.closing.opened)
+    assert dict(zip(names, guess.closing.closes.tolist(), strict=True)) == {name: name[0] == "t" for name in names}
+    return replace(guess, closing=follow(guess.fingers, opened, guess.closing.closed, guess.closing.closes))
+
+
+def test_the_guess_is_a_posture(tmp_path: Path) -> None:
+    """Also of joints that spread over mirrored ranges, and of alike ones that are open by different shares."""
+    for guess in (spreading(tmp_path), wrong_guess(tmp_path), begin_guess(ASSETS / "leap/leap.urdf")):
+        postures = Postures(guess)
+        closing = postures.closing_of(postures.guessed())
+        np.testing.assert_allclose(closing.opened, guess.closing.opened, atol=1e-12)
+        np.testing.assert_allclose(closing.closed, guess.closing.closed, atol=1e-12)
+        np.testing.assert_array_equal(closing.closes, guess.closing.closes)
+    postures = Postures(spreading(tmp_path))
+    assert len(postures.groups) == 2
+    wider = postures.guessed()
+    spread = next(number for number, joints in enumerate(postures.groups) if 0 in joints)
+    wider.point[spread] += 0.1
+    moved = postures.closing_of(wider).opened - postures.guess.closing.opened
+    np.testing.assert_allclose(np.sort(moved), [-0.18, 0.0, 0.0, 0.18], atol=1e-12)
+
+
+def test_other_objects_choose_among_the_best(tmp_path: Path, small: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the finalists the best with them, not with those of the search."""
+    asked: list[int] = []
+
+    def judged(hands: Sequence[Any], tasks: Sequence[Any], poses: int, **options: Any) -> list[list[Judged]]:
+        if options.get("seed") != 2:
+            return judge(hands, tasks, poses, **options)
+        asked.append(len(hands))
+        return [[Judged(poses, value=float(number)) for _ in tasks] for number in range(len(hands))]
+
+    guess = wrong_guess(tmp_path)
+    own = searched(guess, tmp_path / "own", 150)
+    monkeypatch.setattr(searching, "judge", judged)
+    other = searched(guess, tmp_path / "other", 150)
+    assert len(asked) == 1
+    assert asked[0] > 1
+    assert (tmp_path / "own").read_text() == (tmp_path / "other").read_text()
+    assert other.rows[-1][2] != own.rows[-1][2]
 
 
 def test_budgets() -> None:

@@ -51,15 +51,21 @@ class Posture:
 class Postures:
     """All postures of a guessed hand, as points of numbers of order one.
 
-    The numbers are, for each group of joints that are alike (those of parallel fingers): the opening, a share of the
-    range from the guessed open end on; whether it closes: 1 as guessed, 0 not, -1 in the other direction. Then the
-    turns and shifts of the grasp frame that no mirror of the hand forbids.
+    The numbers are, for each group of joints that are alike (those of parallel fingers): the mean opening, as a share
+    of the range from the guessed open end on, which moves all alike; whether it closes: 1 as guessed, 0 not, -1 in the
+    other direction. Then the turns and shifts of the grasp frame that no mirror of the hand forbids.
     """
 
     def __init__(self, guess: Guess) -> None:
         self.guess, self._fingers = guess, guess.fingers
         closing = guess.closing
-        self._rises = closing.closed >= closing.opened
+        limits = self._fingers.limits
+        # Joints that do not close and mirror each other, as spreading ones may, are counted from their mirrored ends.
+        ends = np.abs(limits[:, 1]) >= np.abs(limits[:, 0])
+        self._rises = np.where(closing.closes, closing.closed >= closing.opened, ends)
+        starts = np.where(self._rises, limits[:, 0], limits[:, 1])
+        #: Opening of each joint in the guess, as a share of its range.
+        self._shares = np.abs(closing.opened - starts) / (limits[:, 1] - limits[:, 0])
         self.groups = self._alike()
         ways = directions_of(self._fingers, closing)
         self.axes = [guess.axes, *(axes_of(self._fingers, closing, way) for way in ways)]
@@ -106,12 +112,8 @@ class Postures:
 
     def guessed(self) -> Posture:
         """Return the posture of the guess."""
-        closing = self.guess.closing
-        spans = self._fingers.limits[:, 1] - self._fingers.limits[:, 0]
-        starts = np.where(self._rises, self._fingers.limits[:, 0], self._fingers.limits[:, 1])
-        shares = np.abs(closing.opened - starts) / spans
-        opening = [float(np.mean(shares[group])) for group in self.groups]
-        closes = [float(closing.closes[group[0]]) for group in self.groups]
+        opening = [float(np.mean(self._shares[group])) for group in self.groups]
+        closes = [float(self.guess.closing.closes[group[0]]) for group in self.groups]
         return Posture(0, np.array([*opening, *closes, *([0.0] * len(self.free))]))
 
     def opening(self) -> float:
@@ -171,9 +173,10 @@ class Postures:
         opened, closed = self.guess.closing.opened.copy(), self.guess.closing.opened.copy()
         closes = np.zeros(len(opened), dtype=bool)
         for number, group in enumerate(self.groups):
-            share, way = float(np.clip(posture.point[number], 0.0, 1.0)), float(posture.point[count + number])
+            wider, way = posture.point[number] - np.mean(self._shares[group]), float(posture.point[count + number])
             for joint in group:
                 low, high = limits[joint] if self._rises[joint] else limits[joint][::-1]
+                share = float(np.clip(self._shares[joint] + wider, 0.0, 1.0))
                 opened[joint] = closed[joint] = low + share * (high - low)
                 if abs(way) >= _CLOSES:
                     closed[joint] = high if way > 0 else low

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspbox import _core
 from graspbox._common.files import read_bounded, write_text
@@ -27,18 +28,21 @@ from graspbox.hands import Hand
 
 __all__ = ["Budget", "SearchedHand", "search_hand", "was_interrupted"]
 
-#: Numbers of the objects that candidates are tried with, and of those that decide in the end.
-_OBJECTS, _HELD_OUT = (0, 1), (10, 11, 12, 13)
+#: Numbers of the objects that candidates are tried with, that choose among the best, and that decide in the end.
+_OBJECTS, _CHOOSING, _HELD_OUT = (0, 1), (4, 5, 6), (10, 11, 12, 13)
 #: Grasps of each object that a candidate is tried with, and in the end.
 _POSES, _FINAL_POSES = 4, 10
 #: A candidate is dropped halfway if it is worth less than this share of the best.
 _BEHIND = 0.6
 #: First postures, and candidates that are judged at once.
 _FIRST, _BATCH = 36, 4
+#: Postures among which other objects choose: the best ones this far apart, since one that is tuned to the few objects
+#: of the search may hold no others.
+_FINALISTS, _APART = 4, 0.5
 #: Standard deviation with which CMA-ES begins; first postures from which it begins again once it has converged.
 _SIGMA, _STARTS = 0.2, 4
 #: Changes with the method, so that a journal of another one is not continued. Largest journal, bytes.
-_METHOD, _LARGEST = 2, 64 << 20
+_METHOD, _LARGEST = 3, 64 << 20
 #: Last line of the journal of a search whose budget was used.
 _FINISHED = json.dumps({"finished": True})
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
@@ -283,10 +287,9 @@ class _Run:
         if not finished:
             text, review = self._postures.text(self._best, f"{found}; interrupted, not tried on other objects")
             return SearchedHand(self._guess.written(text, review), True, self.trials, False, ())
+        best = self._chosen()
         tasks = resting(self._first_hand, self._opening, _HELD_OUT)
-        before, after = judge(
-            [self._first_hand, self._hand(self._best)], tasks, _FINAL_POSES, planning=PlanConfig(), seed=1
-        )
+        before, after = judge([self._first_hand, self._hand(best)], tasks, _FINAL_POSES, planning=PlanConfig(), seed=1)
         rows = []
         for family in (*dict.fromkeys(task.family for task in tasks), "all"):
             own = [number for number, task in enumerate(tasks) if family in (task.family, "all")]
@@ -295,8 +298,22 @@ class _Run:
         if new.held <= total.held:
             return SearchedHand(guessed, False, self.trials, True, tuple(rows))
         found += f"; on held-out objects {new.held} of {new.asked} grasps hold, {total.held} with the guess"
-        text, review = self._postures.text(self._best, found)
+        text, review = self._postures.text(best, found)
         return SearchedHand(self._guess.written(text, review), True, self.trials, True, tuple(rows))
+
+    def _chosen(self) -> Posture:
+        """Choose among the best postures by objects that were not searched with."""
+        rows = sorted((json.loads(line) for line in self._lines[1:]), key=lambda row: -float(row["value"]))
+        points: list[NDArray[np.float64]] = []
+        for row in rows:
+            point = np.array(row["point"])
+            if row["value"] > 0.0 and all(np.linalg.norm(point - other) > _APART for other in points):
+                points.append(point)
+        finalists = [Posture(int(point[0]), point[1:]) for point in points[:_FINALISTS]]
+        tasks = resting(self._first_hand, self._opening, _CHOOSING)
+        hands = [self._hand(posture) for posture in finalists]
+        values = [_sum(rows).value for rows in judge(hands, tasks, _FINAL_POSES, planning=PlanConfig(), seed=2)]
+        return finalists[int(np.argmax(values))]
 
 
 def _sum(rows: list[Judged]) -> Judged:

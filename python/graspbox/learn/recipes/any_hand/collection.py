@@ -9,6 +9,7 @@ from typing import Any
 
 from graspbox import object_sets
 from graspbox._common.runs import Run
+from graspbox.errors import ConfigError
 from graspbox.learn.models.trials import GraspTrials
 from graspbox.learn.recipes.any_hand.context import AnyHandContext, TrainedHand
 from graspbox.learn.recipes.collection import CollectConfig, collect, rates_of
@@ -46,6 +47,12 @@ def collect_trials(context: AnyHandContext, stage: Run, number: int) -> dict[str
         stage.report(f"{done} of {total} scenes", done / total)
     for split in ("train", "validation"):
         parts = [trials for hand in context.hands if (trials := context.trials(number, hand, split)) is not None]
+        if not parts:
+            option = "collect" if number else "trials"
+            raise ConfigError(
+                f"no hand had a trial with {split} objects before the time ended; raise --hours.{option}, and the same "
+                "command goes on"
+            )
         results[split] = {"hands": len(parts), **rates_of(GraspTrials.joined(parts))}
     return results
 
