@@ -39,14 +39,9 @@ def wrong_guess(folder: Path) -> Guess:
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Search with two objects, few first postures and few grasps in the end."""
-    for name, value in {
-        "_OBJECTS": (1,),
-        "_CHOOSING": (4,),
-        "_HELD_OUT": (10,),
-        "_FIRST": 8,
-        "_FINAL_POSES": 4,
-    }.items():
+    """Search with few objects, few first postures and few grasps in the end."""
+    objects = {"_OBJECTS": (1,), "_CHOOSING": (4,), "_HELD_OUT": (10,)}
+    for name, value in {**objects, "_FIRST": 8, "_FINAL_POSES": 4}.items():
         monkeypatch.setattr(searching, name, value)
 
 

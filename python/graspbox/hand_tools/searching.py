@@ -1,7 +1,8 @@
 """A search for the posture with which a guessed hand holds most: random first postures, then CMA-ES from the best.
 
 Every candidate is tried with the same objects, poses and random numbers. The search keeps a journal of its values, and
-resumes from it: the same seed asks for the same postures. Others objects decide whether the result replaces the guess.
+resumes from it: the same seed asks for the same postures. Other objects choose among the best ones, and others again
+decide whether the result replaces the guess.
 """
 
 import hashlib
