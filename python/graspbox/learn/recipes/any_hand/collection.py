@@ -59,14 +59,15 @@ def collect_trials(context: AnyHandContext, stage: Run, number: int) -> dict[str
 
 def _turns(context: AnyHandContext, share: float) -> Iterator[tuple[TrainedHand, object_sets.Split, range]]:
     """List which scenes each hand collects, turn by turn."""
+    parts = list[tuple[TrainedHand, object_sets.Split, range]]()
     held_out = context.sizes.held_out_scenes
     for hand in context.hands:
-        yield hand, "validation", range(held_out if hand.named else min(held_out, _HELD_OUT))
-    counts = [round(share * len(hand.scenes)) for hand in context.hands]
-    turns = -(-max(counts) // _TURN)
+        parts.append((hand, "validation", range(held_out if hand.named else min(held_out, _HELD_OUT))))
+        parts.append((hand, "train", hand.scenes[: round(share * len(hand.scenes))]))
+    turns = -(-max(len(scenes) for *_, scenes in parts) // _TURN)
     for turn in range(turns):
-        for hand, count in zip(context.hands, counts, strict=True):
-            # A hand with few scenes has its turns spread over those of the others.
-            first, last = (round(count * at / turns) for at in (turn, turn + 1))
+        for hand, split, scenes in parts:
+            # Few scenes have their turns spread over those of the others.
+            first, last = (round(len(scenes) * at / turns) for at in (turn, turn + 1))
             if last > first:
-                yield hand, "train", hand.scenes[first:last]
+                yield hand, split, scenes[first:last]
