@@ -26,13 +26,15 @@ from graspbox.learn.models.scorer.shared import SHARED_SHAPE, SharedScorerNet  #
 from graspbox.learn.models.scorer.training import JoinedSampler, TrialSampler  # noqa: E402
 from graspbox.learn.models.trials import GraspTrials  # noqa: E402
 from graspbox.learn.random_hands import random_hand  # noqa: E402
+from graspbox.learn.recipes.any_hand.collection import turns  # noqa: E402
+from graspbox.learn.recipes.any_hand.context import TrainedHand  # noqa: E402
 from graspbox.learn.recipes.cards.depth import write_any_hand_card  # noqa: E402
 from graspbox.learn.recipes.collection import CollectConfig, collect  # noqa: E402
 from graspbox.learn.recipes.networks import TrainedNetworks, grid_shape, scorer_width  # noqa: E402
-from graspbox.learn.recipes.settings.any_hand import AnyHandSettings  # noqa: E402
+from graspbox.learn.recipes.settings.any_hand import AnyHandSettings, AnyHandSizes  # noqa: E402
 from graspbox.learn.recipes.settings.depth import Sizes  # noqa: E402
 from graspbox.perception import CropConfig, HandGrid, HandGridConfig, ProposalConfig  # noqa: E402
-from graspbox.perception.configs import FinderConfig  # noqa: E402
+from graspbox.perception.configs import MANY_FINGERS, FinderConfig, RehearsalConfig  # noqa: E402
 from graspbox.perception.hand_settings import settings_of  # noqa: E402
 from graspbox.perception.inputs.scorer import GraspInputs, ScorerInputs  # noqa: E402
 from graspbox.policies.finders import load_finder  # noqa: E402
@@ -180,6 +182,17 @@ def test_it_acts_with_a_hand_from_files(published: Path, tmp_path: Path) -> None
     assert len(found.trials) == 2
 
 
+def test_hands_of_many_fingers_rehearse(published: Path) -> None:
+    """Jaws do so where a user asks for it."""
+    config = read_depth_policy(published)
+    finder = replace(config.finder, rehearsal=RehearsalConfig(grasps=16, fingers=3))
+    config = replace(config, finder=finder)
+    kept = {name: config.settings_for(load_hand(name))[1].rehearsal for name in ("panda_gripper", "reflex", "leap")}
+    assert kept == {"panda_gripper": None, "reflex": finder.rehearsal, "leap": finder.rehearsal}
+    asked = config.settings_for(load_hand("panda_gripper"), finder.rehearsing(5))[1].rehearsal
+    assert asked == RehearsalConfig(grasps=5)
+
+
 def test_wrong_configurations_for_any_hand_are_refused(published: Path) -> None:
     config = read_depth_policy(published)
     with pytest.raises(ConfigError, match=r"hand_numbers is .*; this version of graspbox computes"):
@@ -268,6 +281,7 @@ def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) 
     folder = out / "policy"
     config = read_depth_policy(folder)
     assert (config.name, config.grid.shape, config.head) == ("any_hand", SHARED_SHAPE, None)
+    assert config.finder.rehearsal == RehearsalConfig(grasps=16, fingers=MANY_FINGERS)
     objects = "procedural:bottle:2000-2003"
     again = evaluate(str(folder), objects=objects, trials=4, hand="robotiq_2f_85")
     assert again.succeeded == results["evaluate-robotiq_2f_85"][objects]["succeeded"]
@@ -277,6 +291,24 @@ def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) 
     assert "with 3 hands: `panda_gripper`, 1 random parallel jaws and 1 random hands with fingers" in " ".join(
         card.split()
     )
+
+
+def test_a_time_limit_leaves_trials_of_all_hands_and_of_both_splits(grids: list[HandGrid]) -> None:
+    """After half of the turns each part has about half of its scenes; all turns are all scenes, in order."""
+    finder = FinderConfig()
+    hands = [
+        TrainedHand("many", grids[0], finder, range(600), named=True),
+        TrainedHand("as many", grids[1], finder, range(600), named=True),
+        TrainedHand("fingers-0", grids[2], finder, range(100, 140), named=False),
+    ]
+    order = list(turns(hands, AnyHandSizes(held_out_scenes=60), share=0.5))
+    counts = {"many": (300, 60), "as many": (300, 60), "fingers-0": (20, 2)}
+    for part in (len(order), len(order) // 2):
+        for hand in hands:
+            for split, count in zip(("train", "validation"), counts[hand.name], strict=True):
+                scenes = [n for of, name, numbers in order[:part] if (of, name) == (hand, split) for n in numbers]
+                assert scenes == list(hand.scenes if split == "train" else range(count))[: len(scenes)]
+                assert abs(len(scenes) - count * part / len(order)) <= (0 if part == len(order) else 20)
 
 
 def test_a_training_without_hands_is_refused(tmp_path: Path) -> None:

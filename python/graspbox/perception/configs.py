@@ -8,6 +8,7 @@ from graspbox.perception.perturbations import PoseNoise
 
 __all__ = [
     "EVERYTHING",
+    "MANY_FINGERS",
     "CropConfig",
     "DepthNoise",
     "FinderConfig",
@@ -32,6 +33,8 @@ _RANGES = (
 )
 
 
+#: From so many fingers on a hand holds more with a rehearsal; jaws do not.
+MANY_FINGERS = 3
 #: Ranges of the numbers of `RehearsalConfig`.
 _REHEARSAL_RANGES = (
     ("grasps", 1, 256),
@@ -219,6 +222,8 @@ class RehearsalConfig:
     ----------
     grasps : int
         How many of the best grasps are tried.
+    fingers : int, optional
+        Hands with fewer chains of joints try none; by default every hand does.
     thresholds : tuple of int
         Least values of a voxel that a shape fills, 1 to 255. Each makes a shape, since a completion is uncertain.
     trials : int
@@ -240,6 +245,7 @@ class RehearsalConfig:
     """
 
     grasps: int = 8
+    fingers: int | None = None
     thresholds: tuple[int, ...] = (96,)
     trials: int = 1
     position: float = 0.003
@@ -253,6 +259,8 @@ class RehearsalConfig:
     def __post_init__(self) -> None:
         for name, least, most in _REHEARSAL_RANGES:
             check_range(self, name, least, most)
+        if self.fingers is not None:
+            check_range(self, "fingers", 1, 64)
         if not 1 <= len(self.thresholds) <= 16 or not all(1 <= value <= 255 for value in self.thresholds):
             raise ConfigError(f"thresholds is {self.thresholds}; pass 1 to 16 numbers of 1 to 255")
 
@@ -314,7 +322,7 @@ class FinderConfig:
         return replace(self, hand_error=error, refinements=max(self.refinements, 2))
 
     def rehearsing(self, grasps: int) -> "FinderConfig":
-        """Return these settings with trials of the best `grasps` on the completed shape; 0 for none."""
+        """Return these settings with trials of the best `grasps` on the completed shape, with any hand; 0 for none."""
         if grasps == 0:
             return replace(self, rehearsal=None)
-        return replace(self, rehearsal=replace(self.rehearsal or RehearsalConfig(), grasps=grasps))
+        return replace(self, rehearsal=replace(self.rehearsal or RehearsalConfig(), grasps=grasps, fingers=None))

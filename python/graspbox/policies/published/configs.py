@@ -222,6 +222,8 @@ class DepthPolicyConfig(PolicyConfig):
         Raises ConfigError if the policy does not know the hand.
         """
         chosen = finder or self.finder
+        if chosen.rehearsal is not None and len(hand.chains) < (chosen.rehearsal.fingers or 0):
+            chosen = chosen.rehearsing(0)
         if self.hand_numbers is not None:
             fitted = settings_of(hand, chosen.proposals, shape=self.grid.shape)
             return fitted.grid, replace(chosen, proposals=fitted.proposals)

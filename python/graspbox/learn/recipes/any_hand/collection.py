@@ -3,7 +3,7 @@
 The first stage tries random proposals, each round those that the scorer chose.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,8 +13,9 @@ from graspbox.errors import ConfigError
 from graspbox.learn.models.trials import GraspTrials
 from graspbox.learn.recipes.any_hand.context import AnyHandContext, TrainedHand
 from graspbox.learn.recipes.collection import CollectConfig, collect, rates_of
+from graspbox.learn.recipes.settings.any_hand import AnyHandSizes
 
-__all__ = ["collect_trials"]
+__all__ = ["collect_trials", "turns"]
 
 #: Scenes that one hand collects before it is the next one's turn.
 _TURN = 20
@@ -27,9 +28,9 @@ _HELD_OUT = 2
 def collect_trials(context: AnyHandContext, stage: Run, number: int) -> dict[str, Any]:
     """Collect the trials of a round, 0 for those of random proposals."""
     share = 1.0 if number == 0 else context.sizes.round_share
-    turns = list(_turns(context, share))
-    done, total, results = 0, sum(len(scenes) for *_, scenes in turns), dict[str, Any]()
-    for hand, split, scenes in turns:
+    order = list(turns(context.hands, context.sizes, share))
+    done, total, results = 0, sum(len(scenes) for *_, scenes in order), dict[str, Any]()
+    for hand, split, scenes in order:
         if stage.late():
             break
         proposals = replace(hand.finder.proposals, most=_MOST)
@@ -57,17 +58,18 @@ def collect_trials(context: AnyHandContext, stage: Run, number: int) -> dict[str
     return results
 
 
-def _turns(context: AnyHandContext, share: float) -> Iterator[tuple[TrainedHand, object_sets.Split, range]]:
-    """List which scenes each hand collects, turn by turn."""
+def turns(
+    hands: Sequence[TrainedHand], sizes: AnyHandSizes, share: float
+) -> Iterator[tuple[TrainedHand, object_sets.Split, range]]:
+    """List which scenes each hand collects, turn by turn, of the training scenes this share."""
     parts = list[tuple[TrainedHand, object_sets.Split, range]]()
-    held_out = context.sizes.held_out_scenes
-    for hand in context.hands:
-        parts.append((hand, "validation", range(held_out if hand.named else min(held_out, _HELD_OUT))))
-        parts.append((hand, "train", hand.scenes[: round(share * len(hand.scenes))]))
-    turns = -(-max(len(scenes) for *_, scenes in parts) // _TURN)
-    for turn in range(turns):
+    for hand in hands:
+        held_out = range(sizes.held_out_scenes if hand.named else min(sizes.held_out_scenes, _HELD_OUT))
+        parts += [(hand, "validation", held_out), (hand, "train", hand.scenes[: round(share * len(hand.scenes))])]
+    count = -(-max(len(scenes) for *_, scenes in parts) // _TURN)
+    for turn in range(count):
         for hand, split, scenes in parts:
             # Few scenes have their turns spread over those of the others.
-            first, last = (round(len(scenes) * at / turns) for at in (turn, turn + 1))
+            first, last = (round(len(scenes) * at / count) for at in (turn, turn + 1))
             if last > first:
                 yield hand, split, scenes[first:last]

@@ -13,6 +13,7 @@ from graspbox.learn.recipes.depth.context import FINDER
 from graspbox.learn.recipes.depth.evaluate import evaluated
 from graspbox.learn.recipes.settings.any_hand import EvaluatedHand
 from graspbox.perception import HandGridConfig
+from graspbox.perception.configs import MANY_FINGERS, RehearsalConfig
 from graspbox.policies import DepthGrasp
 
 __all__ = ["evaluate", "export_policy"]
@@ -21,6 +22,7 @@ __all__ = ["evaluate", "export_policy"]
 def export_policy(context: AnyHandContext, stage: Run) -> dict[str, Any]:
     """Write the policy's folder."""
     del stage
+    rehearsed = context.sizes.rehearsed
     config = export_depth_policy(
         context.policy_folder,
         context.settings.name,
@@ -30,7 +32,12 @@ def export_policy(context: AnyHandContext, stage: Run) -> dict[str, Any]:
         learned_from=context.learned,
         crop=context.scenes.crop,
         grid=HandGridConfig(shape=SHARED_SHAPE),
-        finder=replace(FINDER, predicted=0, refinements=0),
+        finder=replace(
+            FINDER,
+            predicted=0,
+            refinements=0,
+            rehearsal=RehearsalConfig(grasps=rehearsed, fingers=MANY_FINGERS) if rehearsed else None,
+        ),
         licence=package_licence(),
     )
     return {"files": len(config.files)}

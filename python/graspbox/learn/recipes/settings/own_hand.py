@@ -15,6 +15,7 @@ from graspbox.hands.loading import hand_like
 from graspbox.hands.urdf_meshes import LARGEST
 from graspbox.learn.recipes.settings.depth import QUICK, QUICK_OBJECTS, DepthSettings, Hours, Sizes
 from graspbox.learn.training.options import Options
+from graspbox.perception.configs import MANY_FINGERS
 
 __all__ = ["Minutes", "OwnHandSettings"]
 
@@ -31,8 +32,8 @@ _TUNED = {
 _ROUND = {"collect": 0.45, "round": 0.4}
 #: Share of the minutes of stage `own` for what follows its rounds.
 _AFTER = {"head_rounds": 0.075, "calibrate": 0.075}
-#: Grasps that the policy of a hand with three fingers or more rehearses; with jaws it helps nothing.
-_REHEARSED, _FINGERS = 16, 3
+#: Grasps that the policy of a hand with many fingers rehearses.
+_REHEARSED = 16
 #: Least minutes of stage `tuned`, and those of a round of stage `own`.
 _LEAST, _PER_ROUND = 5.0, 18.0
 
@@ -152,7 +153,7 @@ class OwnHandSettings(Options):
             hours |= {stage: share * minutes.own / 60 for stage, share in _AFTER.items()}
         # Of few minutes more objects, of both splits, are worth more than more grasps of each.
         sizes = QUICK if self.quick else Sizes(poses=32, held_out_scenes=40, choices=500)
-        rehearsed = _REHEARSED if fingers >= _FINGERS else 0
+        rehearsed = _REHEARSED if fingers >= MANY_FINGERS else 0
         objects: dict[str, Any] = {**(QUICK_OBJECTS if self.quick else {}), "evaluated": evaluated}
         return DepthSettings(
             out=self.out / "training",
