@@ -281,7 +281,7 @@ def test_it_is_trained_and_grasps_with_a_hand_that_it_never_saw(tmp_path: Path) 
     folder = out / "policy"
     config = read_depth_policy(folder)
     assert (config.name, config.grid.shape, config.head) == ("any_hand", SHARED_SHAPE, None)
-    assert config.finder.rehearsal == RehearsalConfig(grasps=16, fingers=MANY_FINGERS)
+    assert config.finder.rehearsal == RehearsalConfig(grasps=32, fingers=MANY_FINGERS)
     objects = "procedural:bottle:2000-2003"
     again = evaluate(str(folder), objects=objects, trials=4, hand="robotiq_2f_85")
     assert again.succeeded == results["evaluate-robotiq_2f_85"][objects]["succeeded"]

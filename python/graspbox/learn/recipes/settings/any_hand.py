@@ -43,7 +43,7 @@ class AnyHandSizes:
     """Validation scenes of each named hand."""
     views: int = 4
     """Views of each scene."""
-    rehearsed: int = 16
+    rehearsed: int = 32
     """Grasps of a single object that hands with three fingers or more try on the completed shape; 0 for none."""
     steps: int = 15_000
     round_steps: int = 6_000
