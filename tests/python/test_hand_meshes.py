@@ -244,6 +244,20 @@ def test_a_urdf_without_meshes_stays_as_it_is() -> None:
     assert fitted.fits == {}
 
 
+def test_a_path_of_another_machine_is_found_by_its_end(tmp_path: Path) -> None:
+    (tmp_path / "meshes" / "right").mkdir(parents=True)
+    pad = tmp_path / "meshes" / "right" / "pad.obj"
+    write_obj(pad, box_corners(pad_size()))
+    folder = with_meshes(tmp_path, "file:///home/someone/install/share/claw/meshes/right/pad.obj")
+    fitted = fitted_urdf(folder / "hand.urdf")
+    assert len(fitted.fits) == len(fitted.assumptions) == 2
+    assert fitted.assumptions[0].endswith(f"claw/meshes/right/pad.obj' is missing; it is taken to be {pad}")
+    # The name of a file alone could be any.
+    pad.rename(tmp_path / "pad.obj")
+    with pytest.raises(HandError, match="is missing; name it"):
+        fitted_urdf(folder / "hand.urdf")
+
+
 @pytest.mark.parametrize(
     ("filename", "scale", "message"),
     [

@@ -322,6 +322,8 @@ def test_xacros_are_expanded(tmp_path: Path, part: str) -> None:
     bad = written(tmp_path, '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:none/></robot>', "bad.xacro")
     with pytest.raises(HandError, match=r"bad.xacro: xacro cannot expand it: unknown macro name: xacro:none"):
         fitted_urdf(bad)
+    with pytest.raises(HandError, match=r"part.xacro: it defines macros and makes no link; pass the xacro that calls"):
+        fitted_urdf(tmp_path / "urdf" / "part.xacro")
 
 
 def test_files_of_other_formats_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,8 @@ def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> Fitted
     path : str or PathLike
         The URDF; a xacro is expanded (extra ``urdf``), an MJCF file converted (`urdf_of_mjcf`). Meshes are STL, OBJ,
         PLY, OFF, GLB, glTF or COLLADA files in metres, named relative to its folder, by ``file://``, or by
-        ``package://NAME/...``, where a folder NAME above the URDF holds them.
+        ``package://NAME/...``, where a folder NAME above the URDF holds them; of a path of another machine the longest
+        end is taken that exists in or above its folder, and an assumption says so.
     text : str, optional
         A URDF to use instead of the file's content, with the same lines.
 
@@ -79,6 +80,9 @@ def _expanded(path: Path) -> str:
     xacro: Any = imported("xacro", "reading a xacro needs the package xacro", "urdf")
     try:
         packages.walk_up_from(path)
-        return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
+        expanded = str(xacro.process_file(str(path)).toprettyxml(indent="  "))
     except Exception as error:  # xacro raises whatever its expressions do
         raise HandError(f"{path}: xacro cannot expand it: {' '.join(str(error).split())}") from None
+    if not re.search(r"<\s*link\b", expanded):
+        raise HandError(f"{path}: it defines macros and makes no link; pass the xacro that calls them")
+    return expanded

@@ -97,7 +97,8 @@ def with_primitives(
     if len(meshes) > _MOST_MESHES:
         raise HandError(f"{name}: has {len(meshes)} collision meshes; merge them, or use primitives ({_MOST_MESHES})")
     at = [f"{name}:{mesh['line']}: collider {mesh['name']!r}: mesh {mesh['file']!r}" for mesh in meshes]
-    files = [_file_of(path.parent, place, mesh["file"]) for place, mesh in zip(at, meshes, strict=True)]
+    assumptions: list[str] = []
+    files = [_file_of(path.parent, place, mesh["file"], assumptions) for place, mesh in zip(at, meshes, strict=True)]
     if check is not None:
         check(_replaced(text, meshes, unnamed, {mesh["name"]: (_PLACEHOLDER,) for mesh in meshes}))
     found = _fitted(at, meshes, files)
@@ -108,7 +109,7 @@ def with_primitives(
             path.name, each, len(fit.primitives), 1e3 * fit.mean, 1e3 * fit.most,
         )  # fmt: skip
     text = _replaced(text, meshes, unnamed, {each: fit.primitives for each, fit in fits.items()})
-    return FittedUrdf(text, fits, name=name)
+    return FittedUrdf(text, fits, assumptions=tuple(assumptions), name=name)
 
 
 _PLACEHOLDER = Primitive("box", np.eye(4), (0.01, 0.01, 0.01))
@@ -161,10 +162,14 @@ def read_text(path: Path) -> str:
         raise HandError(f"{path}: {error}") from None
 
 
-def _file_of(folder: Path, place: str, filename: str) -> Path:
-    """Find the file of a mesh, and what reads it."""
+def _file_of(folder: Path, place: str, filename: str, assumptions: list[str]) -> Path:
+    """Find the file of a mesh, and what reads it; add what had to be assumed."""
     # A name that is too long for the system is that of no file.
     file = next((each for each in _places(folder, filename) if os.path.isfile(each)), None)
+    if file is None:
+        file = next((each for each in _moved(folder, filename) if os.path.isfile(each)), None)
+        if file is not None:
+            assumptions.append(f"{place} is missing; it is taken to be {file}")
     if file is None:
         raise HandError(
             f"{place} is missing; name it from the URDF's folder, or as package://NAME/... with NAME above it"
@@ -201,6 +206,15 @@ def _places(folder: Path, filename: str) -> Iterator[Path]:
         yield above / inside
         # The package's own folder, under another name.
         yield above / Path(*inside.parts[1:])
+
+
+def _moved(folder: Path, filename: str) -> Iterator[Path]:
+    """List the files that a path of another machine may mean: its longest ends, of a folder and a file or more."""
+    path = Path(filename.removeprefix("file://"))
+    if path.is_absolute():
+        for start in range(1, len(path.parts) - 1):
+            for above in (folder.resolve(), *folder.resolve().parents):
+                yield above / Path(*path.parts[start:])
 
 
 def collisions(
