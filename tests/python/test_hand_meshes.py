@@ -244,6 +244,21 @@ def test_a_urdf_without_meshes_stays_as_it_is() -> None:
     assert fitted.fits == {}
 
 
+@pytest.mark.parametrize(("variable", "inside"), [("AMENT_PREFIX_PATH", "share"), ("ROS_PACKAGE_PATH", ".")])
+def test_packages_of_a_sourced_workspace_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, inside: str
+) -> None:
+    package = tmp_path / "workspace" / inside / "claw_meshes"
+    package.mkdir(parents=True)
+    write_obj(package / "pad.obj", box_corners(pad_size()))
+    (tmp_path / "hand").mkdir()
+    folder = with_meshes(tmp_path / "hand", "package://claw_meshes/pad.obj")
+    with pytest.raises(HandError, match=r"is missing; name it .* or source the ROS workspace of"):
+        fitted_urdf(folder / "hand.urdf")
+    monkeypatch.setenv(variable, f"{tmp_path / 'none'}:{tmp_path / 'workspace'}")
+    assert len(fitted_urdf(folder / "hand.urdf").fits) == 2
+
+
 def test_a_path_of_another_machine_is_found_by_its_end(tmp_path: Path) -> None:
     (tmp_path / "meshes" / "right").mkdir(parents=True)
     pad = tmp_path / "meshes" / "right" / "pad.obj"

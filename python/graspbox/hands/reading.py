@@ -28,8 +28,8 @@ def fitted_urdf(path: str | os.PathLike[str], text: str | None = None) -> Fitted
     path : str or PathLike
         The URDF; a xacro is expanded (extra ``urdf``), an MJCF file converted (`urdf_of_mjcf`). Meshes are STL, OBJ,
         PLY, OFF, GLB, glTF or COLLADA files in metres, named relative to its folder, by ``file://``, or by
-        ``package://NAME/...``, where a folder NAME above the URDF holds them; of a path of another machine the longest
-        end is taken that exists in or above its folder, and an assumption says so.
+        ``package://NAME/...``, where a folder NAME above the URDF or a sourced ROS workspace holds them. Of a path of
+        another machine the longest end is taken that exists in the URDF's folder or above; an assumption says so.
     text : str, optional
         A URDF to use instead of the file's content, with the same lines.
 

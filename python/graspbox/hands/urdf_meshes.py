@@ -172,7 +172,8 @@ def _file_of(folder: Path, place: str, filename: str, assumptions: list[str]) ->
             assumptions.append(f"{place} is missing; it is taken to be {file}")
     if file is None:
         raise HandError(
-            f"{place} is missing; name it from the URDF's folder, or as package://NAME/... with NAME above it"
+            f"{place} is missing; name it from the URDF's folder, or as package://NAME/... with NAME above it, or "
+            "source the ROS workspace of NAME"
         )
     check_reader(file, place)
     return file
@@ -206,6 +207,9 @@ def _places(folder: Path, filename: str) -> Iterator[Path]:
         yield above / inside
         # The package's own folder, under another name.
         yield above / Path(*inside.parts[1:])
+    for variable, share in (("AMENT_PREFIX_PATH", "share"), ("ROS_PACKAGE_PATH", "")):  # of a sourced ROS workspace
+        for found in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            yield Path(found, share) / inside
 
 
 def _moved(folder: Path, filename: str) -> Iterator[Path]:
