@@ -15,7 +15,9 @@ import graspbox
 from command_line import invoke
 from graspbox.errors import ConfigError, HandError
 from graspbox.hand_tools import GuessedHand, check_hand, guess_hand
+from graspbox.hand_tools.guessing import begin_guess
 from graspbox.hand_tools.palm import cut_above_palm
+from graspbox.hand_tools.postures import Postures
 from made_hands import Box, Joint, urdf
 
 ASSETS = Path(__file__).parents[2] / "env/hand/assets"
@@ -51,10 +53,14 @@ def arm(count: int) -> tuple[dict[str, list[Box]], dict[str, Joint]]:
     return links, joints
 
 
-def guess(folder: Path, links: dict[str, list[Box]], joints: dict[str, Joint], **options: Any) -> GuessedHand:
+def made(folder: Path, links: dict[str, list[Box]], joints: dict[str, Joint]) -> Path:
     path = folder / "made.urdf"
     path.write_text(urdf(links, joints))
-    return guess_hand(path, **options)
+    return path
+
+
+def guess(folder: Path, links: dict[str, list[Box]], joints: dict[str, Joint], **options: Any) -> GuessedHand:
+    return guess_hand(made(folder, links, joints), **options)
 
 
 def loaded(guessed: GuessedHand) -> graspbox.Hand:
@@ -380,6 +386,19 @@ def test_one_jaw_against_a_fixed_one(tmp_path: Path) -> None:
     succeeded, tried = held(loaded(guessed), "procedural:box:1")
     assert tried == 6
     assert succeeded >= 4
+
+
+def test_a_jaw_that_swings_beside_its_plane(tmp_path: Path) -> None:
+    """The hinge lies behind the plane in which the jaw moves, and the roots of both jaws are close together."""
+    fixed = Box((-0.025, 0.0, 0.065), (0.012, 0.024, 0.09), "fixed_jaw")
+    jaw = Box((0.0, 0.02, 0.04), (0.012, 0.024, 0.09), "moving_jaw")
+    swing = {"swing": Joint("palm", "jaw", (0.0, -0.02, 0.025), (0.0, 1.0, 0.0), (-0.2, 1.2))}
+    guess = begin_guess(made(tmp_path, {"palm": [PALM, fixed], "jaw": [jaw]}, swing))
+    assert guess.axes[1] == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
+    way = 2 * 0.04 * np.sin(1.4 / 2)
+    assert Postures(guess).opening() == pytest.approx(way, rel=0.1)
+    succeeded, tried = held(loaded(guess.write()), "procedural:can:1", 0.6)
+    assert (succeeded >= 4, tried) == (True, 6)
 
 
 def test_slow_motors_are_taken_to_be_faster(tmp_path: Path) -> None:

@@ -144,6 +144,9 @@ def _along_the_jaw(fingers: Fingers, closing: Closing, way: Floats) -> Floats:
     if not rows and palm:
         root = middle(box_corners(poses[palm], halves[palm]))
     out = fingers.tip_centers(closing.meets)[0] - root
+    if rows:  # The plane of the motion, beside which the hinge may be.
+        axis = frames[rows[-1], :3, 0]
+        out = out - (out @ axis) * axis
     return np.asarray(out - (out @ way) * way)
 
 

@@ -119,7 +119,8 @@ class Postures:
     def opening(self) -> float:
         """Return how wide the hand opens, metres: the widest of the first postures, from limit to limit.
 
-        Many fingers hold things as wide as most of their length, even if two of them are side by side.
+        Many fingers hold things as wide as most of their length, even if two of them are side by side. A single one,
+        whose root is near the fixed jaw, holds things as wide as its tip moves.
         """
         count = len(self.groups)
         widest = self._fingers.length * _HELD if len(self._fingers.tips) > 2 else 0.0
@@ -129,8 +130,14 @@ class Postures:
                 point[:count] = np.where(point[count : 2 * count] > 0, opening, point[:count])
             closing = self.closing_of(Posture(0, point))
             if len(closing.facing):
-                widest = max(widest, float(self._fingers.pair_gaps(closing.opened, closing.facing).min()))
+                gap = float(self._fingers.pair_gaps(closing.opened, closing.facing).min())
+                widest = max(widest, self._way(closing) if len(self._fingers.tips) == 1 else gap)
         return widest
+
+    def _way(self, closing: Closing) -> float:
+        """Return how far the tip of the first finger moves, metres."""
+        before, after = (self._fingers.tip_centers(each)[0] for each in (closing.opened, closing.meets))
+        return float(np.linalg.norm(after - before))
 
     def first(self, rng: np.random.Generator) -> Iterator[Posture]:
         """Give postures to begin with: the guess, variants of it, then random ones without end."""

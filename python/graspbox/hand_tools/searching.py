@@ -43,7 +43,7 @@ _FINALISTS, _APART = 4, 0.5
 #: Standard deviation with which CMA-ES begins; first postures from which it begins again once it has converged.
 _SIGMA, _STARTS = 0.2, 4
 #: Changes with the method, so that a journal of another one is not continued. Largest journal, bytes.
-_METHOD, _LARGEST = 3, 64 << 20
+_METHOD, _LARGEST = 4, 64 << 20
 #: Last line of the journal of a search whose budget was used.
 _FINISHED = json.dumps({"finished": True})
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
