@@ -181,6 +181,27 @@ def test_errors_in_other_units_are_refused(values: tuple[float, float], said: st
         PoseNoise(float("nan"))
 
 
+def test_the_hand_avoids_what_is_seen_where_the_completion_lacks_it(crops: Crops) -> None:
+    """The completion forgets the upper half of the can."""
+    crop = SceneConfig().crop
+    middle = int((top_of(crops) / 2 - crop.origin[2]) / crop.voxel_size)
+
+    def lower(volumes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        completed = observed_only(volumes).copy()
+        completed[..., middle:] = 0
+        return completed
+
+    def touching(config: FinderConfig) -> int:
+        grid = HandGrid()
+        found = GraspFinder(grid, lower, highest, config).find(Seen(crops))
+        assert found is not None
+        surface = np.where(crops.channels[0, 0] >= 128, np.uint8(255), np.uint8(0))
+        return int((~grid.meets(surface, found.poses, found.preshapes)[0]).sum())
+
+    assert touching(CONFIG) > 0
+    assert touching(replace(CONFIG, seen=True)) == 0
+
+
 def test_grasps_keep_off_what_is_known_to_stand_there(crops: Crops) -> None:
     """A wall beside the can: grasps do not touch it; where a block takes all the room, they may."""
     grid, frame = HandGrid(), crops.world_from_crop[0]

@@ -273,6 +273,9 @@ class FinderConfig:
     ----------
     proposals : ProposalConfig
         How grasps are proposed by geometry.
+    seen : bool
+        The object is also what the image shows of it, where the completion lacks that, and the open hand avoids it;
+        by default only where geometry finds no grasp otherwise.
     predicted : int
         Most grasps of a head, its best that the open hand reaches, that are added; 0 for none.
     enough : int, optional
@@ -299,6 +302,7 @@ class FinderConfig:
     """
 
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
+    seen: bool = False
     predicted: int = 32
     enough: int | None = None
     lever_penalty: float | None = None

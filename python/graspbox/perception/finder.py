@@ -354,7 +354,7 @@ class GraspFinder(Finder):
         if query.keep_off is not None and len(query.keep_off):
             obstacles.insert(0, (query.keep_off - frame[:3, 3]) @ frame[:3, :3])
         predicted = cache(lambda: self._predicted(seen, config))
-        tries = ((points, *shape) for points in obstacles for shape in _shapes(volume, seen))
+        tries = ((points, *shape) for points in obstacles for shape in _shapes(volume, seen, config.seen))
         for points, occupancy, target in tries:
             reach = Reachability(self.grid, config.proposals, occupancy, target, points)
             poses, preshapes = self._candidates(reach, predicted, config)
@@ -386,12 +386,14 @@ class GraspFinder(Finder):
         return np.concatenate([own.poses, others.poses[free]]), np.concatenate([own.preshape, preshapes[free]])
 
 
-def _shapes(volume: NDArray[np.uint8], seen: Seen) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]:
-    """Yield what is occupied and, of it, the target, (N, N, N): as completed, then with all that is seen.
+def _shapes(
+    volume: NDArray[np.uint8], seen: Seen, first: bool
+) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]:
+    """Yield what is occupied and, of it, the target, (N, N, N): as completed, and with what is seen `first` or last.
 
-    The completion of a thing that is seen badly may lack what is seen of it.
+    The completion of a thing may lack what is seen of it; noise may hide grasps.
     """
-    for least in (None, _SEEN):
+    for least in (_SEEN, None) if first else (None, _SEEN):
         occupancy = np.asarray(volume[0])
         if least is not None:
             occupancy = np.where(volume[1] >= least, np.uint8(255), occupancy)

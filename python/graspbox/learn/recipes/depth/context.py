@@ -24,7 +24,9 @@ from graspbox.simulation.layouts import SceneLayout
 __all__ = ["FINDER", "TUNING_RATE", "DepthContext"]
 
 #: Settings of the rounds' decisions where a stage says nothing else.
-FINDER = FinderConfig(ProposalConfig(seeds=24, points=600, most=Sizes.proposed), predicted=Sizes.predicted, children=5)
+FINDER = FinderConfig(
+    ProposalConfig(seeds=24, points=600, most=Sizes.proposed), seen=True, predicted=Sizes.predicted, children=5
+)
 #: Learning rate with which a completion or a head is trained further.
 TUNING_RATE = 3e-4
 
@@ -48,7 +50,9 @@ class DepthContext:
         # Among several objects wide proposals grasp less; a scorer of many hands learned from narrow ones.
         narrow = self.has_several or shape is not None
         proposals = fitted.proposals if narrow else seeing_both_sides(fitted.proposals, hand)
-        self.finder, self.anchors = replace(FINDER, proposals=proposals), fitted.anchors
+        # Of several objects it was not measured.
+        self.finder = replace(FINDER, proposals=proposals, seen=not self.has_several)
+        self.anchors = fitted.anchors
         self.grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
         #: How the published policy finds a grasp.
