@@ -20,6 +20,7 @@ __all__ = [
 
 #: Ranges of the numbers of `FinderConfig`; more than these take minutes for one decision.
 _RANGES = (
+    ("seen", 1, 255),
     ("predicted", 0, 1024),
     ("enough", 0, 1024),
     ("lever_penalty", 0.0, 100.0),
@@ -273,9 +274,9 @@ class FinderConfig:
     ----------
     proposals : ProposalConfig
         How grasps are proposed by geometry.
-    seen : bool
-        The object is also what the image shows of it, where the completion lacks that, and the open hand avoids it;
-        by default only where geometry finds no grasp otherwise.
+    seen : int, optional
+        Least surface of a voxel, of 255, that is occupied since the image shows it, even if the completion lacks it:
+        the open hand avoids it. By default such voxels count only where geometry finds no grasp otherwise.
     predicted : int
         Most grasps of a head, its best that the open hand reaches, that are added; 0 for none.
     enough : int, optional
@@ -302,7 +303,7 @@ class FinderConfig:
     """
 
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
-    seen: bool = False
+    seen: int | None = None
     predicted: int = 32
     enough: int | None = None
     lever_penalty: float | None = None

@@ -387,13 +387,13 @@ class GraspFinder(Finder):
 
 
 def _shapes(
-    volume: NDArray[np.uint8], seen: Seen, first: bool
+    volume: NDArray[np.uint8], seen: Seen, shown: int | None
 ) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]:
-    """Yield what is occupied and, of it, the target, (N, N, N): as completed, and with what is seen `first` or last.
+    """Yield what is occupied and, of it, the target, (N, N, N): as completed, then with what is seen.
 
-    The completion of a thing may lack what is seen of it; noise may hide grasps.
+    The completion may lack what is seen. With `shown`, a surface of 255, that comes first; noise may hide grasps then.
     """
-    for least in (_SEEN, None) if first else (None, _SEEN):
+    for least in (None, _SEEN) if shown is None else (shown, None):
         occupancy = np.asarray(volume[0])
         if least is not None:
             occupancy = np.where(volume[1] >= least, np.uint8(255), occupancy)

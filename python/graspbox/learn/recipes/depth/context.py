@@ -25,7 +25,7 @@ __all__ = ["FINDER", "TUNING_RATE", "DepthContext"]
 
 #: Settings of the rounds' decisions where a stage says nothing else.
 FINDER = FinderConfig(
-    ProposalConfig(seeds=24, points=600, most=Sizes.proposed), seen=True, predicted=Sizes.predicted, children=5
+    ProposalConfig(seeds=24, points=600, most=Sizes.proposed), seen=128, predicted=Sizes.predicted, children=5
 )
 #: Learning rate with which a completion or a head is trained further.
 TUNING_RATE = 3e-4
@@ -51,7 +51,7 @@ class DepthContext:
         narrow = self.has_several or shape is not None
         proposals = fitted.proposals if narrow else seeing_both_sides(fitted.proposals, hand)
         # Of several objects it was not measured.
-        self.finder = replace(FINDER, proposals=proposals, seen=not self.has_several)
+        self.finder = replace(FINDER, proposals=proposals, seen=None if self.has_several else FINDER.seen)
         self.anchors = fitted.anchors
         self.grid = HandGrid(hand, fitted.grid, crop=self.scenes.crop)
         self.inputs = ScorerInputs(self.grid)
