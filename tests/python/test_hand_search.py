@@ -39,9 +39,9 @@ def wrong_guess(folder: Path) -> Guess:
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Search with few objects, few first postures and few grasps in the end."""
+    """Search with few objects, few first postures, and as many grasps of each in the search as in the end."""
     objects = {"_OBJECTS": (1,), "_CHOOSING": (4,), "_HELD_OUT": (10,)}
-    for name, value in {**objects, "_FIRST": 8, "_FINAL_POSES": 4}.items():
+    for name, value in {**objects, "_FIRST": 8, "_POSES": 4, "_FINAL_POSES": 4}.items():
         monkeypatch.setattr(searching, name, value)
 
 

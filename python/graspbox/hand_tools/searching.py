@@ -30,9 +30,9 @@ from graspbox.hands import Hand
 __all__ = ["Budget", "SearchedHand", "search_hand", "was_interrupted"]
 
 #: Numbers of the objects that candidates are tried with, that choose among the best, and that decide in the end.
-_OBJECTS, _CHOOSING, _HELD_OUT = (0, 1), (4, 5, 6), (10, 11, 12, 13)
+_OBJECTS, _CHOOSING, _HELD_OUT = (0, 1, 2, 3), (4, 5, 6), (10, 11, 12, 13)
 #: Grasps of each object that a candidate is tried with, and in the end.
-_POSES, _FINAL_POSES = 4, 10
+_POSES, _FINAL_POSES = 2, 10
 #: A candidate is dropped halfway if it is worth less than this share of the best.
 _BEHIND = 0.6
 #: First postures, and candidates that are judged at once.
@@ -43,7 +43,7 @@ _FINALISTS, _APART = 4, 0.5
 #: Standard deviation with which CMA-ES begins; first postures from which it begins again once it has converged.
 _SIGMA, _STARTS = 0.2, 4
 #: Changes with the method, so that a journal of another one is not continued. Largest journal, bytes.
-_METHOD, _LARGEST = 4, 64 << 20
+_METHOD, _LARGEST = 5, 64 << 20
 #: Last line of the journal of a search whose budget was used.
 _FINISHED = json.dumps({"finished": True})
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
