@@ -13,7 +13,7 @@ from graspbox.learn.models.scene_trials import render_scene
 from graspbox.learn.models.scenes import SceneConfig, SceneSampler
 from graspbox.perception import HandGrid, ProposalConfig
 from graspbox.perception.anchors import Candidates
-from graspbox.perception.configs import FinderConfig
+from graspbox.perception.configs import FinderConfig, SeenConfig
 from graspbox.perception.crops import Crops
 from graspbox.perception.depth_views import Seen
 from graspbox.perception.finder import FoundGrasp, GraspFinder, Query, observed_only
@@ -192,14 +192,18 @@ def test_the_hand_avoids_what_is_seen_where_the_completion_lacks_it(crops: Crops
         return completed
 
     def touching(config: FinderConfig) -> int:
-        grid = HandGrid()
+        grid = HandGrid(load_hand("leap"))
         found = GraspFinder(grid, lower, highest, config).find(Seen(crops))
         assert found is not None
         surface = np.where(crops.channels[0, 0] >= 128, np.uint8(255), np.uint8(0))
         return int((~grid.meets(surface, found.poses, found.preshapes)[0]).sum())
 
     assert touching(CONFIG) > 0
-    assert touching(replace(CONFIG, seen=128)) == 0
+    assert touching(replace(CONFIG, seen=SeenConfig())) == 0
+    # A hand with fewer fingers leaves it out.
+    assert touching(replace(CONFIG, seen=SeenConfig(fingers=5))) == touching(CONFIG)
+    with pytest.raises(ConfigError, match="surface is 0"):
+        SeenConfig(surface=0)
 
 
 def test_grasps_keep_off_what_is_known_to_stand_there(crops: Crops) -> None:

@@ -15,12 +15,12 @@ __all__ = [
     "HandGridConfig",
     "ProposalConfig",
     "RehearsalConfig",
+    "SeenConfig",
 ]
 
 
 #: Ranges of the numbers of `FinderConfig`; more than these take minutes for one decision.
 _RANGES = (
-    ("seen", 1, 255),
     ("predicted", 0, 1024),
     ("enough", 0, 1024),
     ("lever_penalty", 0.0, 100.0),
@@ -267,6 +267,35 @@ class RehearsalConfig:
 
 
 @dataclass(frozen=True)
+class SeenConfig:
+    """What an image shows of an object, though its completion lacks it, as handles (`FinderConfig.seen`).
+
+    Attributes
+    ----------
+    surface : int
+        Least surface of a voxel, of 255, that is occupied since the image shows it.
+    fingers : int
+        Hands with fewer chains of joints leave it out: between jaws a layer of voxels takes the room that they need.
+
+    Raises
+    ------
+    ConfigError
+        For a number out of range.
+    """
+
+    surface: int = 128
+    fingers: int = 4
+
+    def __post_init__(self) -> None:
+        check_range(self, "surface", 1, 255)
+        check_range(self, "fingers", 1, 64)
+
+    def surface_for(self, chains: int) -> int | None:
+        """Return the least surface for a hand with so many chains of joints; None if it leaves it out."""
+        return self.surface if chains >= self.fingers else None
+
+
+@dataclass(frozen=True)
 class FinderConfig:
     """How a grasp is found.
 
@@ -274,9 +303,9 @@ class FinderConfig:
     ----------
     proposals : ProposalConfig
         How grasps are proposed by geometry.
-    seen : int, optional
-        Least surface of a voxel, of 255, that is occupied since the image shows it, even if the completion lacks it:
-        the open hand avoids it. By default such voxels count only where geometry finds no grasp otherwise.
+    seen : SeenConfig, optional
+        The object is also what the image shows of it, where the completion lacks that; by default only where geometry
+        finds no grasp otherwise.
     predicted : int
         Most grasps of a head, its best that the open hand reaches, that are added; 0 for none.
     enough : int, optional
@@ -303,7 +332,7 @@ class FinderConfig:
     """
 
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
-    seen: int | None = None
+    seen: SeenConfig | None = None
     predicted: int = 32
     enough: int | None = None
     lever_penalty: float | None = None

@@ -15,7 +15,7 @@ from graspbox.learn.models.trials import GraspTrials
 from graspbox.learn.recipes.networks import TrainedNetworks, grid_shape, is_published
 from graspbox.learn.recipes.settings.depth import DepthSettings, Sizes
 from graspbox.perception import CropConfig, HandGrid, ProposalConfig
-from graspbox.perception.configs import EVERYTHING, FinderConfig
+from graspbox.perception.configs import EVERYTHING, FinderConfig, SeenConfig
 from graspbox.perception.hand_settings import seeing_both_sides, settings_of
 from graspbox.perception.inputs.scorer import ScorerInputs
 from graspbox.policies.published.folders import read_depth_policy
@@ -25,7 +25,7 @@ __all__ = ["FINDER", "TUNING_RATE", "DepthContext"]
 
 #: Settings of the rounds' decisions where a stage says nothing else.
 FINDER = FinderConfig(
-    ProposalConfig(seeds=24, points=600, most=Sizes.proposed), seen=128, predicted=Sizes.predicted, children=5
+    ProposalConfig(seeds=24, points=600, most=Sizes.proposed), seen=SeenConfig(), predicted=Sizes.predicted, children=5
 )
 #: Learning rate with which a completion or a head is trained further.
 TUNING_RATE = 3e-4
