@@ -304,8 +304,8 @@ class FinderConfig:
     proposals : ProposalConfig
         How grasps are proposed by geometry.
     seen : SeenConfig, optional
-        The object is also what the image shows of it, where the completion lacks that; by default only where geometry
-        finds no grasp otherwise.
+        A single object is also what the image shows of it, where the completion lacks that; by default, and of a target
+        among others, only where geometry finds no grasp otherwise.
     predicted : int
         Most grasps of a head, its best that the open hand reaches, that are added; 0 for none.
     enough : int, optional

@@ -354,7 +354,9 @@ class GraspFinder(Finder):
         if query.keep_off is not None and len(query.keep_off):
             obstacles.insert(0, (query.keep_off - frame[:3, 3]) @ frame[:3, :3])
         predicted = cache(lambda: self._predicted(seen, config))
-        shown = None if config.seen is None else config.seen.surface_for(len(self.grid.hand.chains))
+        shown = None
+        if config.seen is not None and seen.target is None:
+            shown = config.seen.surface_for(len(self.grid.hand.chains))
         tries = ((points, *shape) for points in obstacles for shape in _shapes(volume, seen, shown))
         for points, occupancy, target in tries:
             reach = Reachability(self.grid, config.proposals, occupancy, target, points)
