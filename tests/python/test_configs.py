@@ -18,7 +18,7 @@ CONFIGS: list[Any] = [
     kind
     for module in (configs, perception.configs)
     for name in module.__all__
-    if isinstance(kind := getattr(module, name), type) and name not in ("FinderConfig", "RehearsalConfig")
+    if isinstance(kind := getattr(module, name), type) and name not in ("FinderConfig", "RehearsalConfig", "SeenConfig")
 ]
 
 
