@@ -130,12 +130,13 @@ class Postures:
                 point[:count] = np.where(point[count : 2 * count] > 0, opening, point[:count])
             closing = self.closing_of(Posture(0, point))
             if len(closing.facing):
-                gap = float(self._fingers.pair_gaps(closing.opened, closing.facing).min())
-                widest = max(widest, self._way(closing) if len(self._fingers.tips) == 1 else gap)
+                widest = max(widest, self._gap(closing))
         return widest
 
-    def _way(self, closing: Closing) -> float:
-        """Return how far the tip of the first finger moves, metres."""
+    def _gap(self, closing: Closing) -> float:
+        """Return the least gap between open fingers that face each other, metres; of a single one how far it moves."""
+        if len(self._fingers.tips) > 1:
+            return float(self._fingers.pair_gaps(closing.opened, closing.facing).min())
         before, after = (self._fingers.tip_centers(each)[0] for each in (closing.opened, closing.meets))
         return float(np.linalg.norm(after - before))
 

@@ -268,7 +268,7 @@ class RehearsalConfig:
 
 @dataclass(frozen=True)
 class SeenConfig:
-    """What an image shows of an object, though its completion lacks it, as handles (`FinderConfig.seen`).
+    """What an image shows of an object, though its completion lacks it (`FinderConfig.seen`).
 
     Attributes
     ----------
